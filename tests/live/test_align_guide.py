@@ -66,7 +66,7 @@ def test_it_goes_on_while_it_is_not_known_well_and_takes_what_will_do_at_the_end
     fit = bus.lead(AlignGuideSettings(seconds=7, least_seconds=0, good_m=1e-7))
     assert bus.now >= 7
     assert fit.position_sd_m > 1e-7
-    assert "could be known better" in bus.said[-1]
+    assert "could be more precise" in bus.said[-1]
     assert any("known to" in line and "good are" in line for line in bus.shown)
 
 
@@ -96,7 +96,7 @@ def test_what_is_missing_is_told_meanwhile_and_at_the_end(motion: Motion, noise_
         ({}, {"space": "stage"}, InputError, "--space is one of vr"),
         ({"frames": False}, {}, InputError, "no poses of another tracker came; start"),
         ({"spaces": ("a", "b")}, {}, InputError, "several spaces; --space is one of a, b"),
-        ({"scenes": False}, {}, NoServerError, "no scene came within 10 s; start"),
+        ({"scenes": False}, {}, NoServerError, "no scene arrived within 10 s; start"),
     ],
 )
 def test_what_does_not_come_is_named(

@@ -80,14 +80,14 @@ class Harness:
         self.reply = CommandReply(True, "tracking hands with c0, c1")
         self.made_ready: list[str] = []
         self.service = BoardService(nodes.ask, self._send, folder, warm_up=self._make_ready)
-        self.service.learn(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
+        self.service.update(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         self.sent.append((verb, arguments))
         return self.reply
 
     def _make_ready(self, method: str) -> None:
-        assert f"making the method {method} ready" in self.service.progress.busy
+        assert f"compiling the method {method}" in self.service.progress.busy
         self.made_ready.append(method)
 
     def do(self, verb: str, **arguments: Any) -> CommandReply:
@@ -138,7 +138,7 @@ def test_from_start_to_a_rig_that_is_saved_and_used(harness: Harness, nodes: Nod
     assert any("simultaneous images: 0.0 ms apart" in text for text in quality.sentences)
     (tmp_path / "rig.toml").write_text("somebody's")
     refused = harness.do("save-rig", name="rig")
-    assert "rig.toml is there already, and nothing is overwritten; take rig-2.toml" in refused.message
+    assert "rig.toml exists, and files are never overwritten; use rig-2.toml" in refused.message
     harness.reply = CommandReply(False, "no server answered")
     assert harness.do("use-this-rig", name="mine").message == "no server answered"
     assert (harness.service.progress.saved, harness.service.progress.used, harness.service.progress.busy) == (
@@ -179,7 +179,7 @@ def test_a_camera_that_never_sees_it_says_what_it_sees_and_one_that_goes_is_name
     explained = sum(question["explain"] for question in nodes.questions)
     assert 1 <= explained <= len(nodes.questions) / EXPLAIN_EVERY + 1
     nodes.gone.add("c1")
-    gone = "camera c1 does not answer: look whether its node (mocapella node markers) runs"
+    gone = "camera c1 does not answer: check that its node (mocapella node markers) runs"
     harness.until("filming", lambda: gone in harness.service.progress.hints)
     harness.do("finish-calibration")
     harness.until("filming", lambda: "camera c0 has not seen the board" in harness.service.progress.problem)
@@ -204,7 +204,7 @@ def test_a_cancelled_run_is_forgotten_and_another_begins(harness: Harness, tmp_p
         ("calibrate", {"file": "../../etc/passwd"}, "is no file below"),
         ("calibrate", {"file": " "}, "the board's file"),
         ("calibrate", {"file": "none.toml"}, "cannot be read"),
-        ("use-this-rig", {"name": "x"}, "no rig is found yet"),
+        ("use-this-rig", {"name": "x"}, "there is no rig yet"),
     ],
 )
 def test_what_cannot_be_done_says_what_can(harness: Harness, verb: str, arguments: dict[str, Any], says: str) -> None:
@@ -225,7 +225,7 @@ def test_a_rig_is_saved_in_the_folder_only(harness: Harness, tmp_path: Path, nam
 
 
 def test_without_a_camera_nothing_begins_and_other_verbs_go_to_the_server(harness: Harness) -> None:
-    harness.service.learn(status(sensor("kinect", pictures=False), sensor("c0", connected=False)))
+    harness.service.update(status(sensor("kinect", pictures=False), sensor("c0", connected=False)))
     assert "start one: mocapella node markers" in harness.do("calibrate", board=VALUES).message
     harness.do("start")
     assert harness.sent == [("start", {})]
@@ -313,8 +313,8 @@ def test_cameras_of_which_no_method_wants_a_rig_are_named(sends: list[str]) -> N
 def test_it_is_known_whether_the_session_tracks_with_a_rig(harness: Harness) -> None:
     assert not harness.service.progress.has_rig
     for method, has_rig in (("hands", True), ("default", False), ("silhouettes", True), ("not installed", False)):
-        harness.service.learn(status(sensor("c0"), setup=Setup(method=method)))
+        harness.service.update(status(sensor("c0"), setup=Setup(method=method)))
         assert harness.service.progress.has_rig is has_rig
         same = harness.service.progress
-        harness.service.learn(status(sensor("c0"), setup=Setup(method=method)))
+        harness.service.update(status(sensor("c0"), setup=Setup(method=method)))
         assert harness.service.progress is same  # browsers see that nothing is new

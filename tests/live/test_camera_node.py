@@ -7,14 +7,14 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.live.camera_node import STEADY_S, WARN_AFTER_S, Warned
+from mocapella.live.camera_node import STEADY_S, WARN_AFTER_S, FaultReports
 
 BEGIN, OVER = "too few", "rate: well again"
 
 
 def said(there: list[bool]) -> list[list[str]]:
     """What is said at each look, at some of which there is a problem."""
-    warned = Warned()
+    warned = FaultReports()
     return [list(warned.update({"rate": BEGIN} if now else {}, WARN_AFTER_S * k)) for k, now in enumerate(there)]
 
 
@@ -41,7 +41,7 @@ def test_beginnings_and_ends_alternate_with_a_minute_at_least_between_two_ends(t
 
 
 def test_each_kind_is_told_by_itself() -> None:
-    warned = Warned()
+    warned = FaultReports()
     assert list(warned.update({"a": "A", "b": "B"}, 0.0)) == ["A", "B"]
     assert list(warned.update({"b": "B"}, 3.0)) == ["a: well again"]
     assert list(warned.update({"a": "A"}, 6.0)) == ["A", "b: well again"]

@@ -73,7 +73,7 @@ def test_a_picture_that_is_not_to_be_kept_pushes_none_out(made: Harness) -> None
         made.look(time_ns)
         assert made.ask(AskPicture()).ok
     refused = made.learn(**points())
-    assert (refused.ok, "no picture of that time is kept" in refused.message) == (False, True)
+    assert (refused.ok, "no image of that time is kept" in refused.message) == (False, True)
 
 
 def test_what_was_learnt_is_unsaved_until_it_is_saved_or_discarded(made: Harness) -> None:

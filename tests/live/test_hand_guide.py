@@ -84,7 +84,7 @@ def test_a_gesture_that_does_not_tell_begins_anew_and_says_why() -> None:
     actor = Actor(lambda phase, time: "flat" if phase == "knuckles" and time == 1 else phase)
     actor.guide().run(measured)
     assert sum(line.startswith("flat: now") for line in actor.said) == 2
-    (why,) = [line for line in actor.said if "that does not tell yet" in line]
+    (why,) = [line for line in actor.said if "the bones are not determined yet" in line]
     assert "index: moves by" in why
     assert "bend the straight finger at the knuckle by 40° or more" in why
 
@@ -105,7 +105,7 @@ def test_who_never_does_it_is_told_at_the_end(does: Callable[[str, int], str | N
 def test_without_scenes_it_does_not_wait_for_ever() -> None:
     actor = Actor()
     actor.newest = lambda: None  # type: ignore[method-assign]
-    with pytest.raises(NoServerError, match="no scene came within 10 s; start the cameras' nodes"):
+    with pytest.raises(NoServerError, match="no scene arrived within 10 s; start the cameras' nodes"):
         actor.guide().run(measured)
     assert actor.now < 11
     assert actor.said == []

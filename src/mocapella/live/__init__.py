@@ -1,4 +1,4 @@
 """The loops that own threads and wall clocks: a node (one sensor), the server, the view's process, a replay.
 
-Loops move values; what is computed is computed elsewhere.
+Loops only pass values on; the computation is in the other packages.
 """

@@ -1,4 +1,4 @@
-"""Somebody is led while another tracker's space is found: what to do, what is missing every second, and when to end."""
+"""Guide a person through the alignment of another tracker's space: instructions, missing data, and the end."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _POLL_S: Final = 0.02
 
 @dataclass(frozen=True)
 class AlignGuideSettings:
-    """How long it goes on, and what ends it before.
+    """Duration of the guidance, and the precision that ends it early.
 
     Attributes:
-        seconds: at most [s].
-        least_seconds: at least [s]: standard deviations of a few half-second blocks are not to be believed.
-        every: what is missing is told and the alignment tried so often [s].
-        patience: for the first scene [s].
-        good_m, good_rad, good_delay_s: standard deviations that end it; of the lever arm, too. At the end of the time,
-            those of `SpaceAlignmentSettings` do.
+        seconds: longest duration [s].
+        least_seconds: shortest duration [s]: standard deviations of a few half-second blocks are unreliable.
+        every: interval between attempts to align and reports of missing data [s].
+        patience: longest wait for the first scene [s].
+        good_m, good_rad, good_delay_s: standard deviations that end it early; ``good_m`` also applies to the lever arm.
+            When the time is over, the limits of `SpaceAlignmentSettings` suffice.
     """
 
     seconds: float = 60.0
@@ -53,15 +53,15 @@ class AlignGuideSettings:
 
 
 class AlignGuide:
-    """Leads through the motion.
+    """Guides a person through the motion that aligns two spaces.
 
     Args:
-        messages: all that has come on the bus since it was called last.
-        observations: collects.
-        settings: how long.
-        alignment: what is estimated, and what is good enough.
-        say: is told lines for the person.
-        show: is told what is missing, which replaces what it was told before.
+        messages: returns all messages received since its last call.
+        observations: collects them.
+        settings: duration and precision.
+        alignment: of the estimate, and its limits.
+        say: receives lines for the person.
+        show: receives the missing data as text that replaces its last text.
         clock, sleep: in seconds.
     """
 
@@ -82,12 +82,12 @@ class AlignGuide:
         self._say, self._show, self._clock, self._sleep = say, show, clock, sleep
 
     def run(self) -> SpaceFit:
-        """Collect until the alignment is known well, or the time is over and it is known well enough.
+        """Collect until the alignment is precise, or until the time is over and its precision suffices.
 
         Raises:
-            NoServerError: no scene comes at all.
-            InputError, SettingsError: the time is over, and the body, its space, the thing or the marker has not come.
-            CalibrationError: the time is over, and it is not known; says all that was missing.
+            NoServerError: no scene arrives.
+            InputError, SettingsError: the time is over, and the body, its space, the object or the marker is missing.
+            CalibrationError: the time is over, and the alignment is not determined; lists the missing data.
         """
         self._wait_for_scenes()
         s = self._settings
@@ -106,7 +106,7 @@ class AlignGuide:
                 continue
             if fit is not None and not missing and (over or (passed >= s.least_seconds and self._is_good(fit))):
                 if not self._is_good(fit):
-                    self._say(f"{s.seconds:g} s are over; it could be known better: {self._so_far(fit)}")
+                    self._say(f"{s.seconds:g} s are over; the alignment could be more precise: {self._so_far(fit)}")
                 return fit
             if over:
                 raise CalibrationError(f"{s.seconds:g} s were not enough: " + "; ".join(map(str, missing)))
@@ -120,7 +120,7 @@ class AlignGuide:
     def _so_far(self, fit: SpaceFit) -> str:
         s = self._settings
         return (
-            f"known to {1e3 * fit.position_sd_m:.1f} mm (the lever arm to {1e3 * fit.lever_sd_m:.1f}), "
+            f"precise to {1e3 * fit.position_sd_m:.1f} mm (the lever arm to {1e3 * fit.lever_sd_m:.1f}), "
             f"{math.degrees(fit.rotation_sd_rad):.2f}° and {1e3 * fit.delay_sd_s:.1f} ms; good are "
             f"{1e3 * s.good_m:g} mm, {math.degrees(s.good_rad):.2f}° and {1e3 * s.good_delay_s:g} ms"
         )
@@ -136,7 +136,7 @@ class AlignGuide:
         end = self._clock() + self._settings.patience
         while not self._observations.scenes:
             if self._clock() > end:
-                problem = f"no scene came within {self._settings.patience:g} s"
+                problem = f"no scene arrived within {self._settings.patience:g} s"
                 raise NoServerError(f"{problem}; start the cameras' nodes, and the server with --method hands")
             self._show("waiting for scenes …")
             self._observations.update(self._messages())

@@ -1,4 +1,4 @@
-"""A depth camera's node: images → arms → the bus, and where that is wanted the images, too."""
+"""A depth camera's node: detects arms in images and publishes them, optionally with the images."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mocapella.wire.node import NodeLink
 
 @dataclass(frozen=True)
 class ArmNodeSummary:
-    """What a depth camera's node did.
+    """Counts of a depth camera's node.
 
     Attributes:
-        sensor, node_id: who it was on the bus; the id as 16 hex digits.
-        served: whether a server was there at any time, and gave the node its sensor's name.
+        sensor, node_id: its identity on the bus; the id as 16 hex digits.
+        served: whether a server ever accepted the node.
         published: frames of arms.
         images_published: frames of depth.
-        seconds: from the first image's turn to the end [s].
+        seconds: from the start of acquisition to the end [s].
         report: as `ArmWork.report`.
     """
 
@@ -51,15 +51,15 @@ def run_arm_node(
     say: Callable[[str], None] = lambda text: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> ArmNodeSummary:
-    """Find arms in the newest image, again and again, and publish them; until the source ends or ``stop`` is set.
+    """Detect arms in the newest image and publish them, until the source ends or ``stop`` is set.
 
     Args:
         link: the sensor's end of the bus; stays open.
         acquisition: of the images, not started yet; stays open.
-        work: what finds arms.
-        settings: see there.
-        depth_link: of the sensor under whose name images are published; None where they are not.
-        epoch, stop, wait, say, clock: as `mocapella.live.camera_node.run_camera_node`.
+        work: detects arms.
+        settings: of the node.
+        depth_link: of the sensor under whose name images are published; None to publish no images.
+        epoch, stop, wait, say, clock: as in `mocapella.live.camera_node.run_camera_node`.
 
     Raises:
         MocapellaError: as `run_camera_node`.

@@ -1,4 +1,4 @@
-"""The detector of a depth camera's node: what it finds in each image, and what is wrong."""
+"""Arm detection in a depth camera's node: arms of each image, counts, and warnings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.detectors import ArmDetector
 from mocapella.errors import InputError
-from mocapella.live.camera_node import Warned
+from mocapella.live.camera_node import FaultReports
 from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import Camera
 from mocapella.model.depth import DepthFrame
@@ -24,28 +24,28 @@ from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
 from mocapella.sources.picture_source import Picture
 
 OFTEN: Final = 0.5
-"""What is so in more than this part of the images is said."""
+"""Fraction of the images above which a fault is reported."""
 _TIMES: Final = 1000
-"""The median time is that of so many images."""
+"""Number of last images whose median processing time is reported."""
 _MOST_REASONS: Final = 100
 _ROUGH_M: Final = 0.7
 
 
 class ArmWork:
-    """Finds arms in depth images.
+    """Detects arms in depth images, and counts.
 
     Args:
         sensor: the camera's name.
-        acquisition: where the images come from; read for its reports only.
+        acquisition: of the images; used for its reports only.
         camera: of the images.
         detector: made for this camera.
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        late: images that took longer to look at than there is time between two.
-        too_late: of these, how many took so long that their arms were not sent.
-        looked_at: images.
-        with_arms: of these, in how many an arm was found.
+        late: images whose processing took longer than the frame period.
+        too_late: late images whose arms were not sent.
+        looked_at: processed images.
+        with_arms: processed images with at least one arm.
     """
 
     def __init__(
@@ -60,24 +60,24 @@ class ArmWork:
         self.sensor, self.acquisition, self.camera, self.detector = sensor, acquisition, camera, detector
         self._state = acquisition.state
         unit_m = self._state.unit_m
-        assert unit_m is not None  # `mocapella.sources.depth_options.complete` has seen to it
+        assert unit_m is not None  # `mocapella.sources.depth_options.complete` makes sure of that
         self._unit_m, self._check, self._clock = unit_m, UnitCheck(unit_m, acquisition.source.name), clock
         self._sizes = HandSizeCheck(camera.lens, camera.size_px, unit_m)
         self.late = self.too_late = self.looked_at = self.with_arms = 0
         self._times: deque[float] = deque(maxlen=_TIMES)
         self._reasons: Counter[str] = Counter()
-        self._warned = Warned()
+        self._warned = FaultReports()
         self._before = (0, 0, 0)
         self._reason = ""
-        for number in range(3):  # compiles before the clock matters, also what needs an image before
+        for number in range(3):  # compiles before the first frame, also kernels that need an earlier image
             detector.update(rough_arm(camera), number / 30)
         detector.reset()
 
     def look(self, picture: Picture) -> ArmFrame:
-        """The arms in an image.
+        """Detect the arms in an image.
 
         Raises:
-            InputError: the unit cannot be right, or the camera gives something else than before.
+            InputError: the depth unit is implausible, or the camera's image size, lens or unit has changed.
         """
         self._same_camera(picture)
         depth: Any = picture.image
@@ -97,19 +97,19 @@ class ArmWork:
         )  # fmt: skip
 
     def depth(self, picture: Picture) -> DepthFrame:
-        """The image itself as a frame."""
+        """Return the image as a frame."""
         depth: Any = picture.image
         return DepthFrame(self.sensor, 0, 0, picture.time_ns, 0, depth, self._unit_m, self.camera.lens)
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count a look that took so long, and say whether its arms are still worth sending."""
+        """Count the processing time and age of an image; return whether its arms are recent enough to send."""
         fps = self.acquisition.state.fps
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
         return age_s <= drop_after_s
 
     def report(self) -> dict[str, Any]:
-        """Counts since the beginning, and what is wrong."""
+        """Return counts since the start, and current problems."""
         return {
             "source": self.acquisition.source.name,
             "times": self.acquisition.source.times,
@@ -131,7 +131,7 @@ class ArmWork:
         return [doubt] if doubt else []
 
     def words(self) -> str:
-        """The report in a line."""
+        """Return the report as one line."""
         report = self.acquisition.report()
         looked = max(self.looked_at, 1)
         rate = f"{report.fps:.1f} a second; " if report.fps else ""
@@ -142,14 +142,14 @@ class ArmWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """What has become wrong since the last look, now and then; and what is right again."""
+        """Yield faults since the last check, at limited intervals, and recoveries."""
         if self._warned.due(now_s):
             problems = self._problems(self._before)
             self._before = (self.looked_at, self.with_arms, self._check.empty)
             yield from self._warned.update(problems, now_s)
 
     def _problems(self, before: tuple[int, int, int]) -> dict[str, str]:
-        """By kind: what is wrong since ``before``, counts of images looked at, with arms, and empty."""
+        """Return faults by kind since ``before``: counts of processed images, those with arms, and empty ones."""
         found: dict[str, str] = {}
         report = self.acquisition.report()
         if report.too_few:
@@ -166,7 +166,7 @@ class ArmWork:
         return found
 
     def _same_camera(self, picture: Picture) -> None:
-        """Refuse what another camera gives: the detector was made for one."""
+        """Refuse images of another camera: the detector is made for one."""
         state = self.acquisition.state
         if picture.size_px == self.camera.size_px and (state is self._state or _alike(state, self._state)):
             return
@@ -175,7 +175,7 @@ class ArmWork:
 
 
 def rough_arm(camera: Camera) -> NDArray[np.float32]:
-    """(height, width) [m] of a disc and a bar to the lower edge: enough of an arm for a detector to do its work."""
+    """Return a depth image, (height, width) [m], of a disc and a bar down to the edge: enough for a detector to run."""
     width, height = camera.size_px
     fx, fy = camera.lens[:2]
     x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx

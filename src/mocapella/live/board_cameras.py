@@ -1,4 +1,4 @@
-"""Cameras that are asked for a calibration board: nodes on the bus, or cameras of this machine."""
+"""Cameras that observe a calibration board: camera nodes on the bus, or cameras of this machine."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from mocapella.model.session import SensorHealth
 from mocapella.wire.questions import AskBoard, NodeAnswer, Question
 
 INTERVAL_S: Final = 0.5
-"""Between two looks: the board has moved by then."""
+"""Time between observations, in which the board moves on [s]."""
 ANSWER_S: Final = 3.0
-"""A node is waited for."""
+"""Longest wait for a node's answer [s]."""
 EXPLAIN_EVERY: Final = 6
-"""Looks without a corner, after which a camera that has never seen the board is asked what it sees instead."""
+"""Number of observations without a corner after which a camera is asked why it never sees the board."""
 EXPLAIN_S: Final = 10.0
-"""That takes seconds."""
+"""Longest wait for that explanation [s]."""
 
 
 class BoardCameras(Protocol):
-    """What looks for the board with all cameras at once."""
+    """Cameras that look for the board all at once."""
 
     def look(self) -> dict[str, BoardLook]:
-        """By camera."""
+        """Return an observation for each camera, by name."""
         ...
 
     def wait(self, seconds: float) -> None:
-        """Until the next look."""
+        """Wait until the next observation."""
         ...
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release the cameras."""
         ...
 
 
@@ -50,14 +50,14 @@ class _Corners(msgspec.Struct, frozen=True):
 
 
 class NodeCameras:
-    """Running nodes, all asked at the same moment, each for its newest picture.
+    """Running camera nodes, all queried at the same time for the board in their newest image.
 
     Args:
-        ask: a node a question, by its camera's name; waits for the answer that many seconds
+        ask: sends a query to a camera's node, and waits that many seconds for the answer
             (`mocapella.wire.questions.ask_node`).
-        sensors: the server's newest table, by which captures are brought to one clock.
-        cameras: names.
-        board: to look for.
+        sensors: returns the server's newest sensor health, whose clock offsets bring captures to one clock.
+        cameras: their names.
+        board: to detect.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class NodeCameras:
         try:
             return self._ask(name, AskBoard(self._text, explain), EXPLAIN_S if explain else ANSWER_S)
         except (BusError, WireError):
-            return f"camera {name} does not answer: look whether its node (mocapella node markers) runs"
+            return f"camera {name} does not answer: check that its node (mocapella node markers) runs"
 
     def _look(self, name: str, answer: NodeAnswer, row: SensorHealth | None) -> BoardLook:
         if not answer.ok or answer.corners is None or answer.size_px is None:
@@ -106,29 +106,29 @@ class NodeCameras:
             return BoardLook(problem=f"camera {name}: the server does not know its clock yet; it has sent no frame")
         at_s = answer.time_ns / NS_PER_S + row.capture_offset
         try:
-            told = msgspec.convert(answer.corners, _Corners)
+            seen = msgspec.convert(answer.corners, _Corners)
         except msgspec.ValidationError as error:
             return BoardLook(problem=f"camera {name} answers what cannot be used ({error}); is it of this version?")
-        if not (told.ids or told.corners_px):
+        if not (seen.ids or seen.corners_px):
             return BoardLook(at_s, None, self._unseen(name, answer.message))
-        view = self._view(name, told, answer.size_px)
+        view = self._view(name, seen, answer.size_px)
         if view is None:
             return BoardLook(problem=f"camera {name} answers corners that this board cannot have; is it this version?")
         self._seen.add(name)
         self._why.pop(name, None)
         return BoardLook(at_s, view)
 
-    def _view(self, name: str, told: _Corners, size_px: tuple[int, int]) -> BoardView | None:
-        if len(told.ids) != len(told.corners_px) or not 0 <= min(told.ids) <= max(told.ids) < self._corners:
+    def _view(self, name: str, seen: _Corners, size_px: tuple[int, int]) -> BoardView | None:
+        if len(seen.ids) != len(seen.corners_px) or not 0 <= min(seen.ids) <= max(seen.ids) < self._corners:
             return None
-        ids, corners = np.array(told.ids, dtype=np.int64), np.array(told.corners_px, dtype=np.float64)
+        ids, corners = np.array(seen.ids, dtype=np.int64), np.array(seen.corners_px, dtype=np.float64)
         inside = (corners >= -1) & (corners <= np.array(size_px))
         if (np.diff(ids) <= 0).any() or not inside.all():
             return None
-        return BoardView(name, 0, size_px, ids, corners, float("nan") if told.edge_px is None else told.edge_px)
+        return BoardView(name, 0, size_px, ids, corners, float("nan") if seen.edge_px is None else seen.edge_px)
 
     def _explains(self, name: str) -> bool:
-        """Whether a camera is asked what it sees instead: now and then, as long as it has never seen the board."""
+        """Whether to ask a camera that has never seen the board why; only sometimes, because it takes long."""
         return name not in self._seen and self._blind[name] % EXPLAIN_EVERY == EXPLAIN_EVERY - 1
 
     def _unseen(self, name: str, said: str) -> str:
@@ -142,11 +142,11 @@ class LocalCameras:
     """Cameras of this machine.
 
     Args:
-        numbers: of the cameras, by name.
-        board: to look for.
+        numbers: device numbers by camera name.
+        board: to detect.
 
     Raises:
-        InputError: one cannot be opened.
+        InputError: a camera cannot be opened.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class LocalCameras:
         return lost | {name: BoardLook(seen[name][0], view) for name, view in found.items()}
 
     def wait(self, seconds: float) -> None:
-        """As `BoardCameras`: reads on, so that the next picture is a new one."""
+        """As `BoardCameras`; keeps reading, so that the next image is a new one."""
         end = self._clock() + seconds
         while self._clock() < end:
             self._cameras.read()
@@ -189,7 +189,7 @@ def film(
     *,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Look again and again until that holds; ``on_look`` is called after each."""
+    """Observe the board repeatedly until ``until`` holds; call ``on_look`` after each observation."""
     while not until():
         began = clock()
         run.add(cameras.look())
@@ -199,18 +199,18 @@ def film(
 
 
 def urgent(run: BoardRun) -> list[str]:
-    """What to do next, the most urgent first: what keeps a camera from seeing anything, then what is missing."""
-    troubles = [look.problem for look in run.newest.values() if look.problem]
+    """Return instructions, the most urgent first: problems of cameras, then hints about missing observations."""
+    problems = [look.problem for look in run.newest.values() if look.problem]
     blind = {name for name, look in run.newest.items() if look.problem}
     hints = [hint.text for hint in run.hints() if not (hint.cause == "not seen" and hint.camera in blind)]
-    return [*troubles, *hints]
+    return [*problems, *hints]
 
 
 def node_names(texts: Sequence[str], prefix: str, known: Iterable[SensorHealth]) -> list[str]:
-    """Which nodes are meant by ``node:left`` …
+    """Return the names of the nodes that texts such as ``node:left`` refer to.
 
     Raises:
-        SettingsError: there is no such node, or it is no camera.
+        SettingsError: no such node is connected, or it is no camera.
     """
     rows = {row.name: row for row in known if row.connected}
     cameras = [name for name, row in rows.items() if row.pictures]

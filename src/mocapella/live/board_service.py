@@ -1,7 +1,7 @@
-"""A calibration with a board, for the view: begun, guided and finished by commands, in a thread of its own.
+"""Camera calibration with a board for the view: a thread that commands start, guide and finish.
 
-It belongs to the view's process, so that neither looking for corners nor the adjustment can slow the tracker; the
-server only gets the rig.
+It runs in the view's process, so that neither corner detection nor bundle adjustment slows the tracker; the server
+receives only the rig.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _NAME: Final = re.compile(r"[\w\-][\w\-. ]{0,80}")
 
 @dataclass(frozen=True)
 class _Start:
-    """A board as a file in the folder, or its values."""
+    """Arguments of ``calibrate``: a board as a file in the folder, or its values."""
 
     file: str = ""
     board: dict[str, Any] | None = None
@@ -53,20 +53,19 @@ class _Named:
 
 
 class BoardService:
-    """At most one calibration at a time, whichever browser begins and ends it.
+    """Runs at most one calibration at a time, whichever browser starts and ends it.
 
     Args:
-        ask: asks a camera's node and waits for its answer.
+        ask: queries a camera's node and waits for its answer.
         send: sends a command to the server.
-        folder: where boards are read and rigs are saved; nothing outside of it is.
-        warm_up: is called with the method's name before the server begins to track with it, so that it does not
-            compile while it tracks.
+        folder: of boards to read and rigs to save; no file outside of it is used.
+        warm_up: called with a method's name before the server tracks with it, to compile its kernels beforehand.
     """
 
     def __init__(
         self, ask: Ask, send: Send, folder: Path, *, warm_up: Callable[[str], object] = lambda method: None
     ) -> None:
-        self._send, self._folder, self._make_ready = send, folder, warm_up
+        self._send, self._folder, self._warm_up = send, folder, warm_up
         self._ask: Callable[[str, Question, float], NodeAnswer] = lambda camera, question, timeout_s: ask(
             camera, msgspec.to_builtins(question), timeout_s
         )
@@ -87,11 +86,11 @@ class BoardService:
 
     @property
     def progress(self) -> BoardProgress:
-        """How it goes."""
+        """Progress of the calibration."""
         return self._progress
 
-    def learn(self, status: SessionStatus | None) -> None:
-        """Take up the newest table of sensors."""
+    def update(self, status: SessionStatus | None) -> None:
+        """Use the newest sensor health and setup."""
         if status is None:
             return
         self._sensors = status.sensors
@@ -102,7 +101,7 @@ class BoardService:
             self._progress = replace(self._progress, has_rig=has_rig)
 
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
-        """Carry out a verb of its own; any other goes to the server."""
+        """Carry out a command of the calibration; pass any other on to the server."""
         if verb not in self._verbs:
             return self._send(verb, arguments)
         try:
@@ -111,7 +110,7 @@ class BoardService:
             return CommandReply(False, str(error))
 
     def close(self) -> None:
-        """End the run; what was seen is forgotten."""
+        """End the calibration and discard its observations."""
         with self._lock:
             self._cancelled = True
             self._end.set()
@@ -119,14 +118,14 @@ class BoardService:
             self._thread.join()
 
     def _start(self, arguments: Mapping[str, Any]) -> str:
-        told = parse(_Start, arguments, where="calibrate")
-        board = parse(Board, told.board, where="board") if told.board is not None else self._board(told.file)
+        start = parse(_Start, arguments, where="calibrate")
+        board = parse(Board, start.board, where="board") if start.board is not None else self._board(start.file)
         with self._lock:
             if self._running():
-                raise NotNowError("a calibration goes on already; finish or cancel it first")
+                raise NotNowError("a calibration is already running; finish or cancel it first")
             cameras = sorted(row.name for row in self._sensors if row.pictures and row.connected)
             if not cameras:
-                raise NotNowError("no camera is here; start one: mocapella node markers camera:0 --name left")
+                raise NotNowError("no camera is connected; start one: mocapella node markers camera:0 --name left")
             if self._thread is not None:
                 self._thread.join()
             run = BoardRun(board, cameras)
@@ -150,7 +149,7 @@ class BoardService:
     def _stop(self, *, cancel: bool) -> None:
         with self._lock:
             if not self._running():
-                raise NotNowError("no calibration goes on; start one first")
+                raise NotNowError("no calibration is running; start one first")
             self._cancelled = self._cancelled or cancel
             self._end.set()
 
@@ -162,7 +161,7 @@ class BoardService:
         name = name if name.endswith(".toml") else f"{name}.toml"
         path = self._folder / name
         if path.exists():
-            raise SettingsError(f"{name} is there already, and nothing is overwritten; take {self._free_name()}")
+            raise SettingsError(f"{name} exists, and files are never overwritten; use {self._free_name()}")
         save_camera_rig(path, found.rig)
         self._progress = replace(self._progress, file=name, saved=True)
         return f"saved to {path}"
@@ -173,10 +172,10 @@ class BoardService:
             self._save(arguments)
         cameras = set(found.rig.cameras)
         method = method_of_rig([row.sends for row in self._sensors if row.name in cameras])
-        busy = f"making the method {method} ready; for the first time on a machine that takes a minute"
+        busy = f"compiling the method {method}; the first time on a machine, that takes a minute"
         self._progress = replace(self._progress, busy=busy)
         try:
-            self._make_ready(method)
+            self._warm_up(method)
             reply = self._send("use-rig", {"rig": encode_camera_rig(found.rig), "method": method})
         finally:
             self._progress = replace(self._progress, busy="")
@@ -187,7 +186,7 @@ class BoardService:
 
     def _found(self) -> CameraCalibration:
         if self._rig is None:
-            raise NotNowError("no rig is found yet; start a calibration, and finish it")
+            raise NotNowError("there is no rig yet; start a calibration, and finish it")
         return self._rig
 
     def _running(self) -> bool:
@@ -208,16 +207,16 @@ class BoardService:
     def _work(self, run: BoardRun, cameras: BoardCameras) -> None:
         try:
             while self._rig is None and not self._cancelled:
-                film(cameras, run, self._end.is_set, partial(self._tell, run))
+                film(cameras, run, self._end.is_set, partial(self._report, run))
                 if not self._cancelled:
                     self._calibrate(run)
         finally:
             cameras.close()
             if self._rig is None:
-                why = "" if self._cancelled else "it ended for a reason that nobody foresaw; the view has printed it"
+                why = "" if self._cancelled else "it ended with an unexpected error; the view has printed it"
                 self._progress = BoardProgress(problem=why, file=self._free_name(), has_rig=self._has_rig)
 
-    def _tell(self, run: BoardRun) -> None:
+    def _report(self, run: BoardRun) -> None:
         self._progress = replace(
             self._progress,
             cameras=_cameras(run),
@@ -246,20 +245,20 @@ class BoardService:
 
 
 def method_of_rig(sends: Collection[str]) -> str:
-    """Name of the method that tracks with a rig: the first that wants one and takes what the cameras send.
+    """Return the first method that requires a rig and takes the cameras' frame types.
 
     Args:
         sends: names of the cameras' frame types.
 
     Raises:
-        NotNowError: no method that is installed does; says what the cameras send.
+        NotNowError: no installed method does; names the frame types.
     """
     types = {FRAME_TYPES[name].type for name in sends if name in FRAME_TYPES}
     for name, method in METHODS.items():
         if method.camera_rig == "required" and types & set(method.frame_types):
             return name
-    told = ", ".join(sorted(set(sends))) or "nothing"
-    raise NotNowError(f"the rig is saved, and no method that is installed tracks with cameras that send {told}")
+    types_sent = ", ".join(sorted(set(sends))) or "nothing"
+    raise NotNowError(f"the rig is saved, and no installed method tracks with cameras that send {types_sent}")
 
 
 def _words(board: Board) -> str:

@@ -1,4 +1,4 @@
-"""Foreign programs onto the bus: one connection at the bridge, one sensor, one node."""
+"""Connect foreign programs to the bus: each connection at the bridge is one sensor with one node."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mocapella.wire.node import NodeLink
 
 
 class ServedSensor:
-    """A sensor's end of the bus, and its standing request for the sensor's name."""
+    """A sensor's link to the bus, and its membership, which claims the sensor's name."""
 
     def __init__(self, connect: str, sensor: str, say: Callable[[str], None]) -> None:
         self.ended = threading.Event()
@@ -23,17 +23,17 @@ class ServedSensor:
         self.membership = Membership(self.link, self.ended, say)
 
     def publish(self, frame: SensorFrame) -> None:
-        """Pass a frame on; raises `NameTakenError` once the name was refused."""
+        """Publish a frame; raise `NameTakenError` once a server has refused the name."""
         self.raise_refusal()
         self.link.publish(frame)
 
     def raise_refusal(self) -> None:
-        """Raise the `NameTakenError` by which a server refused the name, if one did."""
+        """Raise `NameTakenError` if a server has refused the name."""
         if self.membership.refusal is not None:
             raise self.membership.refusal
 
     def close(self) -> None:
-        """Leave the bus; a refusal has been told already."""
+        """Leave the bus; a refusal is not raised again."""
         self.ended.set()
         self.membership.wait()
         self.link.close()
@@ -42,7 +42,7 @@ class ServedSensor:
 def run_bridge(
     settings: BridgeSettings, connect: str, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Serve every sensor that a foreign program sends to the bridge, until ``stop`` is set; returns what came through.
+    """Serve every sensor of a program connected to the bridge until ``stop`` is set; return the bridge's report.
 
     Raises:
         AddressInUseError: the bridge's port is in use.
@@ -54,14 +54,14 @@ def run_bridge(
             serving[sensor] = ServedSensor(connect, sensor, say)
         serving[sensor].publish(frame)
 
-    def on_gone(sensor: str) -> None:
+    def on_disconnect(sensor: str) -> None:
         left = serving.pop(sensor, None)
         if left is not None:
             nowhere = "" if left.membership.served.is_set() else f", which no server at {connect} received"
             say(f"{sensor}: its program left after {left.link.published} frames{nowhere}")
             left.close()
 
-    bridge = Bridge(on_frame, settings, on_gone)
+    bridge = Bridge(on_frame, settings, on_disconnect)
     bridge.start()
     host, port = bridge.address
     say(f"bridge: listening at {host}:{port} for length-delimited BodyFrames (Ctrl-C ends)")
@@ -70,5 +70,5 @@ def run_bridge(
     finally:
         bridge.stop()
         for sensor in list(serving):
-            on_gone(sensor)
+            on_disconnect(sensor)
     return asdict(bridge.report)

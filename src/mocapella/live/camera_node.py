@@ -1,4 +1,4 @@
-"""What every camera's node does: look at the newest picture, again and again, and say how it goes."""
+"""The loop of every camera node: process the newest image, report progress, and warn about faults."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from mocapella.sources.picture_source import Picture
 from mocapella.wire.node import NodeLink
 
 WARN_AFTER_S: Final = 3.0
-"""Between two looks at what might be wrong."""
+"""Time between two checks for faults [s]."""
 STEADY_S: Final = 60.0
-"""A problem that came back so soon after its end is over only when it has been away for so long."""
+"""A fault that returns within this time of its end counts as over only after it is absent for as long [s]."""
 _POLL_S: Final = 0.1
-"""So soon Ctrl-C is seen while no picture comes."""
+"""Longest delay of Ctrl-C while no image arrives [s]."""
 
 
 @dataclass(frozen=True)
 class CameraNodeSettings:
-    """How a camera's node works.
+    """Settings of a camera's node.
 
     Attributes:
-        drop_after_s: what was found so long after the picture was there is not sent.
-        report_s: so often it says how it goes; 0 is only at the end.
+        drop_after_s: results older than this, since the image was available, are not sent [s].
+        report_s: interval between progress reports [s]; 0 reports only at the end.
     """
 
     drop_after_s: float = 0.1
@@ -43,20 +43,20 @@ class CameraNodeSettings:
 
 
 class CameraWork(Protocol):
-    """What is done with the pictures, as far as the node says how it goes."""
+    """Processing of the images, as far as the node reports about it."""
 
     def words(self) -> str:
-        """Counts in a line."""
+        """Return counts as one line."""
         ...
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """What has become wrong since the last look, now and then; and what is right again."""
+        """Yield faults since the last check, at limited intervals, and recoveries."""
         ...
 
 
 @dataclass(frozen=True)
 class CameraRun:
-    """How a node's run went: whether a server was ever there, and how long it took [s]."""
+    """Result of a run: whether a server ever accepted the node, and the duration [s]."""
 
     served: bool
     seconds: float
@@ -78,26 +78,26 @@ def run_camera_node(
     linger_s: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
 ) -> CameraRun:
-    """Hand on the newest picture, again and again, until the source ends or ``stop`` is set.
+    """Process the newest image repeatedly, until the source ends or ``stop`` is set.
 
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the pictures, not started yet; stays open.
-        work: says how it goes.
-        on_picture: looks at a picture, and publishes what it finds.
-        settings: see there.
-        epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
+        acquisition: of the images, not started yet; stays open.
+        work: reports progress and faults.
+        on_picture: processes an image, and publishes the result.
+        settings: of the node.
+        epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
-        wait: whether the run begins when a server is there, or at once.
-        say: is told in words what happens.
-        begun: is called when the source has been started.
-        full: whether enough has been measured; a run with it needs no server.
-        linger_s: how long to stay after the source has ended, so that a recording server can fetch what it missed.
+        wait: whether to wait for a server before the run begins.
+        say: receives messages about the run.
+        begun: called when the source has been started.
+        full: whether enough is measured; a run with it needs no server.
+        linger_s: how long to stay after the source has ended, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server was ever there to receive anything.
+        NoServerError: the source has ended, and no server ever received a frame.
         MocapellaError: of the source, or of ``on_picture``.
     """
     sensor = link.node.sensor
@@ -133,39 +133,39 @@ def run_camera_node(
     return CameraRun(membership.served.is_set(), round(clock() - began, 3))
 
 
-class Warned:
-    """Says each problem when it begins and when it is over, and looks for them now and then.
+class FaultReports:
+    """Reports each fault once when it begins and once when it is over, at limited intervals.
 
-    Of what comes and goes nothing more is said until it has been away for `STEADY_S`.
+    A fault that keeps returning is reported again only after it has been absent for `STEADY_S`.
     """
 
     def __init__(self) -> None:
         self._next_s = -np.inf
-        self._said: set[str] = set()
-        self._there_s: dict[str, float] = {}
+        self._reported: set[str] = set()
+        self._present_s: dict[str, float] = {}
         self._over_s: dict[str, float] = {}
         self._returned: set[str] = set()
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time to look; the first time, nothing can be wrong yet."""
+        """Whether a check is due; the first call only starts the interval."""
         if now_s < self._next_s:
             return False
         first, self._next_s = self._next_s == -np.inf, now_s + WARN_AFTER_S
         return not first
 
     def update(self, problems: Mapping[str, str], now_s: float) -> Iterator[str]:
-        """What is to be said of the problems that there are now, by kind."""
+        """Yield messages for the present problems, given by kind."""
         for kind, text in problems.items():
-            begins = kind not in self._said
+            begins = kind not in self._reported
             if begins and now_s < self._over_s.get(kind, -np.inf) + STEADY_S:
                 self._returned.add(kind)
-            self._said.add(kind)
-            self._there_s[kind] = now_s
+            self._reported.add(kind)
+            self._present_s[kind] = now_s
             if begins:
                 yield text
-        for kind in sorted(self._said - set(problems)):
-            if kind not in self._returned or now_s >= self._there_s[kind] + STEADY_S:
-                self._said.remove(kind)
+        for kind in sorted(self._reported - set(problems)):
+            if kind not in self._returned or now_s >= self._present_s[kind] + STEADY_S:
+                self._reported.remove(kind)
                 self._returned.discard(kind)
                 self._over_s[kind] = now_s
                 yield f"{kind}: well again"

@@ -41,21 +41,21 @@ from mocapella.wire.questions import (
 )  # fmt: skip
 
 _SAVED: Final = "saved"
-"""In place of the colours before: none were learnt since the beginning, or since they were saved."""
+"""Instead of the previous colours: there are no unsaved ones."""
 SCALES: Final = (0.05, 2.0)
-"""Between these a picture's scale is."""
+"""Smallest and largest scale of an image."""
 LONGEST_NAME: Final = 80
-"""Of a marker, on the wire."""
+"""Longest name of a marker, in characters."""
 
 
 @dataclass(frozen=True)
 class CameraServiceSettings:
-    """How much is answered.
+    """Limits of what is answered.
 
     Attributes:
-        waiting: questions that may wait; more are refused.
+        waiting: queries that may wait; more are refused.
         a_second: answers a second; more are refused.
-        pictures: that were asked for and are kept, to be pointed at.
+        pictures: number of requested images to keep, for clicks in them.
     """
 
     waiting: int = 8
@@ -69,13 +69,13 @@ class CameraServiceSettings:
 
 
 class PictureWork(Protocol):
-    """What a node does with a camera's pictures, as far as questions are about it.
+    """A node's processing of a camera's images, as far as queries are about it.
 
     Attributes:
         camera: the camera's name.
-        acquisition: where the pictures come from.
-        detector: of the markers; None where none are looked for.
-        newest: the picture that was looked at last; None before the first.
+        acquisition: of the images.
+        detector: of the markers; None if there are no colours.
+        newest: the last processed image; None before the first.
     """
 
     camera: str
@@ -85,25 +85,25 @@ class PictureWork(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the markers that are looked for."""
+        """Names of the markers to detect."""
 
     def use(self, profile: ColourProfile) -> None:
-        """Look for these colours from now on."""
+        """Detect these colours from now on."""
 
     def report(self) -> dict[str, Any]:
-        """Counts, as ``--json`` has them."""
+        """Return counts, in the form of ``--json``."""
 
     def words(self) -> str:
-        """The report in a line."""
+        """Return the report as one line."""
 
 
 class CameraService:
-    """Answers questions (`mocapella.wire.questions`). A context manager; leaving it ends the thread.
+    """Answers queries (`mocapella.wire.questions`). A context manager; leaving it ends the thread.
 
     Args:
-        work: whose pictures and colours they are about.
-        profile_file: where `AskSave` writes; None where there is none.
-        settings: see there.
+        work: with the images and colours.
+        profile_file: for `AskSave` to write; None if there is none.
+        settings: limits.
         say: receives messages about changes.
         clock: the monotonic clock, in seconds.
     """
@@ -129,7 +129,7 @@ class CameraService:
         self._thread.start()
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> None:
-        """Take in a question, or refuse it at once; returns at once. ``reply`` is called with the answer, once."""
+        """Queue a query, or refuse it; return at once. ``reply`` is called once with the answer."""
         now_s, refusal = self._clock(), ""
         with self._lock:
             recent = self._asked_s
@@ -146,7 +146,7 @@ class CameraService:
         reply(write_answer(NodeAnswer(False, refusal)))
 
     def answer(self, question: bytes) -> NodeAnswer:
-        """The answer to a question; what cannot be done is answered with the reason."""
+        """Answer a query; if it cannot be carried out, the answer gives the reason."""
         try:
             return self._answers(question)
         except MocapellaError as error:
@@ -155,7 +155,7 @@ class CameraService:
     def close(self) -> None:
         """End the thread after its current answer."""
         self._ended.set()
-        with contextlib.suppress(queue.Full):  # the thread wakes up for what fills it
+        with contextlib.suppress(queue.Full):  # then the thread is awake
             self._waiting.put_nowait(None)
         self._thread.join(1.0)
 
@@ -172,7 +172,7 @@ class CameraService:
             question, reply = waiting
             reply(write_answer(self.answer(question)))
 
-    def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return a question
+    def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return per query
         match read_question(data):
             case AskPicture(scale=scale, format=kind, keep=keep):
                 look = self._newest(keep=keep)
@@ -180,7 +180,7 @@ class CameraService:
             case AskMask(scale=scale, format=kind):
                 look = self._newest()
                 if look.detector is None:
-                    raise NotNowError("no colours are learnt yet; ask for a picture, and learn the colours in it")
+                    raise NotNowError("no colours are learnt yet; ask for an image, and learn the colours in it")
                 painted = mask_image(look.image, look.detector.profile, look.detector.table, look.frame)
                 return self._pictured(look, painted, kind, scale)
             case AskControls():
@@ -201,7 +201,7 @@ class CameraService:
     def _newest(self, *, keep: bool = False) -> DetectedPicture:
         look = self._work.newest
         if look is None:
-            raise NotNowError("there is no picture yet; ask again when the camera gives one")
+            raise NotNowError("there is no image yet; ask again when the camera gives one")
         if keep:
             self._shown[look.picture.time_ns] = look
             while len(self._shown) > self.settings.pictures:
@@ -241,7 +241,7 @@ class CameraService:
     def _learn(self, wanted: AskLearn) -> NodeAnswer:
         samples = [ColourSample(self._kept(part.time_ns), part.points) for part in wanted.clicks]
         if not any(sample.clicks for sample in samples):
-            raise SettingsError("clicks has no point; point at every marker, and at skin")
+            raise SettingsError("clicks has no point; click on every marker, and on skin")
         for name in {name for sample in samples for name in sample.clicks}:
             if not 0 < len(name) <= LONGEST_NAME:
                 raise SettingsError(f"marker {name[:40]!r}: a name has 1 to {LONGEST_NAME} characters")
@@ -256,11 +256,11 @@ class CameraService:
             detector = self._work.detector
             self._before = None if detector is None else detector.profile
         self._work.use(profile)
-        self._say(f"{profile.camera}: looks for {', '.join(profile.names)} now")
-        told = f"learnt {', '.join(profile.names)}" + ("; not saved yet" if self._file else "")
+        self._say(f"{profile.camera}: detects {', '.join(profile.names)} now")
+        message = f"learnt {', '.join(profile.names)}" + ("; not saved yet" if self._file else "")
         return NodeAnswer(
             True,
-            told,
+            message,
             names=list(profile.names),
             separability={
                 "kept": how.kept,
@@ -273,7 +273,7 @@ class CameraService:
     def _kept(self, time_ns: int) -> Any:
         if time_ns not in self._shown:
             raise SettingsError(
-                f"time_ns {time_ns}: no picture of that time is kept; ask for a picture, and point at that one "
+                f"time_ns {time_ns}: no image of that time is kept; ask for an image, and click in that one "
                 f"(the last {self.settings.pictures} are kept)"
             )
         return self._shown[time_ns].image
@@ -291,15 +291,15 @@ class CameraService:
 
     def _discard(self) -> NodeAnswer:
         if self._before == _SAVED:
-            raise NotNowError("no colours were learnt that are not saved; there is nothing to discard")
+            raise NotNowError("all learnt colours are saved; there is nothing to discard")
         before, self._before = self._before, _SAVED
         if isinstance(before, ColourProfile):
             self._work.use(before)
         else:
             self._work.detector = None
-        said = "looks for the colours again that it had before" if before else "no colours are in use, as before"
-        self._say(f"{self._work.camera}: {said}")
-        return NodeAnswer(True, said, names=list(self._work.names))
+        message = "uses the previous colours again" if before else "no colours are in use, as before"
+        self._say(f"{self._work.camera}: {message}")
+        return NodeAnswer(True, message, names=list(self._work.names))
 
     def _find_board(self, text: str, *, explain: bool) -> NodeAnswer:
         if self._board is None or self._board[0] != text:
@@ -309,8 +309,8 @@ class CameraService:
         there = NodeAnswer(True, time_ns=look.picture.time_ns, size_px=look.picture.size_px)
         corners: dict[str, Any] = {"ids": [], "corners_px": [], "edge_px": None}
         if seen is None:
-            said = why_not_found([look.image], detector.board) if explain else "the board is not seen"
-            return replace(there, message=said, corners=corners)
+            message = why_not_found([look.image], detector.board) if explain else "the board is not seen"
+            return replace(there, message=message, corners=corners)
         edge = seen.edge_px if seen.edge_px == seen.edge_px else None  # NaN is no JSON
         corners = {"ids": seen.ids.tolist(), "corners_px": seen.corners_px.tolist(), "edge_px": edge}
         return replace(there, message=f"{len(seen.ids)} corners", corners=corners)

@@ -1,4 +1,4 @@
-"""Cameras that send their markers as datagrams onto the bus: one port, one camera, one node."""
+"""Connect cameras that send markers as datagrams to the bus: each port is one camera with one node."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _POLL_S: Final = 0.1
 def run_datagrams(
     settings: DatagramSettings, connect: str, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Serve a camera for each port until ``stop`` is set; returns what came, by camera.
+    """Serve a camera for each port until ``stop`` is set; return counts by camera.
 
     Raises:
         AddressInUseError: a port is in use.
-        BusError: the address is none of this machine.
+        BusError: this machine does not have the address.
         NameTakenError: another node serves a camera of one of the names.
     """
     began_s, busy_s = time.monotonic(), time.process_time()

@@ -1,4 +1,4 @@
-"""A take of a run that has no bus: frames and scenes as the tracker had and made them, in their order."""
+"""Record a run without a bus: the tracker's frames and scenes in their order."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame, encode_scene
 
 FLUSH_EVERY: Final = 64
-"""Frames."""
+"""Frames between two flushes."""
 
 
 class FileTake:
-    """A take that is being written. A context manager; leaving it closes the take.
+    """Writes a take. A context manager; leaving it closes the take.
 
     Args:
         path: of the take.
-        setup: how the tracker was made …
-        method_settings: … and its settings; a replay makes it from these.
-        reserve_bytes: free space that is left.
+        setup: of the tracker.
+        method_settings: of the tracker; a replay uses both.
+        reserve_bytes: free disk space to leave.
 
     Raises:
         TakeExistsError, DiskFullError, RecordingError: before anything is created.
@@ -41,10 +41,10 @@ class FileTake:
         self._since = 0
 
     def write(self, frame: SensorFrame, arrival: Arrival, scene: Scene) -> None:
-        """Write a frame as it is to be stored, its arrival, and the scene made of it.
+        """Write a frame in its stored form, its arrival, and the resulting scene.
 
         Raises:
-            DiskFullError, RecordingError: frames flushed before are safe.
+            DiskFullError, RecordingError: earlier flushed frames are safe.
         """
         self._writer.write_frame(
             encode_frame(frame), sensor=frame.sensor, node_id=frame.node_id, sequence=frame.sequence,
@@ -57,7 +57,7 @@ class FileTake:
             self._writer.flush()
 
     def close(self) -> TakeReport:
-        """End the take properly; returns its contents."""
+        """Finish the take and return its report."""
         return self._writer.close()
 
     def __enter__(self) -> FileTake:

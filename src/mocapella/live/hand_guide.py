@@ -1,4 +1,4 @@
-"""Somebody is led through the gesture that bones are measured by: what to do, a countdown, and what is missing."""
+"""Guide a person through the gesture that measures hand bones: instructions, a countdown, and missing data."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _POLL_S: Final = 0.005
 
 @dataclass(frozen=True)
 class GuideSettings:
-    """How much time there is.
+    """Durations and tries of the guidance.
 
     Attributes:
-        flat, knuckles, hook: for each part [s].
-        prepare: before each part [s].
-        tries: of a part, and of the whole gesture.
-        patience: for the first scene [s].
-        least_frames: in which the markers are to be seen in each part.
+        flat, knuckles, hook: duration of each phase [s].
+        prepare: pause before each phase [s].
+        tries: of a phase, and of the whole gesture.
+        patience: longest wait for the first scene [s].
+        least_frames: required frames with visible markers in each phase.
     """
 
     flat: float = 4.0
@@ -46,14 +46,14 @@ class GuideSettings:
 
 
 class HandGuide:
-    """Leads through the gesture.
+    """Guides a person through the gesture.
 
     Args:
-        newest: the newest scene, once; None where there is none.
-        gesture: collects.
-        settings: how much time there is.
-        say: is told lines for the person.
-        show: is told the countdown, which replaces what it was told before.
+        newest: returns the newest scene once; None if there is no new one.
+        gesture: collects the points.
+        settings: durations and tries.
+        say: receives lines for the person.
+        show: receives the countdown as text that replaces its last text.
         clock, sleep: in seconds.
     """
 
@@ -72,11 +72,11 @@ class HandGuide:
         self._say, self._show, self._clock, self._sleep = say, show, clock, sleep
 
     def run(self, measure: Callable[[GesturePoints], Bones]) -> Bones:
-        """Show every part until it can be used, and measure; all again where that does not tell.
+        """Guide through each phase until it is usable, then measure; repeat the gesture if the bones stay undetermined.
 
         Raises:
-            NoServerError: no scene comes at all.
-            InputError: the gesture does not tell, after so many tries; says what to do.
+            NoServerError: no scene arrives.
+            InputError: the bones stay undetermined after all tries; says what to do.
         """
         self._wait_for_scenes()
         for left in range(self._settings.tries - 1, -1, -1):
@@ -88,7 +88,7 @@ class HandGuide:
             except InputError as error:
                 if not left:
                     raise
-                self._say(f"that does not tell yet: {error}. Once more, from the beginning")
+                self._say(f"the bones are not determined yet: {error}. Once more, from the beginning")
         raise AssertionError
 
     def _part(self, phase: str) -> None:
@@ -102,7 +102,7 @@ class HandGuide:
             if not missing:
                 return
             if not left:
-                fix = "see that the cameras see all markers all the time, and measure again"
+                fix = "keep all markers in view of the cameras all the time, and measure again"
                 raise InputError("; ".join(missing), field=phase, fix=fix)
             for problem in missing:
                 self._say(f"{phase}: {problem}")
@@ -110,7 +110,7 @@ class HandGuide:
             self._gesture.forget(phase)
 
     def _during(self, seconds: float, countdown: str, take: Callable[[Scene], None]) -> None:
-        """Hand on every scene of so many seconds."""
+        """Pass on every scene for a duration."""
         end = self._clock() + seconds
         while (left := end - self._clock()) > 0:
             self._show(countdown.format(left + 0.5))
@@ -123,7 +123,7 @@ class HandGuide:
         end = self._clock() + self._settings.patience
         while self._newest() is None:
             if self._clock() > end:
-                problem = f"no scene came within {self._settings.patience:g} s"
+                problem = f"no scene arrived within {self._settings.patience:g} s"
                 raise NoServerError(f"{problem}; start the cameras' nodes, and the server with --method hands")
             self._show("waiting for scenes …")
             self._sleep(_POLL_S)

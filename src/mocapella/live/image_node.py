@@ -18,13 +18,13 @@ from mocapella.wire.node import NodeLink
 
 @dataclass(frozen=True)
 class ImageNodeSummary:
-    """What a camera's node did.
+    """Counts of a camera's node.
 
     Attributes:
-        sensor, node_id: who it was on the bus; the id as 16 hex digits.
-        served: whether a server was there at any time, and gave the node its sensor's name.
+        sensor, node_id: its identity on the bus; the id as 16 hex digits.
+        served: whether a server ever accepted the node.
         published: frames.
-        seconds: from the first picture's turn to the end [s].
+        seconds: from the start of acquisition to the end [s].
         report: as `ImageWork.report`.
     """
 
@@ -50,25 +50,25 @@ def run_image_node(
     linger_s: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
 ) -> ImageNodeSummary:
-    """Publish the newest picture, again and again, until the source ends or ``stop`` is set.
+    """Publish the newest image repeatedly, until the source ends or ``stop`` is set.
 
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the pictures, not started yet; stays open.
-        work: makes frames of them.
-        service: what answers questions.
-        settings: see there.
-        epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
+        acquisition: of the images, not started yet; stays open.
+        work: encodes them.
+        service: answers queries.
+        settings: of the node.
+        epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
-        wait: whether the run begins when a server is there, or at once.
+        wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
-        linger_s: how long to stay after the last picture, so that a recording server can fetch missed frames [s].
+        linger_s: how long to stay after the last image, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server was ever there to receive anything.
-        MocapellaError: the source gives something else than before.
+        NoServerError: the source has ended, and no server ever received a frame.
+        MocapellaError: the images of the source have changed.
     """
 
     def publish(picture: Picture) -> None:

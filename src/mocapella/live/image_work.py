@@ -1,4 +1,4 @@
-"""Encode and count the pictures of a node that sends images, and warn about faults."""
+"""Image encoding of a node that sends images: frames, counts, and warnings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import NotNowError
-from mocapella.live.camera_node import Warned
+from mocapella.live.camera_node import FaultReports
 from mocapella.live.marker_work import DetectedPicture, colour_image
 from mocapella.model.images import ImageFrame, image_frame
 from mocapella.model.markers import marker_frame
@@ -24,18 +24,18 @@ from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 
 _LATELY: Final = 300
-"""The median size is that of so many images."""
-NO_MARKERS: Final = "this camera sends its images, in which no markers are looked for: mocapella node markers does that"
+"""Number of last images whose median size is reported."""
+NO_MARKERS: Final = "this camera only sends its images; mocapella node markers detects markers"
 
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """How images are sent.
+    """Encoding of images.
 
     Attributes:
-        format: ``jpeg``, or ``png``, which loses nothing and is some ten times as large.
+        format: ``jpeg``, or ``png``, which is lossless and about ten times as large.
         quality: of a JPEG, 1 to 100.
-        delay_s: latency from capture to arrival, as of network cameras [s].
+        delay_s: latency from capture to arrival, for example of a network camera [s].
     """
 
     format: Literal["jpeg", "png"] = "jpeg"
@@ -49,16 +49,16 @@ class ImageSettings:
 
 
 class ImageWork:
-    """Makes frames of pictures, and answers what `mocapella.live.camera_service` asks of a camera.
+    """Encodes images as frames; a `mocapella.live.camera_service.PictureWork` without markers.
 
     Args:
         camera: the camera's name.
-        acquisition: where the pictures come from; read for its reports only.
-        settings: see there.
+        acquisition: of the images; used for its reports only.
+        settings: of the encoding.
 
     Attributes:
-        newest: the picture that was sent last; None before the first.
-        detector: None; no markers are looked for.
+        newest: the last sent image; None before the first.
+        detector: None; there are no markers.
     """
 
     def __init__(self, camera: str, acquisition: Acquisition, settings: ImageSettings | None = None) -> None:
@@ -67,10 +67,10 @@ class ImageWork:
         self.detector: MarkerDetector | None = None
         self.sent = self.bytes = 0
         self._sizes: deque[int] = deque(maxlen=_LATELY)
-        self._warned = Warned()
+        self._warned = FaultReports()
 
     def frame(self, picture: Picture) -> ImageFrame:
-        """The frame of a picture."""
+        """Return an image as a frame."""
         s, pixels = self.settings, colour_image(picture)
         data = encode_image(pixels, s.format, s.quality)
         self.sent, self.bytes = self.sent + 1, self.bytes + len(data)
@@ -84,19 +84,19 @@ class ImageWork:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of markers: none."""
+        """Names of markers: none."""
         return ()
 
     def use(self, profile: ColourProfile) -> None:
         """Refuse colours.
 
         Raises:
-            NotNowError: always; says which node looks for markers.
+            NotNowError: always; names the node that detects markers.
         """
         raise NotNowError(NO_MARKERS)
 
     def report(self) -> dict[str, Any]:
-        """Counts, as ``--json`` has them."""
+        """Return counts, in the form of ``--json``."""
         pictures = self.acquisition.report()
         return {
             "source": self.acquisition.source.name,
@@ -110,7 +110,7 @@ class ImageWork:
         }
 
     def words(self) -> str:
-        """The report in a line."""
+        """Return the report as one line."""
         report = self.report()
         rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
         return (
@@ -119,7 +119,7 @@ class ImageWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Faults since the last call, at limited intervals, and recoveries."""
+        """Yield faults since the last check, at limited intervals, and recoveries."""
         if self._warned.due(now_s):
             few = self.acquisition.report().too_few
             yield from self._warned.update({"rate": few} if few else {}, now_s)

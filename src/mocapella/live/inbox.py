@@ -1,4 +1,4 @@
-"""Between the bus's threads and the tracker's: a short queue for each sensor, freshest first to survive."""
+"""Queue between the bus's threads and the tracker's: a short one for each sensor, which drops the oldest frames."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 from mocapella.wire.keys import NodeKey
 
 
-class Letter(NamedTuple):
-    """A message as it came: from whom, what, and when on the server's monotonic clock [ns]."""
+class ReceivedMessage(NamedTuple):
+    """A received message: its node, its bytes, and its arrival on the server's monotonic clock [ns]."""
 
     node: NodeKey
     data: bytes
@@ -18,25 +18,25 @@ class Letter(NamedTuple):
 
 
 class Inbox:
-    """Letters of all sensors in the order of their arrival; of a sensor that is ahead, only the newest ``depth``.
+    """Messages of all sensors in the order of their arrival, at most the newest ``depth`` of each sensor.
 
-    A tracker that falls behind loses the oldest frames of the sensors that overrun it (the gap in their numbers counts
-    them), and a sensor at ten times its rate cannot crowd out another.
+    A tracker that falls behind loses the oldest frames of the fastest sensors (counted by the gap in their sequence
+    numbers), and a sensor at ten times its rate cannot crowd out another.
     """
 
     def __init__(self, depth: int = 6) -> None:
         self._depth = depth
-        self._queues: dict[NodeKey, deque[Letter]] = {}
+        self._queues: dict[NodeKey, deque[ReceivedMessage]] = {}
         self._ready = threading.Condition()
         self._woken = False
 
-    def put(self, letter: Letter) -> None:
-        """Add a letter; called on any thread."""
+    def put(self, message: ReceivedMessage) -> None:
+        """Add a message; on any thread."""
         with self._ready:
-            queue = self._queues.setdefault(letter.node, deque())
+            queue = self._queues.setdefault(message.node, deque())
             if len(queue) >= self._depth:
                 queue.popleft()
-            queue.append(letter)
+            queue.append(message)
             self._ready.notify()
 
     def wake(self) -> None:
@@ -45,8 +45,8 @@ class Inbox:
             self._woken = True
             self._ready.notify()
 
-    def take(self, timeout: float) -> Letter | None:
-        """The oldest letter; None after ``timeout`` seconds or a `wake`."""
+    def take(self, timeout: float) -> ReceivedMessage | None:
+        """Remove and return the oldest message; None after ``timeout`` seconds or a `wake`."""
         with self._ready:
             if not self._queues and not self._woken:
                 self._ready.wait(timeout)
@@ -54,12 +54,12 @@ class Inbox:
             if not self._queues:
                 return None
             queue = min(self._queues.values(), key=lambda queue: queue[0].arrived_ns)
-            letter = queue.popleft()
+            message = queue.popleft()
             if not queue:
-                del self._queues[letter.node]
-            return letter
+                del self._queues[message.node]
+            return message
 
     def forget(self, node: NodeKey) -> None:
-        """The node is gone for good."""
+        """Discard the messages of a node that has left."""
         with self._ready:
             self._queues.pop(node, None)

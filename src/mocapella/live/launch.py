@@ -1,4 +1,4 @@
-"""Other processes of ours: started with this very Python, and ended by us and nobody else."""
+"""Start and end child processes of Mocapella, with this Python interpreter."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mocapella.live.signals import STARTED_BY_US
 
 
 class Children:
-    """Processes that end with the ``with`` block, or when this one is killed: their standard input ends then."""
+    """Child processes that end with the ``with`` block, or when this process is killed, which closes their stdin."""
 
     def __init__(self) -> None:
         self._running: list[subprocess.Popen[str]] = []
@@ -41,7 +41,7 @@ class Children:
         self._listeners.append(listener)
 
     def tell(self, line: str) -> None:
-        """Write a line to each process's standard input; one that has ended does not hear it."""
+        """Write a line to the standard input of each process that still runs."""
         for process in self._running:
             assert process.stdin is not None
             with contextlib.suppress(BrokenPipeError):
@@ -49,7 +49,7 @@ class Children:
                 process.stdin.flush()
 
     def any_ended(self) -> bool:
-        """Whether a process has ended."""
+        """Whether any process has ended."""
         return any(process.poll() is not None for process in self._running)
 
     def all_ended(self) -> bool:
@@ -57,7 +57,7 @@ class Children:
         return all(process.poll() is not None for process in self._running)
 
     def close(self, patience_s: float = 5.0) -> None:
-        """Ask each process to end, wait, and end the deaf ones."""
+        """Terminate each process, wait, and kill those that still run."""
         for process in self._running:
             if process.poll() is None:
                 process.terminate()
@@ -90,11 +90,11 @@ def _listen(process: subprocess.Popen[str], on_line: Callable[[str], None]) -> N
 
 
 def check_port_free(host: str, port: int, option: str) -> None:
-    """Nothing, when the port can be listened on.
+    """Check that this program can listen on a port.
 
     Raises:
-        AddressInUseError: another program has it; names the port and the option that chooses another.
-        BusError: this program may not listen there, or the address is none of this machine.
+        AddressInUseError: another program uses it; names the port and the option for another.
+        BusError: this program may not listen there, or this machine does not have the address.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -111,7 +111,7 @@ def check_port_free(host: str, port: int, option: str) -> None:
 
 
 def free_port() -> int:
-    """A port of this machine's loopback that nobody listens on at the moment."""
+    """Return a port of the loopback that no program listens on at present."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -1,4 +1,4 @@
-"""A camera's node: pictures → markers → the bus, with questions answered meanwhile (`live/camera_service.py`)."""
+"""A camera's node: detects markers in images, publishes them, and answers queries (`live/camera_service.py`)."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from mocapella.wire.node import NodeLink
 
 @dataclass(frozen=True)
 class MarkerNodeSummary:
-    """What a camera's node did.
+    """Counts of a camera's node.
 
     Attributes:
-        sensor, node_id: who it was on the bus; the id as 16 hex digits.
-        served: whether a server was there at any time, and gave the node its sensor's name.
+        sensor, node_id: its identity on the bus; the id as 16 hex digits.
+        served: whether a server ever accepted the node.
         published: frames.
-        seconds: from the first picture's turn to the end [s].
+        seconds: from the start of acquisition to the end [s].
         report: as `MarkerWork.report`.
-        stages, jitter: of `StageTimes`, where times were taken.
+        stages, jitter: of `StageTimes`, if times were measured.
     """
 
     sensor: str
@@ -59,26 +59,26 @@ def run_marker_node(
     camera: Camera | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> MarkerNodeSummary:
-    """Find markers in the newest picture, again and again, and publish them; until the source ends or ``stop`` is set.
+    """Detect markers in the newest image and publish them, until the source ends or ``stop`` is set.
 
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the pictures, not started yet; stays open.
-        work: what finds markers.
-        service: what answers questions.
-        settings: see there.
-        epoch: the Unix time [s] at which the source's time is 0; None is when the run begins.
+        acquisition: of the images, not started yet; stays open.
+        work: detects markers.
+        service: answers queries.
+        settings: of the node.
+        epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
-        wait: whether the run begins when a server is there, or at once.
-        say: is told in words what happens.
-        times: takes each frame's stages; the run ends when it is full, and no server is needed.
-        camera: of the rig; where there is one, the time to undistort the points is taken, too.
+        wait: whether to wait for a server before the run begins.
+        say: receives messages about the run.
+        times: receives each frame's stage times; the run ends when it is full, and needs no server.
+        camera: of the rig, if known; then the time to undistort the points is measured, too.
         clock: the monotonic clock, in seconds.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server was ever there to receive anything.
-        MocapellaError: the source gives something else than before.
+        NoServerError: the source has ended, and no server ever received a frame.
+        MocapellaError: the images of the source have changed.
     """
     s = settings or CameraNodeSettings()
 
@@ -116,7 +116,7 @@ def run_marker_node(
 
 
 def _rectification(positions_px: Any, camera: Camera | None, clock: Callable[[], float]) -> dict[str, float]:
-    """How long the points take to undistort; that is done where the hand is made, and is counted here for the sum."""
+    """Measure the time to undistort the points, which the hand tracker does; the sum of the stages includes it."""
     if camera is None:
         return {}
     begin_s = clock()

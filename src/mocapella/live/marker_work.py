@@ -1,4 +1,4 @@
-"""The detector of a camera's node: which colours it has, what it saw last, and what is wrong."""
+"""Marker detection in a camera's node: its colours, its newest result, counts, and warnings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.live.camera_node import Warned
+from mocapella.live.camera_node import FaultReports
 from mocapella.model.markers import MarkerFrame, joined, marker_frame
 from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.markers import MarkerDetector, MarkerReport, MarkerSettings
@@ -20,7 +20,7 @@ from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 
 OFTEN: Final = 0.5
-"""A colour of which several things are seen in more than this part of the pictures is said to be there twice."""
+"""Fraction of the images above which an ambiguous colour is reported."""
 
 
 def colour_image(picture: Picture) -> NDArray[np.uint8]:
@@ -43,19 +43,19 @@ class DetectedPicture:
 
 
 class MarkerWork:
-    """Finds markers in pictures; its colours may be changed at any time, from any thread.
+    """Detects markers in images; its colours can be replaced at any time, from any thread.
 
     Args:
         camera: the camera's name.
-        acquisition: where the pictures come from; read for its reports only.
-        profile: the colours; None where they are to be learnt yet, and no marker is looked for.
+        acquisition: of the images; used for its reports only.
+        profile: the colours; None until they are learnt.
         settings: of the detector.
-        tags: what finds tags beside the colours; None does without.
+        tags: detector of tags, besides the colours; None detects no tags.
 
     Attributes:
-        late: pictures that took longer to look at than there is time between two.
-        too_late: of these, how many took so long that their markers were not sent.
-        newest: what was looked at last; None before the first.
+        late: images whose processing took longer than the frame period.
+        too_late: late images whose markers were not sent.
+        newest: the last processed image; None before the first.
     """
 
     def __init__(
@@ -71,29 +71,29 @@ class MarkerWork:
         self.detector: MarkerDetector | None = None
         self.late = self.too_late = 0
         self.newest: DetectedPicture | None = None
-        self._warned = Warned()
+        self._warned = FaultReports()
         self._before: MarkerReport | None = None
         if profile is not None:
             self.use(profile)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the markers that are looked for."""
+        """Names of the markers to detect."""
         return () if self.detector is None else self.detector.profile.names
 
     def use(self, profile: ColourProfile) -> None:
-        """Look for these colours from the next picture on."""
+        """Detect these colours from the next image on."""
         detector = MarkerDetector(profile, self._settings)
         width, height = profile.size_px
-        detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the clock matters
+        detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the first frame
         detector.reset()
-        self.detector = detector  # at once, so that the detecting thread has the one or the other
+        self.detector = detector  # one assignment, so that the detecting thread has the old or the new one
 
     def look(self, picture: Picture) -> MarkerFrame:
-        """The markers in a picture.
+        """Detect the markers in an image.
 
         Raises:
-            SettingsError: it has another size than the colours were learnt at.
+            SettingsError: its size differs from that of the images that the colours were learnt in.
         """
         detector, image = self.detector, colour_image(picture)
         if detector is None:
@@ -108,14 +108,14 @@ class MarkerWork:
         return frame
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count a look that took so long, and say whether its markers are still worth sending."""
+        """Count the processing time and age of an image; return whether its markers are recent enough to send."""
         fps = self.acquisition.state.fps
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
         return age_s <= drop_after_s
 
     def report(self) -> dict[str, Any]:
-        """Counts, since the beginning and of markers since the colours were learnt; and what is wrong."""
+        """Return counts since the start (of markers, since the colours were learnt) and current problems."""
         seen = None if self.detector is None else self.detector.report
         markers = {} if seen is None else {
             name: {"found": int(seen.found[k]), "ambiguous": int(seen.ambiguous[k])}
@@ -136,21 +136,21 @@ class MarkerWork:
         }
 
     def words(self) -> str:
-        """The report in a line."""
+        """Return the report as one line."""
         report = self.report()
         looked = max(report["looked_at"], 1)
         found = ", ".join(f"{name} {100 * row['found'] / looked:.1f} %" for name, row in report["markers"].items())
         twice = {name: row["ambiguous"] for name, row in report["markers"].items() if row["ambiguous"]}
         rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
-        said = ", ".join(f"{name} {count}" for name, count in twice.items())
+        ambiguous = ", ".join(f"{name} {count}" for name, count in twice.items())
         return (
             f"{rate}{report['taken']} pictures taken, {report['dropped']} dropped, "
             f"{report['late']} late, {report['too_late']} not sent; found: {found or 'no colours are learnt yet'}"
-            + (f"; ambiguous: {said}" if said else "")
+            + (f"; ambiguous: {ambiguous}" if ambiguous else "")
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """What has become wrong since the last look, now and then; and what is right again."""
+        """Yield faults since the last check, at limited intervals, and recoveries."""
         if not self._warned.due(now_s):
             return
         seen = None if self.detector is None else self.detector.report
@@ -159,14 +159,14 @@ class MarkerWork:
         yield from self._warned.update(problems, now_s)
 
     def _problems(self, seen: MarkerReport | None, before: MarkerReport | None) -> Iterator[tuple[str, str]]:
-        """By kind: what is wrong since ``before``, or since the beginning."""
+        """Yield faults with their kinds, since ``before`` or since the start."""
         pictures = self.acquisition.report()
         if pictures.too_few:
             yield "rate", pictures.too_few
         if seen is None:
             yield (
                 "colours",
-                "no colours are learnt yet; point at them in the view, or mocapella calibrate colours learn",
+                "no colours are learnt yet; click on them in the view, or run mocapella calibrate colours learn",
             )
             return
         if seen.light:
@@ -179,6 +179,6 @@ class MarkerWork:
             if images and count > OFTEN * images:
                 yield (
                     name,
-                    f"{name} is seen twice in {100 * count / images:.0f} % of the pictures; hide the other thing of "
-                    "that colour, or give the markers different colours",
+                    f"{name} is seen twice in {100 * count / images:.0f} % of the images; hide the other object "
+                    "of that colour, or give the markers different colours",
                 )

@@ -1,4 +1,4 @@
-"""One sensor's process: frames of a source, each at its time, onto the bus."""
+"""A sensor's node: publishes the frames of a source, each when it is due."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
 
-_ASKED_IN_VAIN = 5
-"""Joining takes some tries, because the connection is only just being made; so many, and a person is told."""
+_TRIES_BEFORE_NOTICE = 5
+"""Failed attempts to join before the user is notified; the first fail while the connection is being made."""
 
 
 class DueFrame(NamedTuple):
-    """A frame, what a simulation knows beside it, and when it is due, in seconds of the source's own time."""
+    """A frame, its ground truth if simulated, and when it is due on the source's clock [s]."""
 
     due_s: float
     frame: SensorFrame
@@ -27,15 +27,15 @@ class DueFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class NodeSummary:
-    """What a node did.
+    """Counts of a node.
 
     Attributes:
-        sensor, node_id: who it was on the bus; the id as 16 hex digits.
-        served: whether a server was there at any time, and gave the node its sensor's name.
+        sensor, node_id: its identity on the bus; the id as 16 hex digits.
+        served: whether a server ever accepted the node.
         published: frames.
-        late: of these, how many left more than 10 ms after they were due.
-        worst_delay: of any frame [s].
-        seconds: from the first frame's turn to the end [s].
+        late: frames published more than 10 ms after they were due.
+        worst_delay: largest delay of a frame [s].
+        seconds: from the start of the run to the end [s].
     """
 
     sensor: str
@@ -48,11 +48,11 @@ class NodeSummary:
 
 
 class Membership:
-    """Keeps asking for the sensor's name until a server gives it, and again when a server comes back.
+    """Claims the sensor's name until a server accepts the node, and again when a server comes back.
 
     Attributes:
-        served: is set once a server has given the name.
-        refusal: why a server did not.
+        served: set once a server has accepted the node.
+        refusal: the error if a server has refused the name.
     """
 
     def __init__(self, link: NodeLink, stop: threading.Event, say: Callable[[str], None]) -> None:
@@ -65,16 +65,16 @@ class Membership:
         self._thread.start()
 
     def wait_for_server(self) -> None:
-        """Until a server has given the name, has refused it, or the stop event is set."""
+        """Wait until a server has accepted or refused the node, or the stop event is set."""
         while not self.served.is_set() and not self._stop.wait(0.02):
             pass
 
     def wait(self) -> None:
-        """Until it has stopped asking, after the stop event was set."""
+        """Wait until the thread has ended, after the stop event was set."""
         self._thread.join()
 
     def close(self) -> None:
-        """As `wait`.
+        """Wait as `wait` does, and raise a refusal.
 
         Raises:
             NameTakenError: the name was refused.
@@ -86,7 +86,7 @@ class Membership:
     def _run(self) -> None:
         sensor, address = self._link.node.sensor, self._link.address
         joined = False
-        asked = 0
+        tries = 0
         while not self._stop.is_set():
             try:
                 there = self._link.server_is_there() if joined else self._link.join()
@@ -94,8 +94,8 @@ class Membership:
                 self.refusal = refusal
                 self._stop.set()
                 return
-            asked += 1
-            if asked == _ASKED_IN_VAIN and not self.served.is_set() and not there:
+            tries += 1
+            if tries == _TRIES_BEFORE_NOTICE and not self.served.is_set() and not there:
                 self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
             if there and not joined:
                 self.served.set()
@@ -120,17 +120,17 @@ def run_node(
 
     Args:
         link: the sensor's end of the bus; stays open.
-        frames: makes them, in the order of their time; is called when the run begins.
-        epoch: the Unix time [s] at which the source's time was 0; two nodes with one epoch are in step. None is when
-            the run begins.
+        frames: returns them in the order of their time; called when the run begins.
+        epoch: the Unix time [s] at which the source's time is 0, which synchronises nodes of one epoch; the start of
+            the run if None.
         stop: ends the run.
-        wait: whether the run begins when a server is there, or at once.
-        say: is told in words what happens.
-        linger_s: how long to stay after the last frame, so that a recording server can fetch what it missed.
+        wait: whether to wait for a server before the run begins.
+        say: receives messages about the run.
+        linger_s: how long to stay after the last frame, so that a recording server can fetch missed frames [s].
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the frames have ended, and no server was ever there to receive them.
+        NoServerError: the frames have ended, and no server ever received one.
     """
     membership = Membership(link, stop, say)
     late, worst = 0, 0.0

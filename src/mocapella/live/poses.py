@@ -1,4 +1,4 @@
-"""Other trackers onto the bus: OSC datagrams and OpenVR's devices, each as a node."""
+"""Connect other trackers to the bus: OSC datagrams and OpenVR devices, each as a node."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mocapella.wire.node import NodeLink
 def run_osc(
     link: NodeLink, address: tuple[str, int], space: str, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Publish what OSC datagrams tell, until ``stop`` is set; returns what came through.
+    """Publish the poses of OSC datagrams until ``stop`` is set; return counts.
 
     Raises:
-        AddressInUseError: another program listens at the port.
-        BusError: nobody can listen there.
+        AddressInUseError: another program listens on the port.
+        BusError: this machine cannot listen at the address.
     """
     host = address[0]
     with _bound(*address) as listener:
@@ -35,7 +35,7 @@ def run_osc(
                     data = listener.recv(MOST_BYTES)
                 except TimeoutError:
                     continue
-                except OSError:  # Windows tells here of an earlier datagram that could not be delivered
+                except OSError:  # Windows reports an earlier undelivered datagram here
                     continue
                 frame = source.update(data, time.monotonic_ns())
                 if frame is not None:
@@ -49,7 +49,7 @@ def run_osc(
 def run_openvr(
     link: NodeLink, source: OpenVrPoses, hz: float, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Publish OpenVR's poses at a rate, until ``stop`` is set."""
+    """Publish OpenVR's poses at a fixed rate until ``stop`` is set; return counts."""
     membership = Membership(link, stop, say)
     due = time.monotonic()
     try:

@@ -1,6 +1,6 @@
-"""The recording thread: takes messages in, writes them, and makes them safe several times a second.
+"""The recording thread: writes messages to a take and flushes them several times a second.
 
-It is the only place that touches a take, so neither the tracker nor the bus waits for a disk.
+Only this thread writes to the take, so neither the tracker nor the bus waits for a disk.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _QUEUE_BYTES = 512 * 1024 * 1024
 
 
 def begin_take(path: Path, info: TakeInfo, *, reserve_bytes: int, resume: bool = False) -> tuple[TakeWriter, float]:
-    """A writer for ``path``, and how many seconds ago the last was written of a take that was cut off, and some more.
+    """Return a writer for ``path``, and how far back to fetch frames [s] if an interrupted take goes on; else 0.
 
     Raises:
         TakeExistsError, DiskFullError, RecordingError: before anything is created.
@@ -38,7 +38,7 @@ def begin_take(path: Path, info: TakeInfo, *, reserve_bytes: int, resume: bool =
 
 
 class _Counts(NamedTuple):
-    """What is safe on the disk, by sensor; made on the recorder's thread, read on any."""
+    """Flushed and lost frames by sensor, and the file size; written on the recorder's thread, read on any."""
 
     frames: dict[str, int]
     lost: dict[str, int]
@@ -46,7 +46,7 @@ class _Counts(NamedTuple):
 
 
 class _Newest(NamedTuple):
-    """Of a node's frames the one with the highest number; ``sent_s`` is on the node's clock, the other on ours."""
+    """A node's frame with the highest sequence number; ``sent_s`` is on the node's clock, ``arrived_s`` on ours."""
 
     sequence: int
     sent_s: float
@@ -54,18 +54,18 @@ class _Newest(NamedTuple):
 
 
 class Recorder:
-    """One take being recorded, on a thread of its own.
+    """Records one take on a thread of its own.
 
-    Every frame that is tracked comes to it from the tracker, and once more by the record path, with those that were
-    not tracked because the tracker fell behind or the live path dropped them.
+    It receives every tracked frame from the tracker, and all frames again by the record path, including those that
+    were not tracked because the tracker fell behind or the live path dropped them.
 
-    ``say`` is called with a sentence when something happens that a person must know, such as a full disk. ``first`` has
-    for a node the number of its first frame that belongs to the take.
+    ``say`` is called with a message for the user, for example about a full disk. ``first`` has the sequence number of
+    each node's first frame that belongs to the take.
 
     Attributes:
-        missing: how many frames are known to be missing from the take now.
-        gaps: a time [s] for each gap that was found: its frames were sent after it. Whoever reads them takes them out.
-        newcomers: the same of nodes whose first frame here is not their first: there may be frames before it.
+        missing: number of frames known to be missing from the take now.
+        gaps: for each detected gap, a time [s] after which its frames were sent. The reader removes them.
+        newcomers: the same for nodes whose first recorded frame has a sequence number above 0: earlier ones may exist.
     """
 
     def __init__(
@@ -94,37 +94,37 @@ class Recorder:
         self._thread.start()
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """A frame; it may come several times."""
+        """Write a frame; repeated frames are stored once."""
         if not self._put(len(data), partial(self._write_frame, node, data, arrived_ns)):
             self._overrun += 1
 
     def scene(self, data: bytes, at_ns: int) -> None:
-        """A result."""
+        """Write a scene."""
         self._put(len(data), partial(self._writer.write_scene, data, at_ns))
 
     def truth(self, sensor: str, data: bytes, arrived_ns: int) -> None:
-        """What a simulation knows."""
+        """Write a simulation's ground truth."""
         self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns))
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
-        """The session's status."""
+        """Write the session's status."""
         self._put(0, partial(self._writer.write_status, status, at_ns))
 
     def clock(self, probes: Mapping[str, Any], at_ns: int) -> None:
-        """Raw clock probes, so that the estimate can be made again."""
+        """Write raw clock probes, so that the clock offset can be estimated again."""
         self._put(0, partial(self._writer.write_clock, probes, at_ns))
 
     def run(self, info: TakeInfo) -> None:
-        """A new tracker begins."""
+        """Begin the run of a new tracker."""
         self._put(0, partial(self._writer.start_run, info))
 
     def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int) -> None:
-        """A command that changed the session, and before which step."""
+        """Write a command that changed the session before a step."""
         command = {"verb": verb, "arguments": dict(arguments)}
         self._put(0, partial(self._writer.write_command, command, at_ns, before_step=before_step))
 
     def health(self) -> RecordingHealth:
-        """How it goes, as of the last flush; how it ended, once it has."""
+        """Return the state at the last flush, or the result once the take has ended."""
         health, report = self._health, self._writer.report
         if report is not None:
             frames, lost, size = report.frames, report.lost, report.size_bytes
@@ -142,11 +142,11 @@ class Recorder:
         )
 
     def stored_and_lost(self) -> tuple[dict[str, int], dict[str, int]]:
-        """Frames by sensor: in the take and safe; known to be missing."""
+        """Return by sensor the number of flushed frames, and of frames known to be missing."""
         return self._health.frames, self._health.lost
 
     def wait_for(self, missing: int, timeout: float) -> bool:
-        """Until all that was handed over is written, and the take misses no more; False when the time is over."""
+        """Wait until all messages are written and at most ``missing`` frames are missing; return False at timeout."""
         deadline = time.monotonic() + timeout
         written = threading.Event()
         self._queue.put(written.set)
@@ -157,7 +157,7 @@ class Recorder:
         return False
 
     def close(self) -> RecordingHealth:
-        """Write what is waiting, end the take properly, and say how it ended."""
+        """Write all waiting messages, finish the take, and return its result."""
         self._queue.put(None)
         self._thread.join()
         return self.health()
@@ -175,19 +175,19 @@ class Recorder:
 
     def _run(self) -> None:
         try:
-            self._write_until_told()
+            self._write_until_end()
             self._writer.close()
         except MocapellaError as error:
             self._stop(str(error))
         finally:
-            if self._writer.report is None:  # of an error that nobody foresaw, which the thread prints as it ends
+            if self._writer.report is None:  # an unexpected error, which the thread prints as it ends
                 self._stop(f"recording to {self._writer.path} failed (see above); what was flushed is safe")
 
     def _stop(self, problem: str) -> None:
         self._problem = problem
         self._say(f"RECORDING STOPPED: {problem}")
 
-    def _write_until_told(self) -> None:
+    def _write_until_end(self) -> None:
         flush_at = time.monotonic() + FLUSH_EVERY_S
         while True:
             try:
@@ -206,7 +206,7 @@ class Recorder:
         try:
             frame = decode_frame(data)
             if frame.key[:2] != node:
-                raise WireError(f"it says that it is of {frame.sensor}/{frame.node_id:016x}, another node")
+                raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
         except WireError as error:
             self._refuse(node.sensor, "frames", str(error))
             return
@@ -218,13 +218,13 @@ class Recorder:
             data, sensor=node.sensor, node_id=node.node_id, sequence=frame.sequence, log_ns=arrived_ns
         )
         newest = _Newest(frame.sequence, frame.sent_ns / 1e9, arrived_ns / 1e9)
-        before, self.missing = self.missing, sum(self._writer.lost.values())  # before the newest, which is waited for
+        before, self.missing = self.missing, sum(self._writer.lost.values())  # missing before this newest frame
         if self.missing > before:
             self.gaps.append(self._gap_since(newest, self._newest.get(node)))
         self._newest[node] = max(newest, self._newest.get(node, newest))
 
     def _gap_since(self, after: _Newest, before: _Newest | None) -> float:
-        """When the frame before a gap was sent, on our clock; not by its arrival alone, which may have been late."""
+        """Return when the frame before a gap was sent, on our clock; not just its arrival, which may have been late."""
         if before is None:
             return self._not_before
         apart_s = max(after.sent_s - before.sent_s, after.arrived_s - before.arrived_s)

@@ -1,4 +1,4 @@
-"""Where takes are begun, told of commands, and ended: between the session, the bus and the recorder."""
+"""Start, continue and finish takes: connects the session, the bus and the recorder."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import OnFrame, ServerLink
 
 STRAGGLERS_S = 0.2
-"""How long frames that were on their way when a take was ended are still taken in."""
+"""How long frames already on their way are still recorded when a take ends [s]."""
 CATCH_UP_S = 2.0
-"""How long the end of a take waits for missing frames before it asks for them again."""
+"""How long the end of a take waits for missing frames before requesting them again [s]."""
 
 
 def outcome(health: RecordingHealth) -> str:
-    """How a take ended, in words; a frame that is missing from it is not passed over."""
+    """Describe how a take ended, with the number of missing frames."""
     lost = f"; {health.lost} frames are missing" if health.lost else ""
     return health.problem or f"recorded {health.frames} frames in {health.path}{lost}"
 
 
 def packages_of(method: str) -> dict[str, str]:
-    """What of other packages a run of a method is made with, and the package of each; and our own version.
+    """Return the plug-in descriptors that a run of a method may use, with their packages, and our own version.
 
-    Any sensor may send any type of frame, so all frame types that other packages register are in it.
+    Any sensor may send any type of frame, so all frame types of other packages are included.
     """
     used: list[tuple[Table[Any], Iterable[str]]] = [
         (METHODS, (method,)),
@@ -50,13 +50,13 @@ def packages_of(method: str) -> dict[str, str]:
 
 
 class RecordingService:
-    """At most one take at a time, whoever begins and ends it on whichever thread.
+    """Records at most one take at a time, started and finished on any thread.
 
-    ``between_steps`` is held while a take is taken away from the tracker: a step is in it whole or not at all.
+    ``between_steps`` is held while the tracker loses the recorder, so that a take has a step completely or not at all.
 
     Attributes:
-        recorder: of the take that is being recorded; None where none is. Read it once before use: it may be ended on
-            another thread at any time.
+        recorder: of the present take; None if there is none. Read it once before use: another thread may end it at any
+            time.
     """
 
     def __init__(
@@ -78,22 +78,22 @@ class RecordingService:
         self._refetch = Refetch()
 
     def health(self) -> RecordingHealth:
-        """How the present take goes, or how the last one ended."""
+        """Return the state of the present take, or the result of the last one."""
         return self._health()
 
     def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
-        """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
+        """Start a take at ``path``; with ``resume``, continue an interrupted one.
 
-        ``newest`` has the number of each node's newest frame that was tracked: a new take begins after it.
+        ``newest`` has the sequence number of each node's newest tracked frame: a new take begins after it.
 
-        The take begins with the tracker's memory, so that it can be replayed although it begins in the middle.
+        The take begins with a snapshot of the tracker, so that it can be replayed although it begins mid-session.
 
         Raises:
             NotNowError: a take is being recorded already, or is being ended.
             TakeExistsError, DiskFullError, RecordingError: before anything is created.
         """
         if not self._changing.acquire(blocking=False):
-            raise NotNowError("the take before is being closed; try again in a moment")
+            raise NotNowError("the previous take is being closed; try again in a moment")
         try:
             return self._begin(path, resume, newest or {})
         finally:
@@ -115,14 +115,14 @@ class RecordingService:
             self._command(recorder, "stop", {})
         now_s = time.monotonic()
         self._refetch = Refetch()
-        if not fresh:  # a sensor may have begun meanwhile
+        if not fresh:  # a sensor may have started meanwhile
             self._refetch.newcomer(now_s - history_s, now_s)
         self.recorder, self._health = recorder, recorder.health
         self._link.start_record_path(self._on_frame)
         return f"recording {path}"
 
-    def tell(self, verb: str, arguments: Mapping[str, Any]) -> None:
-        """A command was carried out: the take must be able to do it again."""
+    def record_command(self, verb: str, arguments: Mapping[str, Any]) -> None:
+        """Record a command that was carried out, for the replay."""
         recorder = self.recorder
         if recorder is None:
             return
@@ -134,7 +134,7 @@ class RecordingService:
             self._command(recorder, "stop", {})
 
     def finish(self) -> RecordingHealth:
-        """End the take and say how it ended; what it misses is asked for until it has come or is given up."""
+        """Finish the take and return its result; missing frames are requested until they arrive or are given up."""
         with self._changing:
             recorder, given_up = self.recorder, self._refetch.given_up
             if recorder is not None:
@@ -145,7 +145,7 @@ class RecordingService:
             return self._health()
 
     def fetch_missing(self) -> None:
-        """Ask the nodes again for frames that are missing, when it is time to; called several times a second."""
+        """Request missing frames from the nodes again, if due; called several times a second."""
         if self._changing.acquire(blocking=False):
             try:
                 if self.recorder is not None:
@@ -158,7 +158,7 @@ class RecordingService:
             self._refetch.opened(recorder.gaps.popleft())
         while recorder.newcomers:
             self._refetch.newcomer(recorder.newcomers.popleft(), time.monotonic())
-        missing = recorder.missing  # read after the gaps, because it is written before them
+        missing = recorder.missing  # read after the gaps: the recorder writes it before them
         back_s = self._refetch.update(missing, time.monotonic(), at_once=at_once)
         if back_s is not None:
             if missing:

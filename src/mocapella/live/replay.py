@@ -1,4 +1,4 @@
-"""A recording through the very same session as the live run, as fast as it goes: no thread, no clock, no bus."""
+"""Replay a recording through the same `Session` as the live run, at full speed, without thread, clock or bus."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def replay(
     on_scene: Callable[[Scene], None] = lambda scene: None,
     summary: RunSummary | None = None,
 ) -> RunSummary:
-    """Feed the session every frame and command in their order; returns what it came to, added to ``summary``."""
+    """Pass every frame and command to the session in order; return ``summary`` with the results added."""
     summary = summary or RunSummary()
     phase, began_ns = "", None
     for event in events:

@@ -1,9 +1,9 @@
-"""The server: frames in, scenes out, commands in between; one thread computes, the others only carry.
+"""The server: receives frames and commands, publishes scenes; one thread tracks, the others only transfer.
 
-bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and the frames they were made of)
-          └───► recorder (record path)   ▲ commands, in the order they came
-housekeeping thread: silence, status, frames that a take misses
-clock thread: probes, which a node may leave unanswered
+bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and their frames)
+          └───► recorder (record path)   ▲ commands, in the order of arrival
+housekeeping thread: silent sensors, status, missing frames of a take
+clock thread: clock probes, which a node may not answer
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import msgspec
 from mocapella import __version__
 from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
-from mocapella.live.inbox import Inbox, Letter
+from mocapella.live.inbox import Inbox, ReceivedMessage
 from mocapella.live.recording_service import RecordingService, outcome
 from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
@@ -41,25 +41,25 @@ from mocapella.wire.server import ServerLink
 STATUS_EVERY_S = 0.2
 PROBE_EVERY_S = 1.0
 CONDITION_AGAIN_S = 10.0
-"""A condition that comes again sooner than this is not told of again."""
+"""A condition that returns within this time is not reported again [s]."""
 _MAX_NOTICE = 500
-"""Characters; what a notice says may come from a stranger, and every status carries it."""
+"""Longest notice, in characters; its text may come from any node, and every status has it."""
 
 Answer = Callable[[bytes], None]
 
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """How a server is started.
+    """Settings of a server.
 
     Attributes:
         listen: the bus address.
-        takes: folder for takes whose names come over the bus.
-        setup: what is set up at first.
+        takes: folder for takes named by commands.
+        setup: the initial one.
         running: whether tracking begins at once.
         method_settings: settings of the tracker's method.
-        reserve_bytes: free space that a recording leaves.
-        layout: where the sensors were the last time.
+        reserve_bytes: free disk space that a recording leaves.
+        layout: the sensors' poses of the last session.
         waiting_for: if tracking does not begin at once, what `Server.begin` waits for; shown until then.
     """
 
@@ -74,17 +74,17 @@ class ServerSettings:
 
 
 class Server:
-    """A session on the bus, from the constructor, which listens, to `close`.
+    """A session on the bus; it listens from the constructor on, until `close`.
 
-    ``say`` is called with each notice, on whichever thread it arises.
+    ``say`` is called with each notice, on any thread.
 
     Attributes:
-        summary: what the run has come to.
-        failed: is set when a thread of the server has died of an error that nobody foresaw; close it then.
+        summary: statistics of the run.
+        failed: set when a thread of the server has ended with an unexpected error; close the server then.
 
     Raises:
-        AddressInUseError, BusError: the address cannot be had.
-        SettingsError: the setup or the method's settings cannot be used.
+        AddressInUseError, BusError: it cannot listen at the address.
+        SettingsError: the setup or the method's settings are invalid.
     """
 
     def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
@@ -99,7 +99,7 @@ class Server:
         )
         self._phase = ""
         self._reason = ""
-        self._said: dict[str, float] = {}
+        self._reported: dict[str, float] = {}
         self._revision = 0
         self._notices: deque[str] = deque(maxlen=8)
         self._inbox = Inbox()
@@ -123,17 +123,17 @@ class Server:
         self._link.serve(
             on_frame=self._on_frame, on_truth=self._on_truth, on_alive=self._on_alive, on_command=self._on_command
         )
-        loops = (self._track, self._keep_house, self._watch_clocks)
+        loops = (self._track, self._housekeeping, self._watch_clocks)
         self._finishing: list[threading.Thread] = []
         self._threads = [threading.Thread(target=self._guarded, args=(run,), name=run.__name__) for run in loops]
         for thread in self._threads:
             thread.start()
 
-    # On the bus's threads: hand on.
+    # On the bus's threads: only pass on.
 
     def _on_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         if self._admit(node, arrived_ns):
-            self._inbox.put(Letter(node, data, arrived_ns))
+            self._inbox.put(ReceivedMessage(node, data, arrived_ns))
 
     def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         recorder = self._recording.recorder
@@ -184,31 +184,31 @@ class Server:
 
     def _track(self) -> None:
         while not self._ended.is_set():
-            letter = self._inbox.take(timeout=0.1)
+            message = self._inbox.take(timeout=0.1)
             with self._stepping:
                 while not self._commands.empty():
                     self._carry_out(*self._commands.get())
-                if letter is not None:
-                    self._step(letter)
+                if message is not None:
+                    self._step(message)
 
-    def _step(self, letter: Letter) -> None:
+    def _step(self, message: ReceivedMessage) -> None:
         try:
-            frame = decode_frame(letter.data)
-            if frame.key[:2] != letter.node:
+            frame = decode_frame(message.data)
+            if frame.key[:2] != message.node:
                 raise WireError(f"a frame of {frame.sensor}/{frame.node_id:016x} came under another node's key")
             with self._lock:
-                if not self._registry.holds(letter.node):
+                if not self._registry.holds(message.node):
                     return
-                at_ns = self._registry.arrived(frame, letter.node, letter.arrived_ns)
+                at_ns = self._registry.arrived(frame, message.node, message.arrived_ns)
         except WireError as error:
             self.summary.rejected += 1
             with self._lock:
-                self._registry.rejected(letter.node, str(error))
+                self._registry.rejected(message.node, str(error))
             return
         self.summary.frames_in += 1
         recorder = self._recording.recorder
-        if recorder is not None:  # at the latest here, so that a take has every frame that its scenes were made of
-            recorder.frame(letter.node, letter.data, letter.arrived_ns)
+        if recorder is not None:  # here at the latest, so that a take has the frames of all its scenes
+            recorder.frame(message.node, message.data, message.arrived_ns)
         scene = self._session.step(Arrival(frame, at_ns))
         if scene is None:
             return
@@ -216,12 +216,12 @@ class Server:
         self._link.publish_scene(data)
         done_ns = time.monotonic_ns()
         if recorder is not None:
-            recorder.scene(data, letter.arrived_ns)
+            recorder.scene(data, message.arrived_ns)
         with self._lock:
-            latency = self._registry.finished(letter.node, frame.sent_ns, done_ns)
+            latency = self._registry.finished(message.node, frame.sent_ns, done_ns)
             if self._session.problem:
                 self.summary.rejected += 1
-                self._registry.rejected(letter.node, f"a frame cannot be tracked: {self._session.problem}")
+                self._registry.rejected(message.node, f"a frame cannot be tracked: {self._session.problem}")
         self.summary.scene(scene, latency, done_ns)
         self._watch_state()
 
@@ -236,17 +236,19 @@ class Server:
         self._reason = state.reason
 
     def _note_conditions(self, reason: str, now_s: float) -> None:
-        """Tell of what is wrong while people are tracked; what comes and goes is not told of each time."""
-        self._said = {text: said_s for text, said_s in self._said.items() if now_s - said_s < CONDITION_AGAIN_S}
+        """Report conditions while tracking; one that keeps returning is not reported each time."""
+        self._reported = {text: at_s for text, at_s in self._reported.items() if now_s - at_s < CONDITION_AGAIN_S}
         for text in self.summary.in_words(reason).split("; "):
-            if text and not text.endswith(": silent") and text not in self._said:  # the registry tells who is silent
-                self._said[text] = now_s
+            if (
+                text and not text.endswith(": silent") and text not in self._reported
+            ):  # silence: see the registry
+                self._reported[text] = now_s
                 self._note(text)
 
     def _carry_out(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
         try:
             if verb == "record-stop":
-                self._stop_recording_aside(answer)
+                self._stop_recording(answer)
                 return
             message = self._do(verb, arguments)
         except MocapellaError as error:
@@ -263,7 +265,7 @@ class Server:
             message = self._record_by_name(arguments)
         elif verb in self._session.verbs:
             message = self._session.carry_out(verb, arguments)
-            self._recording.tell(verb, arguments)
+            self._recording.record_command(verb, arguments)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
@@ -276,13 +278,13 @@ class Server:
         self._link.publish_status(msgspec.json.encode(reply.status))
 
     def record_to(self, path: Path, *, resume: bool = False) -> str:
-        """Begin a take at ``path``; with ``resume``, go on with one that was cut off.
+        """Start a take at ``path``; with ``resume``, continue an interrupted one.
 
         Raises:
             NotNowError: a take is being recorded already.
             TakeExistsError, DiskFullError, RecordingError: before anything is created.
         """
-        with self._stepping:  # the take begins with the tracker's memory between two steps
+        with self._stepping:  # the take begins with a snapshot between two steps
             with self._lock:
                 newest = self._registry.newest()
             return self._recording.begin(path, resume=resume, newest=newest)
@@ -295,19 +297,19 @@ class Server:
                 self._watch_state()
 
     def layout(self) -> SensorLayout | None:
-        """The sensor layout; None while it is not known."""
+        """Return the sensor layout; None while it is unknown."""
         with self._stepping:  # between two steps
             return self._session.layout_now()
 
     def _record_by_name(self, arguments: dict[str, Any]) -> str:
         name = arguments.get("name")
         if not isinstance(name, str):
-            raise SettingsError('record wants the name of the take, such as {"name": "walk-1"}')
+            raise SettingsError('record needs the name of the take, such as {"name": "walk-1"}')
         ensure_folder(self._settings.takes)
         return self.record_to(take_path(self._settings.takes, name))
 
-    def _stop_recording_aside(self, answer: Answer) -> None:
-        """The end of a take waits for stragglers and the disk; the tracker must not."""
+    def _stop_recording(self, answer: Answer) -> None:
+        """Finish the take on a thread of its own: it waits for late frames and the disk, and the tracker must not."""
         if self._recording.recorder is None:
             raise NotNowError("not recording; begin a take first")
 
@@ -322,7 +324,7 @@ class Server:
 
     # Housekeeping.
 
-    def _keep_house(self) -> None:
+    def _housekeeping(self) -> None:
         while not self._ended.wait(STATUS_EVERY_S):
             self._recording.fetch_missing()
             with self._lock:
@@ -368,7 +370,7 @@ class Server:
         self._say(notice)
 
     def status(self) -> SessionStatus:
-        """The session as it stands, for a view or a script."""
+        """Return the session's present state, for a view or a script."""
         now_ns = time.monotonic_ns()
         recorder = self._recording.recorder
         stored, lost = recorder.stored_and_lost() if recorder is not None else ({}, {})
@@ -399,14 +401,14 @@ class Server:
         )
 
     def halt(self) -> None:
-        """Track nothing more: what `status` and `summary` say from now on is what the session came to."""
+        """Stop tracking: from now on, `status` and `summary` give the session's result."""
         self._ended.set()
         self._inbox.wake()
-        for thread in self._threads:  # no command may begin another take after this one
+        for thread in self._threads:  # no command may start another take afterwards
             thread.join()
 
     def close(self) -> RecordingHealth:
-        """End the take properly, leave the bus, and return how the last take ended."""
+        """Finish the take, leave the bus, and return the result of the last take."""
         self.halt()
         health = self._recording.finish()
         for thread in self._finishing:

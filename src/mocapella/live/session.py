@@ -1,6 +1,6 @@
-"""What is set up, whether it runs, and the tracker that does: everything a command can change, and no thread.
+"""A session: the setup, the tracker, and the commands that change them; without threads.
 
-The recorded commands of a take go through the same `Session`, so a replay does what the live run did.
+A replay passes a take's recorded commands to the same `Session`, so it repeats the live run.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mocapella.tracker import METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsLayout
 
 _LAYOUT: Final = "rig"
-"""The sensor layout among the arguments of ``restore``, by the name that takes hold."""
+"""Key of the sensor layout among the arguments of ``restore``, as stored in takes."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def _waiting(setup: Setup) -> TrackerState:
 
 
 class Session:
-    """A tracker under commands.
+    """A tracker controlled by commands.
 
     Args:
         setup: the first setup.
@@ -51,16 +51,16 @@ class Session:
         waiting_for: if tracking does not begin at once, the reason, which the state gives until it begins.
 
     Attributes:
-        setup: the latest setup. Each method has settings of its own, which stay while another is set up.
-        layout: the sensors' last known poses; every new tracker begins from them, until a recalibration.
+        setup: the present setup. Each method keeps its own settings while another method is set up.
+        layout: the sensors' last known poses; every new tracker starts from them, until a recalibration.
         running: whether frames are tracked.
-        next_step: the number of the scene that comes next; begins anew with every tracker.
-        names: of people, by their numbers. A new tracker numbers people anew, and begins without names.
-        state: where the tracker stands.
-        problem: why the tracker could not use the last frame; empty where it could.
+        next_step: number of the next scene; starts at 0 with every tracker.
+        names: of people, by id. A new tracker assigns new ids, and starts without names.
+        state: of the tracker.
+        problem: why the tracker could not use the last frame; empty if it could.
 
     Raises:
-        SettingsError: the setup or the method's settings cannot be used.
+        SettingsError: the setup or the method's settings are invalid.
     """
 
     def __init__(
@@ -95,11 +95,11 @@ class Session:
 
     @property
     def method_settings(self) -> dict[str, Any]:
-        """Of the method that is set up, by name."""
+        """Settings of the present method, by name."""
         return self._settings_of.get(self.setup.method, {})
 
     def memory(self) -> dict[str, Any]:
-        """The arguments of a ``restore`` that makes another session go on as this one."""
+        """Return arguments for a ``restore`` that lets another session continue like this one."""
         memory: dict[str, Any] = {
             "tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii"),
             "names": {str(person): name for person, name in self.names.items()},
@@ -107,21 +107,21 @@ class Session:
         return memory if self.layout is None else {**memory, _LAYOUT: encode_layout(self.layout).decode()}
 
     def layout_now(self) -> SensorLayout | None:
-        """The layout to be kept; None where the tracker knows nothing yet, or keeps no layout."""
+        """Return the layout to keep; None if the tracker has none yet, or keeps none."""
         return _keeper(self._tracker).layout() if METHODS[self.setup.method].keeps_layout else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
-        """The commands that people give; ``restore`` is for takes only."""
+        """Commands for users; ``restore`` is for takes only."""
         return tuple(verb for verb in self._verbs if verb != "restore")
 
     @property
     def unusable(self) -> Mapping[str, int]:
-        """How many frames the tracker could not use, by the reason, since it was made."""
+        """Number of frames that the tracker could not use, by reason."""
         return self._tracker.report.rejected
 
     def step(self, arrival: Arrival) -> Scene | None:
-        """Track one frame; None while stopped."""
+        """Track a frame; return None while stopped."""
         if not self.running:
             return None
         before = self.unusable
@@ -132,11 +132,11 @@ class Session:
         return scene
 
     def carry_out(self, verb: str, arguments: Mapping[str, Any]) -> str:
-        """Carry out a command; returns a message about its effect.
+        """Carry out a command; return a message about its effect.
 
         Raises:
-            SettingsError: an unknown verb or argument.
-            NotNowError: the command makes no sense in the present state; says which would.
+            SettingsError: the verb or an argument is unknown.
+            NotNowError: the command is impossible in the present state; names the one to use first.
         """
         if verb not in self._verbs:
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, self._verbs)}")
@@ -171,19 +171,19 @@ class Session:
         return f"set up {self.setup.method}"
 
     def _use_rig(self, arguments: Mapping[str, Any]) -> str:
-        """Track with the cameras of a rig's text; the rig is a setting of the method, and so stands in a take.
+        """Track with the cameras of a rig, given as text; it becomes a setting of the method, which a take stores.
 
-        The method is the named one, or the one set up if it takes a rig, or else the first that needs one.
+        The method is the given one, or the present one if it takes a rig, or else the first that requires one.
         """
-        told = parse(_UseRig, arguments, where="use-rig")
+        use = parse(_UseRig, arguments, where="use-rig")
         takes = [name for name, method in METHODS.items() if method.camera_rig != "none"]
         needs = [name for name in takes if METHODS[name].camera_rig == "required"]
-        method = told.method or (self.setup.method if self.setup.method in takes else needs[0])
+        method = use.method or (self.setup.method if self.setup.method in takes else needs[0])
         if method not in takes:
             raise SettingsError(f"use-rig: method is {method!r}; methods that take a rig: {one_of(method, takes)}")
-        cameras = decode_camera_rig(told.rig).cameras
+        cameras = decode_camera_rig(use.rig).cameras
         setup = replace(self.setup, method=method, sensors_expected=max(len(cameras), 2))
-        self._begin_anew(setup, {**self._settings_of.get(method, {}), "rig": told.rig})
+        self._begin_anew(setup, {**self._settings_of.get(method, {}), "rig": use.rig})
         return f"tracking {METHODS[method].parts[0]} with {', '.join(cameras)}"
 
     def _begin_anew(self, setup: Setup, settings: dict[str, Any] | None = None) -> None:
@@ -203,7 +203,7 @@ class Session:
     def _name(self, arguments: Mapping[str, Any]) -> str:
         given = parse(PersonName, arguments, where="name")
         if not self.running:
-            raise NotNowError("people have no numbers while nothing is tracked; start first")
+            raise NotNowError("people have no ids while tracking is stopped; start first")
         if given.name:
             self.names[given.person] = given.name
             return f"person {given.person} is called {given.name}"
@@ -211,7 +211,7 @@ class Session:
         return f"person {given.person} has no name"
 
     def _named(self, scene: Scene) -> Scene:
-        """The scene with the names that were given to its people."""
+        """Return the scene with the names of its people."""
         if not any(person.id in self.names for person in scene.people):
             return scene
         people = (msgspec.structs.replace(person, name=self.names.get(person.id, "")) for person in scene.people)
@@ -235,5 +235,5 @@ class Session:
 
 
 def _keeper(tracker: Tracker) -> KeepsLayout:
-    """A tracker whose method has ``keeps_layout``; the descriptor says so, not the class."""
+    """Narrow the type of a tracker whose method has ``keeps_layout``: the descriptor decides, not the class."""
     return cast(KeepsLayout, tracker)

@@ -1,9 +1,9 @@
-"""Ctrl-C and SIGTERM as an event that loops wait on, so that everything is closed properly and the exit is 0.
+"""Turn Ctrl-C and SIGTERM into an event that loops wait on, so that everything is closed and the exit status is 0.
 
-Work that goes from one end to the other without a loop of ours is interrupted instead.
+Work without such a loop is interrupted by an exception instead.
 
-A process that another of ours has started also ends when that one is gone, however it went: a view that outlived a
-killed server would keep the port that the next one wants.
+A child process of Mocapella also ends when its parent has ended for any reason: a view that outlives a killed server
+would keep the port that the next server needs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from types import FrameType
 from typing import Final, NoReturn
 
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
-"""Environment variable of a process whose standard input is held open by the one that started it."""
+"""Environment variable of a child process, whose parent holds its standard input open."""
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 _Handler = Callable[[int, FrameType | None], None]
@@ -26,9 +26,9 @@ _Handler = Callable[[int, FrameType | None], None]
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """The signals raise `KeyboardInterrupt`, at the end at the latest; earlier handlers come back afterwards.
+    """Let the signals raise `KeyboardInterrupt`, at the end of the block at the latest; then restore earlier handlers.
 
-    What C calls back loses what is raised in it, as numba's compiler does: it goes on, or fails in its own way.
+    Callbacks from C, such as those of numba's compiler, lose exceptions: the C code continues or fails in its own way.
     """
     asked, unraisable = False, sys.unraisablehook
 
@@ -37,9 +37,9 @@ def interruptible() -> Iterator[None]:
         asked = True
         raise KeyboardInterrupt
 
-    def lost(told: sys.UnraisableHookArgs) -> None:
-        if not issubclass(told.exc_type, KeyboardInterrupt):
-            unraisable(told)
+    def lost(report: sys.UnraisableHookArgs) -> None:
+        if not issubclass(report.exc_type, KeyboardInterrupt):
+            unraisable(report)
 
     with _handled_by(handle):
         sys.unraisablehook = lost
@@ -53,7 +53,7 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT, SIGTERM or the end of who started us sets; earlier handlers come back afterwards."""
+    """Yield an event set by SIGINT, SIGTERM, or the parent's end; then restore earlier handlers."""
     stop = threading.Event()
     if STARTED_BY_US in os.environ:
         threading.Thread(target=_stop_when_alone, args=(stop,), name="parent", daemon=True).start()
@@ -76,7 +76,7 @@ def _handled_by(handle: _Handler) -> Iterator[None]:
 
 
 def _stop_when_alone(stop: threading.Event) -> None:
-    # The descriptor itself: a thread that waits in sys.stdin would hold its lock when the interpreter ends.
+    # Reads the descriptor: a thread waiting in sys.stdin would hold its lock when the interpreter ends.
     while os.read(0, 4096):
         pass
     stop.set()

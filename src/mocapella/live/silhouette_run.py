@@ -1,6 +1,6 @@
-"""Bodies followed through the videos of several cameras, or live: what the command and the demo do, frame by frame.
+"""Track bodies by silhouettes through videos or live, frame by frame, for the command and the demo.
 
-The tracker decides everything; this module measures its time, passes on its notes, and counts the results.
+The tracker makes all decisions; this module measures its time, passes on its notes, and counts the results.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.live.silhouette_statistics import STEP_MS, BodyStatistics, Counted
+from mocapella.live.silhouette_statistics import STEP_MS, BinnedValues, BodyStatistics
 from mocapella.model.observations import Arrival
 from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.scene import Scene
@@ -38,9 +38,9 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     """One body in one frame.
 
     Attributes:
-        followed: what the tracker says.
-        row: as the file has it.
-        waits: by camera, the silhouette of a lost body where it waits; empty while the person is present.
+        followed: the tracker's fit.
+        row: for the result file.
+        waits: by camera, the silhouette of a lost body at the pose where it waits; empty while it is tracked.
     """
 
     followed: FittedBody
@@ -48,10 +48,10 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     waits: Mapping[str, Silhouette] = {}
 
     def outlines(self, camera: str, colour: Colour) -> Outlines | None:
-        """To be drawn in a camera's image; None where the body is not in it."""
+        """Return the outlines to draw in a camera's image; None if the body is not in it."""
         if self.row.lost:
-            place = self.waits.get(camera)
-            return None if place is None else Outlines(place, place, colour)
+            waiting = self.waits.get(camera)
+            return None if waiting is None else Outlines(waiting, waiting, colour)
         seen = self.followed.seen.get(camera)
         return None if seen is None else Outlines(seen.contour, seen.outline.silhouette, colour)
 
@@ -61,10 +61,10 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         frame: its number.
-        images: (height, width, 3) BGR by camera, where there is one.
+        images: (height, width, 3) BGR by camera, as available.
         people: by name.
-        took_s: how long the tracker took.
-        scene: what the tracker made of the frame's last image.
+        took_s: duration of tracking [s].
+        scene: after the frame's last image.
     """
 
     frame: int
@@ -74,7 +74,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     scene: Scene
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
-        """Each camera's image with the outlines drawn in, ``width`` pixels wide; None keeps the image's width."""
+        """Return each camera's image with outlines, ``width`` pixels wide; None keeps the image's width."""
         return {name: outlined(image, self._outlines(name), width) for name, image in self.images.items()}
 
     def _outlines(self, camera: str) -> list[Outlines]:
@@ -83,21 +83,20 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
 
 class SilhouetteRun:
-    """The tracker's steps through frames, timed and counted.
+    """Runs the tracker through frames, and measures and counts.
 
     Args:
         tracker: newly made.
         say: receives messages about the run.
-        record: is given each arrival, the number of its frame (None: of the empty room), and the scene that was made
-            of it.
+        record: receives each arrival, the number of its frame (None: of the empty room), and the resulting scene.
 
     Attributes:
         tracker: see above.
         meshes: of the bodies, by name.
         rig: of the cameras.
-        frames: how many so far.
-        statistics: totals by name; the rows themselves belong to the steps, and nothing here keeps them.
-        took_ms: of the frames.
+        frames: number so far.
+        statistics: of each body by name; the rows are not kept.
+        took_ms: durations of the frames.
         notes: all messages so far.
     """
 
@@ -106,22 +105,22 @@ class SilhouetteRun:
     ) -> None:
         self.tracker, self.rig = tracker, tracker.rig
         self.meshes = {name: body.mesh for name, body in tracker.bodies.items()}
-        self.frames, self.took_ms = 0, Counted(STEP_MS)
+        self.frames, self.took_ms = 0, BinnedValues(STEP_MS)
         self.statistics = {name: BodyStatistics() for name in self.meshes}
         self.notes: list[str] = []
-        self._tell, self._record = say, record
+        self._say, self._record = say, record
         self._fed: Counter[tuple[str, int]] = Counter()
         self._zero_ns, self._last_ns = 0, -1
         self._scene: Scene | None = None
 
     def learn_empty(self, images: Mapping[str, UInt8]) -> None:
-        """Nobody is in these images (height, width, 3), by camera; before the first frame."""
+        """Learn the empty room from images (height, width, 3) by camera; before the first frame."""
         for arrival in arrivals_of(images, 0, empty_room=True):
             self._give(arrival, None)
 
     def feed(self, shown: FrameSet) -> float:
-        """Give the tracker a frame without counting it; returns how long it took [s]."""
-        if self._zero_ns + shown.time_ns <= self._last_ns:  # live cameras began anew, and the tracker's time goes on
+        """Pass a frame to the tracker without counting it; return the duration [s]."""
+        if self._zero_ns + shown.time_ns <= self._last_ns:  # live cameras started again, and the tracker's time goes on
             self._zero_ns = self._last_ns + round(self.tracker.period_s * NS_PER_S) - shown.time_ns
         self._last_ns = self._zero_ns + shown.time_ns
         arrivals = arrivals_of(shown.images, self._last_ns, cameras=self.rig.cameras, number=shown.frame)
@@ -134,7 +133,7 @@ class SilhouetteRun:
         return took_s
 
     def _give(self, arrival: Arrival, number: int | None) -> None:
-        """Give the tracker a frame; one that is recorded has a number of its own."""
+        """Pass a frame to the tracker; a recorded frame gets a sequence number of its own."""
         if self._record is None:
             self._scene = self.tracker.update(arrival)
             return
@@ -147,15 +146,15 @@ class SilhouetteRun:
         self._record(arrival, number, self._scene)
 
     def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
-        """Each frame when it is done."""
+        """Yield the result of each frame."""
         for shown in frames:
             yield self.step(shown)
 
     def step(self, shown: FrameSet) -> Step:
-        """The next frame."""
+        """Process the next frame."""
         took_s = self.feed(shown)
         seen = self.tracker.seen
-        assert seen is not None  # a frame has an image of every camera, or that it gave none
+        assert seen is not None  # a frame has an arrival for every camera, also without an image
         assert self._scene is not None
         people = {
             name: PersonStep(one.fit, self._row(name, one, shown), one.waits) for name, one in seen.bodies.items()
@@ -180,12 +179,12 @@ class SilhouetteRun:
         )
 
     def note(self, text: str) -> None:
-        """Say it, and keep it."""
+        """Pass a message on, and keep it."""
         self.notes.append(text)
-        self._tell(text)
+        self._say(text)
 
     def summary(self) -> dict[str, object]:
-        """What the run came to, as ``--json`` has it."""
+        """Return the result of the run, in the form of ``--json``."""
         median_ms = self.took_ms.median
         return {
             "frames": self.frames,
@@ -194,5 +193,5 @@ class SilhouetteRun:
         }
 
     def summary_of(self, name: str) -> dict[str, object]:
-        """What it came to for one body."""
+        """Return the result for one body."""
         return self.statistics[name].summary()

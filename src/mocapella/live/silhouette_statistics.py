@@ -1,4 +1,4 @@
-"""What a run of silhouettes comes to, counted as it goes on: however long it is, this does not grow with it."""
+"""Statistics of a silhouette run in constant memory, however long it is."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from typing import Final
 from mocapella.recording.bodies_file import FollowedFrame
 
 STEP: Final = 1e-4
-"""To so much overlaps are told in a file."""
+"""Resolution of overlaps in a file."""
 STEP_MS: Final = 0.01
-"""To so much the time a frame took is known."""
+"""Resolution of frame durations [ms]."""
 
 
-class Counted:
-    """Values of which the median is asked for, each counted to the next step."""
+class BinnedValues:
+    """Minimum and median of values, which are rounded to a step and counted."""
 
     def __init__(self, step: float) -> None:
         self._step, self._counts = step, Counter[int]()
 
     def add(self, value: float) -> None:
-        """One more."""
+        """Add a value."""
         self._counts[round(value / self._step)] += 1
 
     def __len__(self) -> int:
         return self._counts.total()
 
-    def __iadd__(self, other: Counted) -> Counted:
+    def __iadd__(self, other: BinnedValues) -> BinnedValues:
         self._counts.update(other._counts)
         return self
 
     @property
     def least(self) -> float:
-        """The smallest; of none there is none."""
+        """The smallest value; there must be one."""
         return min(self._counts) * self._step
 
     @property
     def median(self) -> float | None:
-        """Half of them are below; None where there are none."""
+        """The median; None without values."""
         count, seen, low = len(self), 0, None
         for value in sorted(self._counts):
             seen += self._counts[value]
@@ -50,31 +50,31 @@ class Counted:
 
 
 class BodyStatistics:
-    """What came of one body.
+    """Statistics of one body.
 
     Attributes:
-        frames: how many.
-        lost: of these, in how many nobody was there.
-        left_out: frames in which a camera did not count, by camera.
-        overlaps: by camera.
+        frames: number of frames.
+        lost: frames in which the body was lost.
+        left_out: number of frames without a camera, by camera.
+        overlaps: of the silhouettes, by camera.
     """
 
     def __init__(self) -> None:
         self.frames = self.lost = 0
         self.left_out = Counter[str]()
-        self.overlaps: dict[str, Counted] = {}
+        self.overlaps: dict[str, BinnedValues] = {}
 
     def add(self, row: FollowedFrame) -> None:
-        """The next frame."""
+        """Add a frame."""
         self.frames += 1
         self.lost += row.lost
         self.left_out.update(row.left_out.keys())
         for camera, overlap in row.overlap.items():
-            self.overlaps.setdefault(camera, Counted(STEP)).add(overlap)
+            self.overlaps.setdefault(camera, BinnedValues(STEP)).add(overlap)
 
     def summary(self) -> dict[str, object]:
-        """As ``--json`` has it."""
-        whole = Counted(STEP)
+        """Return the statistics in the form of ``--json``."""
+        whole = BinnedValues(STEP)
         for one in self.overlaps.values():
             whole += one
         median = whole.median

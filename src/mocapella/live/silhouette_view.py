@@ -1,4 +1,4 @@
-"""The steps of a run of files in the view, while it goes on and afterwards."""
+"""Show a run's steps in a view of its own, during the run and afterwards."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from mocapella.viewer.picture_plane import CameraPicture
 UInt8 = NDArray[np.uint8]
 
 WIDTH_PX: Final = 560
-"""Of a picture in the view."""
+"""Width of an image in the view."""
 RATE_HZ: Final = 30.0
 _NO_LINES: Final = np.zeros((0, 2), np.float32)
 _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""From a sensor's axes, x left and y up, to a camera's, x right and y down."""
+"""Maps a sensor's axes, x left and y up, to a camera's, x right and y down."""
 
 
 class RunView:
-    """A page without a server, which shows scenes and images as they are given to it.
+    """A view without a server: shows the scenes and images passed to it.
 
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
         rig: of the cameras.
-        bodies: by name, where they begin.
+        bodies: initial bodies by name.
 
     Raises:
-        AddressInUseError: somebody else listens there.
-        SettingsError: an address that this machine cannot listen at.
+        AddressInUseError: another program listens there.
+        SettingsError: this machine does not have the address.
     """
 
     def __init__(self, host: str, port: int, rig: CameraRig, bodies: Mapping[str, InitialBody]) -> None:
-        # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
+        # viser warns if a message is queued for a browser that is just disconnecting.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         self._builds = {name: body.build or f"the mesh of {name!r} in this run" for name, body in bodies.items()}
         for name, body in bodies.items():
@@ -70,11 +70,11 @@ class RunView:
 
     @property
     def url(self) -> str:
-        """Where a browser finds it."""
+        """Address for a browser."""
         return self.viewer.url
 
     def show(self, scene: Scene, images: Mapping[str, UInt8]) -> None:
-        """Show a scene, and the images (height, width, 3) BGR of its instant by camera."""
+        """Show a scene, and the images (height, width, 3) BGR of the same time by camera."""
         bodies = tuple(
             body if body.build else msgspec.structs.replace(body, build=self._builds.get(body.name, ""))
             for body in scene.bodies
@@ -87,11 +87,11 @@ class RunView:
         self.beat()
 
     def beat(self) -> None:
-        """Serve the browsers; call it steadily while nothing is new."""
+        """Serve the browsers; call it at a steady rate while there is no new scene."""
         self.viewer.show(self._scene, self._frames, None, pictures=self._pictures, keep=self._kept)
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:
-        """All scenes have been: they can be looked at until ``stop`` is set, or for some seconds."""
+        """Keep showing the finished run until ``stop`` is set, or for ``seconds``."""
         self.viewer.end()
         end_s = None if seconds is None else time.monotonic() + seconds
         for now_s in beats(RATE_HZ, stop):
@@ -100,12 +100,12 @@ class RunView:
                 return
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         self.viewer.close()
 
 
 class SilhouetteView(RunView):
-    """A page for one run of `mocapella track silhouettes`; arguments and errors as of `RunView`."""
+    """A view of one run of `mocapella track silhouettes`; arguments and errors as of `RunView`."""
 
     def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
         super().__init__(host, port, run.rig, run.tracker.bodies)
@@ -116,7 +116,7 @@ class SilhouetteView(RunView):
 
 
 def _first_scene(rig: CameraRig, bodies: Mapping[str, InitialBody], builds: Mapping[str, str]) -> Scene:
-    """Bodies where they begin, before the first step."""
+    """Return a scene of the initial bodies, before the first step."""
     views = tuple(TrackedBodyView(camera, np.nan, "", _NO_LINES, _NO_LINES) for camera in rig.cameras)
     made = tuple(
         TrackedBody(
@@ -134,7 +134,7 @@ def _first_scene(rig: CameraRig, bodies: Mapping[str, InitialBody], builds: Mapp
 
 
 def _field_deg(rig: CameraRig, name: str) -> tuple[float, float]:
-    """A camera's field of view, across and high [°], as if its lens did not distort."""
+    """Return a camera's horizontal and vertical field of view [°], without distortion."""
     camera = rig.cameras[name].camera
     across, high = np.degrees(2 * np.arctan(0.5 * np.array(camera.size_px) / camera.lens[:2]))
     return float(across), float(high)

@@ -1,4 +1,4 @@
-"""How long each stage of a camera's node takes, and how still the markers of a hand at rest are."""
+"""Measure the duration of each stage of a camera's node, and the jitter of markers at rest."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 STAGES: Final = ("retrieval", "rectification", "detection", "sending", "all")
-"""Decoding a picture that has come; undistorting the points; finding them; encoding and sending; from a picture that
-has come to its markers sent."""
+"""Decoding an image; undistorting the points; detecting them; encoding and sending; from an image's arrival until its
+markers are sent."""
 
 
 class StageTimes:
-    """Takes the times of so many frames, and the markers in them."""
+    """Collects stage times and marker positions of a given number of frames."""
 
     def __init__(self, frames: int, markers: int) -> None:
         self._seconds = np.full((frames, len(STAGES)), np.nan)
@@ -25,11 +25,11 @@ class StageTimes:
 
     @property
     def full(self) -> bool:
-        """Whether there are as many as were wanted."""
+        """Whether it has all frames."""
         return self.count >= len(self._seconds)
 
     def add(self, seconds: Mapping[str, float], positions_px: NDArray[Any]) -> None:
-        """A frame's stages [s], those that it had, and its markers (markers, 2), NaN where not seen."""
+        """Add a frame's stage times [s], if measured, and its marker positions (markers, 2), NaN where not seen."""
         if self.full or positions_px.shape != self._px.shape[1:]:
             return
         for k, stage in enumerate(STAGES):
@@ -38,7 +38,7 @@ class StageTimes:
         self.count += 1
 
     def table(self) -> dict[str, dict[str, float]]:
-        """Of every stage that was there: mean, median, sd, p99 and max [ms], and of how many frames."""
+        """Return mean, median, sd, p99 and max [ms], and the number of frames, for each measured stage."""
         out = {}
         for k, stage in enumerate(STAGES):
             ms = 1e3 * self._seconds[: self.count, k]
@@ -55,9 +55,9 @@ class StageTimes:
         return out
 
     def jitter(self, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
-        """Of every marker: standard deviation in x and y [px], and in how many frames it was seen.
+        """Return each marker's standard deviation in x and y [px], and the number of frames in which it was seen.
 
-        It is the static jitter of the thesis' figure 7.7 where nothing moves.
+        For a scene at rest, this is the static jitter of the thesis' figure 7.7.
         """
         out = {}
         for k, name in enumerate(names):

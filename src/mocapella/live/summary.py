@@ -1,4 +1,4 @@
-"""What a run came to, as one value that a script can check."""
+"""Statistics of a run, as one value that a script can check."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mocapella.registry import load
 
 
 class LatencyHistogram:
-    """Percentiles of a run of any length in the same few kilobytes: logarithmic bins, 1.2 % wide.
+    """Percentiles of any number of latencies in a few kilobytes: logarithmic bins, 1.2 % wide.
 
-    A percentile is the upper edge of its bin, so it is never flattered, and by 1.2 % too large at most.
+    A percentile is the upper edge of its bin: never too small, and at most 1.2 % too large.
     """
 
     def __init__(self) -> None:
@@ -29,26 +29,26 @@ class LatencyHistogram:
         self.most = 0.0
 
     def add(self, latency: float) -> None:
-        """One more [s]; one below zero, which clocks a little apart can give, counts as the smallest."""
+        """Add a latency [s]; a negative one, from slightly different clocks, counts as the smallest."""
         self._counts[bisect.bisect_left(self._edges, latency)] += 1
         self.most = max(self.most, latency)
 
     def percentile(self, percent: float) -> float | None:
-        """The latency [s] that so many per cent do not exceed; None where there is none."""
+        """Return the latency [s] that ``percent`` of the values do not exceed; None without values."""
         total = int(self._counts.sum())
         if total == 0:
             return None
-        place = int(np.searchsorted(np.cumsum(self._counts), percent / 100 * total))
-        return min(self.most, self._edges[min(place, len(self._edges) - 1)])
+        index = int(np.searchsorted(np.cumsum(self._counts), percent / 100 * total))
+        return min(self.most, self._edges[min(index, len(self._edges) - 1)])
 
 
 MOST_CONDITIONS = 100
-"""So many different conditions are kept, the newest."""
+"""Number of different conditions to keep, the newest."""
 
 
 @dataclass
 class Condition:
-    """A fault or a task: when it was reported first and last [s], and in how many results."""
+    """A fault or a task: times of its first and last report [s], and the number of scenes that report it."""
 
     first_s: float
     last_s: float
@@ -57,9 +57,9 @@ class Condition:
 
 @dataclass
 class Labels:
-    """Of one sensor's views of people: how many there were, in how many the labels were swapped, how often that began.
+    """Counts of one sensor's views of people: all, those with swapped labels, and how often a swap began.
 
-    ``swapped_now`` has the persons in whose newest view they are.
+    ``swapped_now`` has the ids of people whose newest view is swapped.
     """
 
     views: int = 0
@@ -70,9 +70,9 @@ class Labels:
 
 @dataclass
 class RunSummary:
-    """Counts of a run, kept while it goes on.
+    """Running counts of a run.
 
-    ``began_ns`` is when the run began, on the clock of its results; that of the first where it is not given.
+    ``began_ns`` is the start of the run on the clock of its scenes; the first scene's time if None.
     """
 
     frames_in: int = 0
@@ -91,7 +91,7 @@ class RunSummary:
     times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
 
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
-        """One more result."""
+        """Add a scene."""
         self.scenes_out += 1
         self._count(scene)
         self.times.append(done_ns)
@@ -105,7 +105,7 @@ class RunSummary:
             self.latencies.add(latency)
 
     def _count(self, scene: Scene) -> None:
-        """How many parts of each type there are, and how good they are."""
+        """Count the parts of each type, and update their quality meters."""
         self.counts = {}
         for name, parts in scene.parts.items():
             kind = PART_TYPES.get(name)
@@ -120,7 +120,7 @@ class RunSummary:
                 meter.update(parts, scene.at_ns / NS_PER_S)
 
     def _note_labels(self, scene: Scene) -> None:
-        """Of the views that this result's own frame made; the others were counted with theirs."""
+        """Count the views of this scene's own frame; other views were counted with their frames."""
         found = ((person.id, person.view_of(scene.sensor)) for person in scene.people)
         views = {person: view.mirrored for person, view in found if view is not None}
         if views:
@@ -143,22 +143,22 @@ class RunSummary:
             self.conditions[text] = Condition(at_s, at_s)
 
     def state(self, at_s: float, phase: str, reason: str) -> None:
-        """The tracker's state changed."""
+        """Add a change of the tracker's state."""
         self.state_changes.append({"at_s": round(at_s, 3), "phase": phase, "reason": reason})
 
     def rate_hz(self, now_ns: int, over_s: float = 2.0) -> float:
-        """Results a second of late."""
+        """Return the recent rate of scenes [Hz]."""
         return sum(1 for t in tuple(self.times) if now_ns - t < over_s * 1e9) / over_s
 
     def latency_ms(self) -> dict[str, float] | None:
-        """From publish to result: percentiles [ms]; None where no clock was known."""
+        """Return percentiles of the latency from sent frame to scene [ms]; None if no clock was known."""
         named = {"p50": 50.0, "p90": 90.0, "p99": 99.0, "max": 100.0}
         values = {name: self.latencies.percentile(percent) for name, percent in named.items()}
         known = {name: round(value * 1e3, 3) for name, value in values.items() if value is not None}
         return known or None
 
     def _counted(self) -> dict[str, Any]:
-        """Of each type of parts how many there are, and at most were, and how good they were."""
+        """Return the present and largest number of parts of each type, and their quality."""
         row: dict[str, Any] = {}
         for name, kind in PART_TYPES.items():
             if kind.counted is not None:
@@ -168,7 +168,7 @@ class RunSummary:
         return row
 
     def never_tracked(self, last: TrackerState) -> str | None:
-        """Why the run never got to tracking, from the state it ended in; None where it did."""
+        """Return why the run never reached tracking, given its last state; None if it did."""
         if any(change["phase"] == Phase.TRACKING for change in self.state_changes):
             return None
         if last.phase is Phase.STOPPED:
@@ -183,11 +183,11 @@ class RunSummary:
         return f"{why}; {self.in_words(last.reason)}" if last.reason else why
 
     def in_words(self, reason: str) -> str:
-        """The reason, with the sensors that have one trouble named together."""
+        """Return the reason, with sensors that share a problem named together."""
         return "; ".join(conditions(reason, [place.sensor for place in self.places])) if self.places else reason
 
     def as_json(self, last: TrackerState) -> dict[str, Any]:
-        """The part of a summary that every run has; ``last`` is the state it ended in."""
+        """Return the part of a summary that all runs have; ``last`` is the final state."""
         return {
             "phase": last.phase.value,
             "reason": last.reason,
@@ -200,11 +200,11 @@ class RunSummary:
             "conditions": [
                 {
                     "condition": text,
-                    "first_s": round(said.first_s, 3),
-                    "last_s": round(said.last_s, 3),
-                    "results": said.results,
+                    "first_s": round(condition.first_s, 3),
+                    "last_s": round(condition.last_s, 3),
+                    "results": condition.results,
                 }
-                for text, said in self.conditions.items()
+                for text, condition in self.conditions.items()
             ],
             "conditions_left_out": self.conditions_left_out,
             "sensor_places": [_place_row(place) for place in self.places],
@@ -217,7 +217,7 @@ class RunSummary:
 
 
 def _place_row(place: SensorPlace) -> dict[str, Any]:
-    """Where a sensor stood at the end; null where that was not known."""
+    """Return a sensor's last pose; null if unknown."""
     T, sd_mm, sd_deg = place.T_world_sensor, 1e3 * place.position_sd, math.degrees(place.rotation_sd)
     return {
         "sensor": place.sensor,

@@ -1,6 +1,6 @@
-"""The view's process: the newest of everything from the bus to the screen, thirty times a second.
+"""The view's process: shows the newest scene, frames and status from the bus, thirty times a second.
 
-It is a process of its own, so that no browser and no drawing can ever slow the tracker.
+It is a separate process, so that no browser and no drawing slows the tracker.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from mocapella.wire.session import check_address, open_reader
 RATE_HZ = 30.0
 CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
 ATTEMPT_S = 0.5
-"""How long one attempt to reach the server takes at most: Ctrl-C waits for its end."""
+"""Longest duration of an attempt to reach the server [s]; Ctrl-C waits for its end."""
 STALE_AFTER_S = 2.0
-"""What is older than this is not shown as if it were now."""
+"""Age from which a scene, status or frame is no longer shown [s]."""
 
 T = TypeVar("T")
 
 
 class Held(Generic[T]):
-    """A value that stays until a newer one comes, or until it is stale."""
+    """Holds a value until a newer one comes, or until it is stale."""
 
     def __init__(self) -> None:
         self._value: T | None = None
         self._since_s = 0.0
 
     def update(self, fresh: T | None, now_s: float) -> T | None:
-        """The fresh value, or else the held one while it is not stale."""
+        """Return the fresh value, or else the held one while it is not stale."""
         if fresh is not None:
             self._value, self._since_s = fresh, now_s
         elif now_s - self._since_s > STALE_AFTER_S:
@@ -53,7 +53,7 @@ class Held(Generic[T]):
 
 
 class ViewState:
-    """What is shown now: the newest scene, status, and frame of each sensor."""
+    """Holds the newest scene, status, and frame of each sensor."""
 
     def __init__(self) -> None:
         self._scene: Held[Scene] = Held()
@@ -63,7 +63,7 @@ class ViewState:
     def update(
         self, scene: Scene | None, frames: dict[str, SensorFrame], status: SessionStatus | None, now_s: float
     ) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
-        """Take in what is new; returns what is to be drawn."""
+        """Add new values, if any; return those to draw."""
         for sensor in frames:
             self._frames.setdefault(sensor, Held())
         held = {sensor: slot.update(frames.get(sensor), now_s) for sensor, slot in self._frames.items()}
@@ -75,7 +75,7 @@ class ViewState:
 
 
 def beats(rate_hz: float, stop: threading.Event) -> Iterator[float]:
-    """Instants [s] at a steady rate until ``stop`` is set; after a delay it goes on, and does not catch up."""
+    """Yield the time [s] at a steady rate until ``stop`` is set; after a delay, skip beats instead of catching up."""
     due_s = time.monotonic()
     while not stop.is_set():
         yield time.monotonic()
@@ -84,14 +84,14 @@ def beats(rate_hz: float, stop: threading.Event) -> Iterator[float]:
 
 
 class Link:
-    """The way to the server, which is tried on a thread of its own until it is there; afterwards the bus keeps it.
+    """Connection to the server. A thread tries until the server answers; afterwards, the bus reconnects by itself.
 
     Args:
         connect: the server's address.
-        on_waiting: is called once, on that thread, where nobody answers at first.
+        on_waiting: called once, on that thread, if no server answers at first.
 
     Raises:
-        BusError: an address that cannot be used.
+        BusError: the address is invalid.
     """
 
     def __init__(self, connect: str, on_waiting: Callable[[str], None]) -> None:
@@ -103,12 +103,12 @@ class Link:
         self._thread.start()
 
     def newest(self) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
-        """What has come since the last call; nothing while no server was reached."""
+        """Return what has arrived since the last call; nothing before a server is reached."""
         newest = self._newest
         return (None, {}, None) if newest is None else (newest.scene(), newest.frames(), newest.status())
 
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
-        """Send a command; the reply says where nobody answers."""
+        """Send a command; if no server answers, the reply says so."""
         if self._session is None:
             return CommandReply(False, f"no server at {self._connect}; start one with: mocapella serve")
         try:
@@ -117,11 +117,11 @@ class Link:
             return CommandReply(False, str(error))
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
-        """Ask a camera's node, and wait for its answer.
+        """Query a camera's node, and wait for its answer.
 
         Raises:
-            BusError: nobody answers.
-            WireError: what comes is no answer.
+            BusError: no node answers.
+            WireError: the answer is invalid.
         """
         if self._session is None:
             raise NoServerError(f"no server at {self._connect}; start one with: mocapella serve")
@@ -157,16 +157,16 @@ def run_view(
     on_ready: Callable[[str], None] = lambda url: None,
     on_waiting: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set, whenever a server is there.
+    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
-    ``cloth``: one hangs before the first hand that is tracked.
-    ``on_ready`` is called with the page's URL, ``on_waiting`` with the address where no server answers yet.
+    ``cloth`` hangs a cloth before the first tracked hand. ``on_ready`` is called with the page's URL, ``on_waiting``
+    with the address if no server answers there yet.
 
     Raises:
         AddressInUseError: the port is in use.
-        BusError: an address that cannot be used.
+        BusError: an address is invalid.
     """
-    # What is shown to a browser in the instant in which it leaves is nobody's concern; viser would warn of it.
+    # viser warns if a message is queued for a browser that is just disconnecting.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     link = Link(connect, on_waiting)
     boards = BoardService(link.ask, link.command, Path.cwd(), warm_up=warm_up)
@@ -179,7 +179,7 @@ def run_view(
             picture = ViewState()
             for now_s in beats(RATE_HZ, stop):
                 scene, frames, status = picture.update(*link.newest(), now_s)
-                boards.learn(status)
+                boards.update(status)
                 viewer.show(scene, frames, status, boards.progress)
         finally:
             viewer.close()
