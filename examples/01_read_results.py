@@ -30,7 +30,7 @@ def main(address: str, seconds: float) -> None:
 if __name__ == "__main__":
     try:
         main(sys.argv[1] if len(sys.argv) > 1 else DEFAULT_ADDRESS, float(sys.argv[2]) if len(sys.argv) > 2 else 1e9)
-    except MocapellaError as error:  # without a server: nobody answers; start one (mocapella demo, or mocapella serve)
+    except MocapellaError as error:  # without a server; start one (mocapella demo, or mocapella serve)
         sys.exit(str(error))
     except KeyboardInterrupt:
         pass

@@ -146,12 +146,12 @@ def test_people_who_cannot_be_are_one_line(folder, found):
         (start("odd.json", {"anna": {**anna, "nose": [1]}, "ben": ben}), "odd.json: field anna.nose: [1]: is no place"),
         (start("mixed.json", {"anna": anna, "nose": [1, 2, 3]}), "mixed.json: field anna"),
         (start("nobody.json", {"anna": {}}), "nobody.json: field anna: {}: has no named joints"),
-        (start("name.json", {"a=b": anna}), "nobody can be called 'a=b'"),
+        (start("name.json", {"a=b": anna}), "'a=b' cannot be a person's name"),
         (("--start", "anna.json", "--start", "ben=ben.json"), "somebody without a name, and for others: write --start"),
         (("--start", "anna.json", "--start", "ben.json"), "are of somebody without a name; write --start anna=FILE"),
         (("--start", "both.json", "--start", "ben=ben.json"), "both.json and ben.json are both of ben"),
         (("--start", "bne=both.json"), "both.json has nobody called 'bne'; anna, ben (did you mean ben?)"),
-        (("--start", "=anna.json"), "nobody can be called ''"),
+        (("--start", "=anna.json"), "'' cannot be a person's name"),
         (("--start", "both.json", "--model", "bne=male"), "--model bne=male: nobody is called 'bne'; anna, ben"),
         (("--start", "anna.json", "--model", "anna=male"), "the start names nobody: write --start NAME=FILE"),
         (("--start", "both.json", "--model", "male", "--model", "female"), "--model is given twice: male and female"),
@@ -164,5 +164,5 @@ def test_people_who_cannot_be_are_one_line(folder, found):
         assert said in failed(folder, *arguments), arguments
     broken = {**found, "people": {"anna": {**found["people"]["anna"], "frames": []}}}
     assert "field people.anna.frames: has no frame" in failed(folder, *start("empty.json", broken))
-    assert "field people: has nobody" in failed(folder, *start("none.json", {**found, "people": {}}))
+    assert "field people: has no body" in failed(folder, *start("none.json", {**found, "people": {}}))
     assert "field version: 9" in failed(folder, *start("new.json", {**found, "version": 9}))

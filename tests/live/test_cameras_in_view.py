@@ -112,6 +112,6 @@ def test_colours_are_learnt_by_clicking_on_them_and_kept_and_a_node_that_goes_is
         saved = load_profile(tmp_path / "left.json")
         assert (saved.camera, saved.names, saved.size_px) == ("left", scene.names, (320, 240))
         assert node.end() == 0, node.output
-        page.locator(".mocapella-camera", has_text=re.compile("its node is gone|nobody answered")).wait_for()
+        page.locator(".mocapella-camera", has_text=re.compile("its node is gone|no answer within")).wait_for()
         assert serve.end() == 0, serve.output
     assert "Traceback" not in serve.output + node.output

@@ -15,7 +15,7 @@ from support.silhouette_rows import RunWithRows
 
 from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.live.silhouette_run import SilhouetteRun
-from mocapella.live.silhouette_statistics import Counted
+from mocapella.live.silhouette_statistics import BinnedValues
 from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.recording.bodies_file import ALONE, FollowedFrame
@@ -240,7 +240,7 @@ def count_of(kind):
 
 @given(st.lists(st.integers(0, 10_000), min_size=1, max_size=60), st.lists(st.integers(0, 10_000), max_size=9))
 def test_the_median_of_what_is_counted_is_the_median(values, others):
-    counted, more = Counted(1e-4), Counted(1e-4)
+    counted, more = BinnedValues(1e-4), BinnedValues(1e-4)
     for value in values:
         counted.add(value * 1e-4)
     for value in others:
@@ -250,4 +250,4 @@ def test_the_median_of_what_is_counted_is_the_median(values, others):
     counted += more
     assert len(counted) == len(values) + len(others)
     assert counted.median == pytest.approx(np.median(values + others) * 1e-4)
-    assert Counted(1.0).median is None
+    assert BinnedValues(1.0).median is None

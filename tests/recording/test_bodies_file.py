@@ -107,7 +107,7 @@ def test_one_body_is_nobody_by_name(tmp_path):
 
 @pytest.mark.parametrize("name", ["", " anna", "anna\n", "a=b", "\x00", "x" * 41])
 def test_nobody_is_called_so(name):
-    with pytest.raises(SettingsError, match="nobody can be called"):
+    with pytest.raises(SettingsError, match="cannot be a person's name"):
         check_person_name(name)
 
 

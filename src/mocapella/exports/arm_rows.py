@@ -1,4 +1,4 @@
-"""Arms of depth images as rows: of JSON, and of a table (`docs/arms/recordings.md` has both)."""
+"""Convert arms of depth images to rows of JSON and of a table (`docs/arms/recordings.md` describes both)."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ COLUMNS: Final = (
     "recording", "file", "time_s", "arm", "handedness", "handedness_sure", "gesture", "gesture_sure", "grabbing",
     "joint", "state", "x_m", "y_m", "z_m", "x_px", "y_px", "sd_m", "reason",
 )  # fmt: skip
-"""Of the table: a row a joint, and one without an arm where an image has none."""
+"""Columns of the table, with a row per joint, and one row for an image without an arm."""
 
 
 def handedness(arm: SeenArm) -> str:
-    """Left or right; unknown where that would be a guess."""
+    """Return left or right, or unknown if that is a guess."""
     return "unknown" if arm.left_sure <= 0.5 else "left" if arm.left else "right"
 
 
 def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_points: bool = False) -> dict[str, Any]:
-    """One image: its file, its time [s], its arms and why there are none, or what is doubtful.
+    """Return an image as a row: its file, its time [s], its arms, and why there are none or which are doubtful.
 
     Args:
-        all_points: the 23 of `ARM_POINTS` instead of the eight joints.
+        all_points: write the 23 of `ARM_POINTS` instead of the eight joints.
     """
     points = range(len(ARM_POINTS)) if all_points else ARM_JOINTS
     return {
@@ -64,7 +64,7 @@ def _arm(arm: SeenArm, lens: Float64, points: Sequence[int]) -> dict[str, Any]:
 
 
 def table_rows(recording: str, row: dict[str, Any]) -> Iterator[list[Any]]:
-    """The table's rows of a `frame_row`, in the order of `COLUMNS`; empty is not known."""
+    """Yield the table's rows of a `frame_row`, in the order of `COLUMNS`; unknown values are empty."""
     begin = [recording, row["file"], row["time_s"]]
     for arm in row["arms"]:
         of_arm = [arm[name] for name in ("id", "handedness", "handedness_sure", "gesture", "gesture_sure")]

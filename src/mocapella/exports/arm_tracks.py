@@ -1,4 +1,4 @@
-"""The arms of scenes as a table: a row for each joint of each arm of each result."""
+"""Export arms as a table: a row for each joint of each arm of each scene."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ COLUMNS: Final = (
 
 
 class ArmTracksReport(msgspec.Struct, frozen=True):
-    """What was written.
+    """Counts of an export.
 
     Attributes:
-        scenes: results that were read.
-        with_arms: of these, with an arm.
-        rows: in the file.
-        arms: how many there were in all.
+        scenes: scenes read.
+        with_arms: scenes with an arm.
+        rows: rows of the file.
+        arms: number of different arms.
     """
 
     scenes: int
@@ -40,14 +40,14 @@ class ArmTracksReport(msgspec.Struct, frozen=True):
 def write_arm_tracks(
     scenes: Iterable[Scene], path: Path, *, every: int = 1, all_points: bool = False
 ) -> ArmTracksReport:
-    """Write `COLUMNS`; what is not known is empty, and times begin with the first result. The file appears complete.
+    """Write `COLUMNS`; unknown values are empty, and times start with the first scene. The file appears complete.
 
     Args:
-        every: each n-th result.
-        all_points: the 23 of `ARM_POINTS` instead of the eight joints.
+        every: write each n-th scene.
+        all_points: write the 23 of `ARM_POINTS` instead of the eight joints.
 
     Raises:
-        SettingsError: it cannot be written there.
+        SettingsError: the file cannot be written.
     """
     chosen = range(len(ARM_POINTS)) if all_points else ARM_JOINTS
     part = path.with_name(f".{path.name}.part")

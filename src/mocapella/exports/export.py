@@ -1,4 +1,4 @@
-"""What an export is: the descriptor of a verb of ``mocapella export``."""
+"""The descriptor of an export, a verb of ``mocapella export``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class Export:
-    """An export of a take's results.
+    """An export of a take's scenes.
 
     Attributes:
         interface: of `mocapella.registry`.
@@ -30,22 +30,22 @@ class Export:
 
 
 EXPORTS: Final = Table("mocapella.exports", Export, "export")
-"""By name."""
+"""All exports by name."""
 
 
 def left_out(export: Export, parts: Mapping[str, int]) -> dict[str, int]:
-    """Which parts an export does not carry.
+    """Return the parts that an export does not carry.
 
     Args:
         export: the export.
-        parts: how many parts of each type a take has, by the type's name.
+        parts: number of parts of each type in a take, by the type's name.
 
     Returns:
-        How many are left out, by the type's name.
+        The number of parts left out, by the type's name.
     """
     return {} if export.parts is None else {name: n for name, n in parts.items() if name not in export.parts}
 
 
 def exports_of(parts: Collection[str]) -> tuple[str, ...]:
-    """Names of the exports that carry any of these types of scene parts, such as those that a method makes."""
+    """Return the names of the exports that carry any of these part types, for example those of a method."""
     return tuple(each.name for each in EXPORTS.values() if each.parts is None or not set(parts).isdisjoint(each.parts))

@@ -1,4 +1,4 @@
-"""Scenes as lines of JSON, whatever their parts are: all plain fields, arrays as lists, NaN as null."""
+"""Export scenes with any parts as lines of JSON: all fields, arrays as lists, NaN as null."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from mocapella.model.scene import Scene, UnknownPart
 
 
 class SceneLinesReport(msgspec.Struct, frozen=True):
-    """What was written.
+    """Counts of an export.
 
     Attributes:
-        scenes: in the take.
-        written: lines.
-        parts: how many parts of each type are in them.
-        unread: of these, parts of types that no installed package reads; only their size is written.
+        scenes: scenes in the take.
+        written: written lines.
+        parts: number of written parts of each type.
+        unread: number of parts of types that no installed package reads, written as their size only.
     """
 
     scenes: int
@@ -35,8 +35,8 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
 
     Args:
         scenes: (run, log_ns, scene) in their order; ``log_ns`` is of the server's clock.
-        path: the file; one of that name is replaced.
-        every: write each n-th scene only.
+        path: the file; an existing one is replaced.
+        every: write each n-th scene.
 
     Raises:
         SettingsError: the file cannot be written.
@@ -63,7 +63,7 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
 
 
 def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
-    """A scene as JSON; an `UnknownPart` is named with its size."""
+    """Return a scene for JSON; an `UnknownPart` as its name and size."""
     row = {
         "run": run,
         "log_ns": log_ns,

@@ -1,4 +1,4 @@
-"""Named points in space as files: our own CSV, and TRC of OpenSim and other programs of biomechanics."""
+"""Export named 3D points: Mocapella's CSV, and TRC for OpenSim and other biomechanics software."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Float64 = NDArray[np.float64]
 
 COLUMNS: Final = ("frame", "time_s", "point", "x_m", "y_m", "z_m", "sd_m", "views", "residual_px")
 UP: Final = {"y": (0, 1, 2), "z": (1, 2, 0), "-y": (0, 1, 2)}
-"""Which axes of the world become X, Y, Z of a TRC, whose Y is up: of a world whose z is up they are y, z and x."""
+"""World axes that become X, Y, Z of a TRC, whose Y is up; if z is up in the world: y, z and x."""
 
 
 def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: float | None = None) -> None:
-    """Write a file; its suffix says of which kind. It appears complete or not at all.
+    """Write a file of the suffix's format. It appears complete or not at all.
 
     Args:
-        tracks: a CSV has only points that are known, a TRC leaves the others empty.
+        tracks: a CSV has only known points; a TRC has empty values for the others.
         path: ends with .csv or .trc.
-        up: which axis of the world is up: y, z, or -y of a world that is a camera's space. A CSV is in the axes of the
-            rig whatever is up.
-        hz: frames a second, where the tracks have no times.
+        up: the upward axis of the world: y, z, or -y if the world is a camera's space. A CSV always has the axes of the
+            rig.
+        hz: frame rate, if the tracks have no times.
 
     Raises:
-        SettingsError: another suffix or axis, a rate that is not above 0, or the file cannot be written.
+        SettingsError: the suffix or axis is unknown, the rate is not above 0, or the file cannot be written.
     """
     writers: dict[str, Callable[[], str]] = {
         ".csv": lambda: as_csv(tracks, hz),
@@ -58,7 +58,7 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
 
 
 def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
-    """`COLUMNS`, a row for each point that is known."""
+    """Yield `COLUMNS`, a row for each known point."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -82,7 +82,7 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
 
 
 def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = None) -> str:
-    """A TRC in metres with Y up.
+    """Return a TRC in metres with Y up.
 
     Raises:
         InputError: the tracks have no times, and no rate is given.
@@ -109,5 +109,5 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
 
 
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:
-    """(frames,) of the tracks, or, with a rate, of their frame numbers [s]."""
+    """Return (frames,) times of the tracks, or of their frame numbers at a rate [s]."""
     return tracks.frames / hz if hz is not None else tracks.at_s

@@ -239,9 +239,7 @@ class Server:
         """Report conditions while tracking; one that keeps returning is not reported each time."""
         self._reported = {text: at_s for text, at_s in self._reported.items() if now_s - at_s < CONDITION_AGAIN_S}
         for text in self.summary.in_words(reason).split("; "):
-            if (
-                text and not text.endswith(": silent") and text not in self._reported
-            ):  # silence: see the registry
+            if text and not text.endswith(": silent") and text not in self._reported:  # silence: see the registry
                 self._reported[text] = now_s
                 self._note(text)
 

@@ -1,4 +1,4 @@
-"""Followed bodies as a JSON file, and what they are started from: an earlier such file, or named joints in space."""
+"""Tracked bodies as a JSON file, and the files to start tracking from: an earlier result, or named 3D joints."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ Triple = tuple[float, float, float]
 FORMAT: Final = "mocapella followed body"
 PEOPLE_FORMAT: Final = "mocapella followed people"
 VERSION: Final = 1
-"""Of both files' layout."""
+"""Version of both file layouts."""
 ALONE: Final = ""
-"""The name of a body that nobody named: it is the only one."""
+"""Key of the only body of a run without names."""
 LONGEST_NAME: Final = 40
 FARTHEST_M: Final = 1000.0
-"""A joint farther from the origin is not told in metres."""
+"""Largest distance of a joint from the origin; beyond it, the unit is probably not metres [m]."""
 
 
 class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A body in one frame, as the file has it.
+    """A body in one frame, as in the file.
 
     Attributes:
         frame: its number in the videos.
         time_s: of capture, from the videos' start.
         root_twist: of T_world_model: translation part [m], then rotation vector [rad].
         angles: by joint name [rad].
-        joints: where the landmarks are, by name [m].
-        overlap: intersection over union of the model's outline and the image's, by camera that saw it.
-        left_out: why a camera's image did not count, by camera.
-        lost: whether nobody is there who is followed; the pose is then where somebody was last.
+        joints: positions of the landmarks, by name [m].
+        overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
+        left_out: why a camera's image was not used, by camera.
+        lost: whether the body is lost; the pose is then the last known one.
     """
 
     frame: int
@@ -54,7 +54,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lost: bool = False
 
     def pose(self, joint_names: Sequence[str]) -> TreePose:
-        """Of a model with these joints; one that the file does not have stands at 0."""
+        """Return the pose of a model with these joints; a joint that the file does not have is at 0."""
         angles = np.array([self.angles.get(name, 0.0) for name in joint_names], dtype=np.float64)
         return TreePose(exp_twist(self.root_twist), angles)
 
@@ -70,7 +70,7 @@ def frame_of(
     left_out: Mapping[str, str],
     lost: bool,
 ) -> FollowedFrame:
-    """What the file has of a pose."""
+    """Return a pose as in the file."""
     twist = tuple(float(x) for x in log_motion(pose.T_world_model))
     angles = dict(zip(joint_names, pose.angles.tolist(), strict=True))
     joints = {name: tuple(at.tolist()) for name, at in landmarks.items()}
@@ -81,14 +81,14 @@ def frame_of(
 
 
 class FollowedBody(msgspec.Struct, frozen=True):
-    """A file: whose body it was, and where it was.
+    """A file of one tracked body.
 
     Attributes:
-        format, version: what it is.
-        model: male, female, legs or a file.
-        height_m: of who is no file, where it was given.
-        proportions: lengths of segments [m], by name; those that were known.
-        frames: see there.
+        format, version: of the file.
+        model: male, female, legs, or a mesh file.
+        height_m: subject height, if given; None for mesh files.
+        proportions: known lengths of segments [m], by name.
+        frames: the tracked frames.
     """
 
     model: str
@@ -100,12 +100,12 @@ class FollowedBody(msgspec.Struct, frozen=True):
 
 
 class FollowedPeople(msgspec.Struct, frozen=True):
-    """A file of several: each as a file of its own would have it.
+    """A file of several tracked bodies, each as in a file of its own.
 
     Attributes:
-        format, version: what it is.
-        people: by name.
-        rows: of a run that is not finished (`growing_bodies.py`), its frames, each of all by name.
+        format, version: of the file.
+        people: bodies by name.
+        rows: frames of an unfinished run (`bodies_writer.py`), each with all bodies by name.
     """
 
     people: dict[str, FollowedBody]
@@ -118,20 +118,20 @@ _File = TypeVar("_File", FollowedBody, FollowedPeople)
 
 
 def is_followed_people(data: Any) -> bool:
-    """Whether a JSON's content is meant to be such a file, rather than one body's or named joints."""
+    """Whether JSON content claims to be a file of several bodies."""
     return isinstance(data, dict) and data.get("format") == PEOPLE_FORMAT
 
 
 def is_followed_body(data: Any) -> bool:
-    """Whether a JSON's content is meant to be one, rather than named joints."""
+    """Whether JSON content claims to be a file of one body, rather than named joints."""
     return isinstance(data, dict) and "frames" in data
 
 
 def read_json(path: Path) -> Any:
-    """The content of a JSON file.
+    """Return the content of a JSON file.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: it cannot be read, or is not JSON.
     """
     try:
         return msgspec.json.decode(read_whole(path, fix="name a file that exists"))
@@ -142,19 +142,19 @@ def read_json(path: Path) -> Any:
 
 
 def read_followed_body(path: Path) -> FollowedBody:
-    """An earlier file of one body.
+    """Read a file of one body.
 
     Raises:
-        InputError: it is none, is of another version, or has no frames; names the field.
+        InputError: it is another kind of file, has another version, or no frames; names the field.
     """
     return _checked(_converted(read_json(path), FollowedBody, FORMAT, path), path, "frames")
 
 
 def read_followed_people(path: Path) -> dict[str, FollowedBody]:
-    """An earlier file, by name; `ALONE` where it is of one body.
+    """Read a file of one or several bodies; return them by name, or a single one under `ALONE`.
 
     Raises:
-        InputError: it is none, is of another version, or somebody has no frames; names the field.
+        InputError: it is another kind of file, has another version, or a body has no frames; names the field.
     """
     data = read_json(path)
     if not is_followed_people(data):
@@ -167,7 +167,7 @@ def read_followed_people(path: Path) -> dict[str, FollowedBody]:
             for name, body in people.items()
         }
     if not people:
-        raise InputError("has nobody", file=path, field="people", fix="name a file in which somebody was followed")
+        raise InputError("has no body", file=path, field="people", fix="name a file with tracked frames of a body")
     return {name: _checked(body, path, f"people.{name}.frames") for name, body in people.items()}
 
 
@@ -188,29 +188,29 @@ def _converted(data: Any, to: type[_File], words: str, path: Path) -> _File:
 
 def _checked(found: FollowedBody, path: Path, field: str) -> FollowedBody:
     if not found.frames:
-        raise InputError("has no frame", file=path, field=field, fix="name a file in which somebody was followed")
+        raise InputError("has no frame", file=path, field=field, fix="name a file with tracked frames of a body")
     return found
 
 
 def check_person_name(name: str) -> str:
-    """The name itself, where somebody can be called so.
+    """Return the name of a person if it is valid.
 
     Raises:
-        SettingsError: it cannot be shown, or not be told from what follows it on a command line.
+        SettingsError: it is not printable, or ambiguous on a command line.
     """
     if not (0 < len(name.strip()) == len(name) <= LONGEST_NAME and name.isprintable() and "=" not in name):
         raise SettingsError(
-            f"nobody can be called {name!r}; take 1 to {LONGEST_NAME} characters without '=', such as anna"
+            f"{name!r} cannot be a person's name; use 1 to {LONGEST_NAME} characters without '=', such as anna"
         )
     return name
 
 
 def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
-    """(3,) [m] by person and by name, of a JSON's content; `ALONE` where it has the joints of one.
+    """Return joint positions (3,) [m] by person and joint name from JSON content; a single person under `ALONE`.
 
     Raises:
-        InputError: it is no such mapping; names the person, the joint and its value.
-        SettingsError: somebody cannot be called so.
+        InputError: the content has another form; names the person, the joint and its value.
+        SettingsError: a person's name is invalid.
     """
     if isinstance(data, dict) and data and all(isinstance(one, dict) for one in data.values()):
         return {check_person_name(name): named_joints(one, path, f"{name}.") for name, one in data.items()}
@@ -218,15 +218,15 @@ def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
 
 
 def named_joints(data: Any, path: Path, whose: str = "") -> dict[str, Float64]:
-    """(3,) [m] by name, of a JSON's content.
+    """Return joint positions (3,) [m] by name from JSON content.
 
     Args:
         data: the content.
-        path: its file.
-        whose: what stands before a field's name in an error.
+        path: its file, for errors.
+        whose: prefix of a field's name in an error.
 
     Raises:
-        InputError: it is no such mapping; names the joint and its value.
+        InputError: the content has another form; names the joint and its value.
     """
     if not isinstance(data, dict) or not data:
         fix = 'write {"left hip": [x, y, z], …} in metres of the rig\'s world'

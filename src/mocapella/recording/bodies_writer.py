@@ -1,9 +1,9 @@
-"""Followed bodies written frame by frame, as they are followed, to a file that can be read at any time.
+"""Write tracked bodies frame by frame to a file that can be read at any time.
 
-While a run goes on, its frames are in a file beside the one that is to be: ``out.part.json`` of ``out.json``. After
-every frame it is a whole JSON that `followed_bodies.py` reads, so that a run that is killed leaves what it had. Of
-one body it has the layout of the result, but for the summary; of several, a row has all of them. At the end it becomes
-the result, which appears complete or not at all.
+During a run, its frames are in a file beside the result: ``out.part.json`` for ``out.json``. After every frame, it is
+valid JSON that `bodies_file.py` reads, so a killed run leaves its frames. For one body, it has the layout of the
+result without the summary; for several, each row has all bodies. At the end it becomes the result, which appears
+complete or not at all.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _Row = TypeVar("_Row")
 
 
 class BodiesWriter:
-    """The file of one run. A context manager; left before `finish` it keeps what there is.
+    """Writes the file of one run. A context manager; left before `finish`, the part file stays.
 
     Args:
-        path: of the result; None where it is not to be a file of its own: then what is written goes with it.
-        bodies: who is followed, without frames, by name.
-        how: of the whole run, as the file has it.
+        path: of the result; None writes a temporary file, which is removed at the end.
+        bodies: the tracked bodies by name, without frames.
+        how: values of the whole run for the file.
 
     Attributes:
-        part: where frames are meanwhile; None where ``path`` is.
+        part: file of the frames during the run; None if ``path`` is.
         bodies: see above.
-        frames: how many there are.
+        frames: number of written frames.
 
     Raises:
-        RecordingError: it cannot be written there.
+        RecordingError: the file cannot be written there.
     """
 
     def __init__(self, path: Path | None, bodies: Mapping[str, FollowedBody], how: Mapping[str, Any]) -> None:
@@ -59,17 +59,17 @@ class BodiesWriter:
         self._begin = self._end
 
     def add(self, rows: Mapping[str, FollowedFrame]) -> None:
-        """The next frame: a row of each body.
+        """Write the next frame: a row of each body.
 
         Raises:
-            DiskFullError, RecordingError: it could not be written; what was before is there.
+            DiskFullError, RecordingError: it could not be written; earlier frames are kept.
         """
         data = msgspec.json.encode(rows[ALONE] if ALONE in self.bodies else rows)
         self._put(b",\n" if self.frames else b"\n", data)
         self.frames += 1
 
     def rows(self, of: type[_Row]) -> Iterator[dict[str, _Row]]:
-        """Each frame again, by name; of each body what the type has."""
+        """Yield each written frame: the rows by body, with the fields of the given type."""
         for line in self._lines():
             if ALONE in self.bodies:
                 yield {ALONE: msgspec.json.decode(line, type=of)}
@@ -77,10 +77,10 @@ class BodiesWriter:
                 yield msgspec.json.decode(line, type=dict[str, of])  # type: ignore[valid-type]
 
     def finish(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
-        """Make the result of it: with what the run came to, and what it came to for each body, by name.
+        """Write the result with the summaries of the run and of each body by name.
 
         Raises:
-            DiskFullError, RecordingError: it could not be written; what was before is there.
+            DiskFullError, RecordingError: it could not be written; the part file is kept.
         """
         try:
             if ALONE in self.bodies:
@@ -96,7 +96,7 @@ class BodiesWriter:
             raise self._as_ours(error) from error
 
     def copy_to(self, out: IO[str]) -> None:
-        """Write the result elsewhere, too."""
+        """Also write the result to a stream."""
         self._file.seek(0)
         decoder = codecs.getincrementaldecoder("utf-8")()
         while piece := self._file.read(PIECE):
@@ -104,7 +104,7 @@ class BodiesWriter:
         out.flush()
 
     def close(self) -> None:
-        """End; a part without a frame is of no use to anybody."""
+        """Close the part file, and remove it if it has no frame."""
         self._file.close()
         if self.part is not None and not self.frames:
             self.part.unlink(missing_ok=True)
@@ -117,7 +117,7 @@ class BodiesWriter:
         self.close()
 
     def _head(self) -> bytes:
-        """All before the first frame."""
+        """Return the text before the first frame."""
         if ALONE in self.bodies:
             return _opened({**_without_frames(self.bodies[ALONE]), **self._how}) + b',\n"frames": ['
         people = {name: {**_without_frames(body), "frames": []} for name, body in self.bodies.items()}
@@ -125,11 +125,11 @@ class BodiesWriter:
         return _opened(whole) + b',\n"rows": ['
 
     def _put(self, before: bytes, data: bytes) -> None:
-        """Behind what is there, and what ends the file behind it: in one piece, so that there is no moment between."""
+        """Append data and the end of the file in one write, so that the file is valid at any time."""
         try:
             self._write(before + data + self._tail)
         except OSError as error:
-            with suppress(OSError):  # where that much was there before, it is not too much
+            with suppress(OSError):  # back to the earlier length
                 self._write(self._tail)
                 self._file.truncate(self._end + len(self._tail))
             raise self._as_ours(error) from error
@@ -153,7 +153,7 @@ class BodiesWriter:
             yield rest
 
     def _put_together(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
-        """Of rows that have all bodies, a body after the other."""
+        """Turn rows of all bodies into frames of one body after the other."""
         beside = None if self.part is None else self.part.with_suffix(".whole")
         whole = tempfile.TemporaryFile() if beside is None else beside.open("w+b")  # noqa: SIM115
         try:
@@ -189,7 +189,7 @@ class BodiesWriter:
 
 
 def left_behind(path: Path) -> list[Path]:
-    """What is there already of results of that name that are not finished: their runs go on, or were killed."""
+    """Return the part files of unfinished results of that name: their runs go on, or were killed."""
     found: list[Path] = []
     for part in _part_names(path):
         if not part.exists():
@@ -199,19 +199,19 @@ def left_behind(path: Path) -> list[Path]:
 
 
 def _part_names(path: Path) -> Iterator[Path]:
-    """``out.part.json``, ``out.part2.json``, …"""
+    """Yield ``out.part.json``, ``out.part2.json``, …"""
     for number in range(1, 1_000_000):
         yield path.with_name(f"{path.stem}.part{number if number > 1 else ''}{path.suffix or '.json'}")
 
 
 def _without_frames(body: FollowedBody) -> dict[str, Any]:
-    said = msgspec.to_builtins(body)
-    assert isinstance(said, dict)
-    first = {key: said.pop(key) for key in ("format", "version")}
-    del said["frames"]
-    return {**first, **said}
+    values = msgspec.to_builtins(body)
+    assert isinstance(values, dict)
+    first = {key: values.pop(key) for key in ("format", "version")}
+    del values["frames"]
+    return {**first, **values}
 
 
 def _opened(values: Mapping[str, Any]) -> bytes:
-    """A JSON object that does not end yet."""
+    """Return a JSON object without its closing brace."""
     return msgspec.json.encode(values).removesuffix(b"}")

@@ -1,4 +1,4 @@
-"""The disk under a recording: names that are safe, room that is there, files that are new, bytes that are stored."""
+"""Disk access of recordings: safe names, free space, new files, and durable writes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ except ImportError:  # Windows has no advisory locks of this kind; there the exc
 GIB: Final = 1 << 30
 SUFFIX: Final = ".mcap"
 MAX_NAME_BYTES: Final = 200
-"""File systems allow 255; the rest is for ``.part12.mcap`` and ``.merging.mcap``."""
+"""Longest name of a take; file systems allow 255, and ``.part12.mcap`` or ``.merging.mcap`` is appended."""
 
 _RESERVED = re.compile(r"\.(part\d+|merging)$", re.IGNORECASE)
 _PART_OR_TAKE = re.compile(r"(\.(part\d+|merging))?\.mcap$", re.IGNORECASE)
@@ -31,10 +31,10 @@ _data_sync = getattr(os, "fdatasync", os.fsync)  # not on every system
 
 
 def take_path(folder: Path | str, name: str) -> Path:
-    """Where the take of that name lies: ``folder/name.mcap``. The name may come from anybody.
+    """Return the path of a take: ``folder/name.mcap``. The name is untrusted.
 
     Raises:
-        RecordingError: a name that is empty, too long, or could lead out of the folder; says what a name may be.
+        RecordingError: the name is empty, too long, or leads out of the folder; says what a name may be.
     """
     stem = name[: -len(SUFFIX)] if name.lower().endswith(SUFFIX) else name
     problem = ""
@@ -57,7 +57,7 @@ def take_path(folder: Path | str, name: str) -> Path:
 
 
 def next_name(take: str) -> str:
-    """The name for the take after this one: its last number one higher, or ``-2`` where it has none."""
+    """Return the name of the next take: its last number plus one, or with ``-2`` if it has none."""
     match = re.fullmatch(r"(.*?)(\d+)", take)
     if match is None:
         return f"{take}-2"
@@ -66,10 +66,10 @@ def next_name(take: str) -> str:
 
 
 def free_name(folder: Path, name: str) -> str:
-    """The name itself, or the next one after it that no take in the folder has, nor a part of one."""
+    """Return the name itself, or the next one that no take or part in the folder has."""
     try:
         taken = {_PART_OR_TAKE.sub("", entry.name).lower() for entry in folder.iterdir()}
-    except OSError:  # not made yet, or not ours to read: recording into it says so
+    except OSError:  # missing or unreadable: recording into it reports that
         taken = set()
     while name.lower() in taken:
         name = next_name(name)
@@ -77,10 +77,10 @@ def free_name(folder: Path, name: str) -> str:
 
 
 def ensure_folder(folder: Path) -> None:
-    """Make the folder, unless it is there.
+    """Make the folder, unless it exists.
 
     Raises:
-        RecordingError: it cannot be made, or something else has its name.
+        RecordingError: it cannot be made, or its path is a file.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -89,30 +89,30 @@ def ensure_folder(folder: Path) -> None:
 
 
 def part_path(path: Path, number: int) -> Path:
-    """Where part ``number`` (1, 2, …) of a take lies: the take itself, ``NAME.part2.mcap``, ``NAME.part3.mcap``, …."""
+    """Return the path of part ``number`` (1, 2, …) of a take: the take itself, ``NAME.part2.mcap``, …"""
     return path if number == 1 else path.with_name(f"{path.stem}.part{number}{SUFFIX}")
 
 
 def merging_path(path: Path) -> Path:
-    """Where the parts of a take are put together before they replace it."""
+    """Return the path at which the parts of a take are merged before they replace it."""
     return path.with_name(f"{path.stem}.merging{SUFFIX}")
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """The parts that there are of a take, in order, the take itself first."""
+    """Return the existing parts of a take in order, the take itself first."""
     pattern = re.compile(re.escape(path.stem) + r"\.part(\d+)\.mcap")
     found = [(int(m[1]), entry) for entry in path.parent.iterdir() if (m := pattern.fullmatch(entry.name))]
     return (path, *(entry for _, entry in sorted(found)))
 
 
 def next_part(path: Path) -> int:
-    """The number of the part that comes after all that there are."""
+    """Return the number of the next part."""
     last = re.search(r"\.part(\d+)\.mcap$", parts_of(path)[-1].name)
     return int(last[1]) + 1 if last else 2
 
 
 def check_can_record(path: Path, reserve_bytes: int = GIB) -> None:
-    """Refuse, before anything is created, what could not be recorded.
+    """Check, before anything is created, that a take can be recorded.
 
     Raises:
         RecordingError: the folder is missing, no folder, or cannot be written to.
@@ -126,7 +126,7 @@ def check_can_record(path: Path, reserve_bytes: int = GIB) -> None:
 
 
 def check_folder(folder: Path, reserve_bytes: int) -> None:
-    """The folder's half of `check_can_record`."""
+    """Check the folder as `check_can_record` does."""
     if not folder.is_dir():
         what = "is no folder" if folder.exists() else "does not exist"
         raise RecordingError(f"cannot record into {folder}: it {what}; make the folder or choose another")
@@ -138,32 +138,32 @@ def check_folder(folder: Path, reserve_bytes: int) -> None:
 
 
 def name_taken(path: Path, why: str = "it exists") -> TakeExistsError:
-    """The error for a name in use, with what to do."""
+    """Return the error for a name in use."""
     return TakeExistsError(f"cannot record to {path}: {why}, and nothing is overwritten; choose another name")
 
 
 def too_little(free: int, needed: int) -> str:
-    """``'0.4 GiB are free and 1.0 GiB are needed; …'``."""
+    """Return ``'0.4 GiB are free and 1.0 GiB are needed; …'``."""
     return (
         f"{free / GIB:.2f} GiB are free and {needed / GIB:.2f} GiB are needed; free some space or choose another disk"
     )
 
 
 def free_bytes(folder: Path) -> int:
-    """Free space for this user."""
+    """Return the free space for this user."""
     return shutil.disk_usage(folder).free
 
 
 def is_full(error: OSError) -> bool:
-    """Whether the disk refused for want of space."""
+    """Whether an error reports a full disk."""
     return error.errno in _FULL
 
 
 def create_new(path: Path) -> int:
-    """A file descriptor of a file that did not exist before.
+    """Create a new file; return its descriptor.
 
     Raises:
-        TakeExistsError: it exists, also as a dangling link.
+        TakeExistsError: the file exists, also as a dangling link.
         DiskFullError, RecordingError: the file system refuses.
     """
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -177,20 +177,20 @@ def create_new(path: Path) -> int:
 
 
 def lock(fd: int) -> bool:
-    """Mark the file as being recorded, until it is closed or the process ends; False where another has marked it."""
+    """Lock the file until it is closed or the process ends; return False if another process has locked it."""
     if fcntl is None:
         return True
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks, as some network ones: as on Windows
+    except OSError:  # some network file systems have no locks: then as on Windows
         return True
     return True
 
 
 def removed(fd: int) -> bool:
-    """Whether the open file has no name any more: its bytes are gone when it is closed."""
+    """Whether the open file was removed: its bytes are gone when it is closed."""
     return os.fstat(fd).st_nlink == 0
 
 
@@ -203,7 +203,7 @@ def leads_to(path: Path, fd: int) -> bool:
 
 
 def write_all(fd: int, data: bytes) -> None:
-    """Write everything, however little the system takes at a time."""
+    """Write all data, in several system calls if necessary."""
     rest = memoryview(data)
     while rest:
         rest = rest[os.write(fd, rest) :]

@@ -1,7 +1,7 @@
-"""Files of 2D points: folders of OpenPose, CSV of Caliscope and FreeMoCap-like tools, and our own CSV.
+"""Read files of 2D points: folders of OpenPose, CSV of Caliscope and FreeMoCap-like tools, and Mocapella's CSV.
 
-Our own has a row for each point that a camera saw in a frame, with the columns ``frame, camera, point, x_px, y_px`` and
-perhaps ``confidence`` and ``time_s``, in any order; docs/triangulation.md describes it.
+Mocapella's has a row for each point that a camera saw in a frame, with the columns ``frame, camera, point, x_px,
+y_px`` and optionally ``confidence`` and ``time_s``, in any order; docs/triangulation.md describes it.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ BODY_25B: Final = (
     "RSmallToe", "RHeel",
 )  # fmt: skip
 OPENPOSE_ORDERS: Final = {"BODY_25B": BODY_25B, "BODY_25": BODY_25}
-"""Both have 25 points: the file does not say which it is."""
+"""Orders of OpenPose's points. Both have 25 points, and a file does not name its order."""
 
 
 def read_image_tracks(
     paths: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
 ) -> ImageTracks:
-    """2D points: folders of OpenPose JSON, one a camera, or one CSV.
+    """Read 2D points of one folder of OpenPose JSON per camera, or of one CSV.
 
     Args:
         paths: the folders, or the file.
         order: of OpenPose's points, see `OPENPOSE_ORDERS`.
-        progress: is told what is read.
+        progress: receives the name of each file.
 
     Raises:
         InputError: names file, row, field and value.
@@ -74,10 +74,10 @@ def read_image_tracks(
 def read_openpose(
     folders: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
 ) -> ImageTracks:
-    """OpenPose's JSON, a folder for each camera and a file for each frame; of several people the surest is taken.
+    """Read OpenPose JSON, a folder per camera and a file per frame; of several people, the most confident is used.
 
     Raises:
-        InputError: a folder without JSON, a file that is none of OpenPose's, or another number of points.
+        InputError: a folder has no JSON, or a file is not OpenPose's or has another number of points.
     """
     names = OPENPOSE_ORDERS[order]
     found: dict[int, dict[int, Float64]] = {}
@@ -103,9 +103,9 @@ def read_openpose(
     for i, number in enumerate(frames):
         for k, keypoints in found[int(number)].items():
             table[i, k] = keypoints
-    notes = [f"{several} pictures have more than one person: the surest of each was taken"] if several else []
+    notes = [f"{several} images have more than one person: the most confident of each was used"] if several else []
     missing = len(frames) * len(folders) - sum(map(len, found.values()))
-    notes += [f"{missing} frames are not there of every camera"] if missing else []
+    notes += [f"{missing} frames are missing in some camera"] if missing else []
     seen = table[..., 2] > 0
     return ImageTracks(
         tuple(folder.name for folder in folders), names, frames, np.full(table.shape[:2], np.nan),
@@ -114,7 +114,7 @@ def read_openpose(
 
 
 def read_csv(path: Path) -> ImageTracks:
-    """Caliscope's CSV or our own, by the names of its columns.
+    """Read Caliscope's CSV or Mocapella's, recognised by the columns.
 
     Raises:
         InputError: names file, row, field and value.
@@ -134,7 +134,7 @@ def read_csv(path: Path) -> ImageTracks:
             file=path,
             row=1,
             value=", ".join(columns),
-            fix=f"give it {', '.join(OWN_COLUMNS)} (our own) or {', '.join(CALISCOPE_COLUMNS)} (Caliscope)",
+            fix=f"give it {', '.join(OWN_COLUMNS)} (Mocapella) or {', '.join(CALISCOPE_COLUMNS)} (Caliscope)",
         )
     return _table(path, fields, _rows(path))
 
@@ -209,7 +209,7 @@ def _text(path: Path, row: int, field: str, cells: Mapping[str, str]) -> str:
 
 
 def _naturally(name: str) -> list[tuple[int, int, str]]:
-    """Sorts cam_2 before cam_10."""
+    """Return a sort key that puts cam_2 before cam_10."""
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 

@@ -1,10 +1,9 @@
-"""An MCAP file that is only ever appended to, one checked chunk at a flush.
+"""Write an append-only MCAP file, with one chunk and its checksum per flush.
 
-The record layouts are those of the ``mcap`` library; its ``Writer`` is not used, for three reasons. After a failed
-write it cannot close the file properly, because it has forgotten what it was writing; here a flush happens wholly or
-not at all. It keeps objects for every chunk, which at four flushes a second is megabytes in ten minutes; here the
-index is kept as the bytes that it will be written as. And it names a channel in one chunk only; here every chunk names
-the channels that it uses, so that a damaged chunk takes no other with it.
+The record layouts are those of the ``mcap`` library, but not its ``Writer``, for three reasons. After a failed write,
+it cannot close the file properly; here a flush happens completely or not at all. It keeps objects for every chunk,
+which at four flushes a second is megabytes in ten minutes; here the index is kept as encoded bytes. And it declares a
+channel in one chunk only; here every chunk declares its channels, so that a damaged chunk affects no other.
 
 Source: the MCAP file format specification, https://mcap.dev/spec.
 """
@@ -45,7 +44,7 @@ _MAX_UINT32: Final = 0xFFFFFFFF
 
 
 class McapFile:
-    """Writes to a file descriptor. It raises `OSError`, and what was flushed before stays as it was."""
+    """Writes to a file descriptor. Errors are `OSError`; earlier flushed data stay intact."""
 
     def __init__(self, fd: int, library: str) -> None:
         self._fd = fd
@@ -64,23 +63,23 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """How many bytes of the file are written and whole."""
+        """Number of bytes of the file that are completely written."""
         return self._size
 
     @property
     def pending_bytes(self) -> int:
-        """How many bytes wait for the next flush."""
+        """Number of bytes that wait for the next flush."""
         return len(self._front) + len(self._chunk)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Describe a kind of message; returns the schema's id."""
+        """Add the schema of a message type; return its id."""
         record = _bytes(Schema(len(self._schemas) + 1, data=data, encoding=encoding, name=name))
         self._schemas.append(record)
         self._front += record
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int) -> int:
-        """Open a channel; returns its id."""
+        """Add a channel; return its id."""
         record = _bytes(Channel(len(self._channels) + 1, topic, encoding, {}, schema))
         self._channels.append(record)
         self._front += record
@@ -88,13 +87,13 @@ class McapFile:
         return len(self._channels)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a record of names and values; it stands before the messages of the next flush."""
+        """Add a metadata record; it is written before the messages of the next flush."""
         record = _bytes(Metadata(name=name, metadata=values))
         self._new_metadata.append((len(self._front), len(record), name))
         self._front += record
 
     def add_message(self, channel: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int) -> None:
-        """Add a message; it is in the file after the next flush."""
+        """Add a message to the next flush."""
         chunk = self._chunk
         index = self._index.get(channel)
         if index is None:
@@ -108,10 +107,10 @@ class McapFile:
         self._chunk_last = max(self._chunk_last, log_ns)
 
     def flush(self, *, durable: bool = True) -> None:
-        """Write what was added since the last flush, and return when it is on the disk (``durable``).
+        """Write all added records, and return when they are on the disk (``durable``).
 
         Raises:
-            OSError: the file is as it was before, and what was added is gone.
+            OSError: the file is unchanged, and the added records are discarded.
         """
         if not self.pending_bytes:
             return
@@ -130,7 +129,7 @@ class McapFile:
         """Flush, write the index and the end of the file, and return when all is on the disk.
 
         Raises:
-            OSError: the file ends with what was flushed, without an index.
+            OSError: the file has all flushed data, but no index.
         """
         self.flush()
         end = _bytes(DataEnd(self._crc))
@@ -146,7 +145,7 @@ class McapFile:
                 disk.sync(self._fd)
         except OSError:
             self._clear()
-            with contextlib.suppress(OSError):  # the disk is failing: what cannot be cut off, a reader passes over
+            with contextlib.suppress(OSError):  # the disk is failing; a reader skips the incomplete record
                 os.ftruncate(self._fd, self._size)
                 os.lseek(self._fd, self._size, os.SEEK_SET)
             raise
@@ -154,7 +153,7 @@ class McapFile:
         self._crc = zlib.crc32(block, self._crc)
 
     def _finished_chunk(self) -> tuple[bytes, dict[int, bytearray], ChunkIndex | None]:
-        """The chunk and its message index as bytes, and what the file's index will say of it."""
+        """Return the chunk and its message index as bytes, and its record for the file's index."""
         if not self._index:
             return b"", {}, None
         data, start = bytes(self._chunk), self._size + len(self._front)
@@ -185,7 +184,7 @@ class McapFile:
             self._counts[channel] += len(entries) // _INDEX_ENTRY.size
 
     def _summary(self, start: int) -> tuple[bytes, bytes]:
-        """The summary section and the offsets of its groups, as they stand at byte ``start``."""
+        """Return the summary section, placed at byte ``start``, and the offsets of its groups."""
         statistics = Statistics(
             attachment_count=0,
             channel_count=len(self._channels),

@@ -1,8 +1,8 @@
-"""Read an MCAP file from front to back, whatever state it is in, and say what is wrong with it.
+"""Read an MCAP file from start to end, also a damaged or unfinished one, and report its faults.
 
-The ``mcap`` library's readers stop at the first fault, and refuse a file that was not closed. Here a bad part is named,
-passed over, and reading goes on at the next chunk that can be found. Every byte of a closed file is covered by a
-checksum; of a file that was not closed, every chunk is.
+The ``mcap`` library's readers stop at the first fault, and refuse a file that was not closed. Here a damaged part is
+reported and skipped, and reading continues at the next detectable chunk. Checksums cover every byte of a closed file,
+and every chunk of an unclosed one.
 
 Source: the MCAP file format specification, https://mcap.dev/spec.
 """
@@ -32,14 +32,14 @@ _INDEX: Final = struct.Struct("<HI")
 _FOOTER: Final = struct.Struct("<BQQQI")
 _DATA_END: Final = struct.Struct("<BQI")
 _PLAIN_CHUNK: Final = re.compile(rb"(?s)(?=\x06.{4}\0{4}.{28}\0{4}.{4}\0{4})")
-"""Where a chunk without compression, of less than 4 GiB, can begin."""
+"""Pattern of the start of an uncompressed chunk below 4 GiB."""
 _WINDOW: Final = 1 << 20
 _SKIPPED: Final = (Opcode.HEADER, Opcode.SCHEMA, Opcode.ATTACHMENT)
 _Record = TypeVar("_Record", Channel, Metadata)
 
 
 class MessageRead(msgspec.Struct, frozen=True, gc=False):
-    """A message, and at which byte of the file its data lie."""
+    """A message, and the byte offset of its data in the file."""
 
     topic: str
     sequence: int
@@ -50,14 +50,14 @@ class MessageRead(msgspec.Struct, frozen=True, gc=False):
 
 
 class MetadataRead(msgspec.Struct, frozen=True):
-    """A record of names and values."""
+    """A metadata record."""
 
     name: str
     values: dict[str, str]
 
 
 class Damage(msgspec.Struct, frozen=True):
-    """Bytes ``start`` to ``end`` that could not be read, and why."""
+    """Bytes ``start`` to ``end`` are unreadable, for the given reason."""
 
     start: int
     end: int
@@ -65,7 +65,7 @@ class Damage(msgspec.Struct, frozen=True):
 
 
 class End(msgspec.Struct, frozen=True):
-    """The last event: whether the file was closed properly, and how many bytes at its end are no whole record."""
+    """The last event: whether the file was closed properly, and the length of an incomplete record at its end."""
 
     closed: bool
     torn_bytes: int
@@ -79,7 +79,7 @@ class _MalformedError(Exception):
 
 
 class _Tail(msgspec.Struct, frozen=True):
-    """The end of a closed file: where its data end, their checksum, and whether the summary's checksum is right."""
+    """End of a closed file: end of its data, their checksum, and whether the summary's checksum is correct."""
 
     data_end: int
     data_crc: int
@@ -87,15 +87,15 @@ class _Tail(msgspec.Struct, frozen=True):
 
 
 def is_closed(file: BinaryIO, size: int) -> bool:
-    """Whether the file has its end, so that nobody is writing it nor was killed while writing."""
+    """Whether the file is complete: no process is writing it, and none was killed while writing."""
     return _read_tail(file, size) is not None
 
 
 def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
-    """What is in the first ``size`` bytes of a file, in the file's order.
+    """Yield the contents of the first ``size`` bytes of a file, in order.
 
     Raises:
-        InputError: a chunk is compressed, which Mocapella's are not; names ``name``.
+        InputError: a chunk is compressed, unlike Mocapella's; names ``name``.
         OSError: the file cannot be read.
     """
     tail = _read_tail(file, size)
@@ -114,7 +114,7 @@ def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
     while at < end:
         record = _record_at(file, at, end)
         if record is not None and record[0] != Opcode.CHUNK and _next_chunk(file, at + 1, at + len(record)) is not None:
-            record = None  # its length is damaged: there is a chunk in it
+            record = None  # its length is damaged: it contains a chunk
         try:
             events = None if record is None else list(_events(record, at, topics, name))
         except _MalformedError:
@@ -164,7 +164,7 @@ def _read_tail(file: BinaryIO, size: int) -> _Tail | None:
 
 
 def _record_at(file: BinaryIO, at: int, end: int) -> bytes | None:
-    """The whole record, or None where none fits between there and the end."""
+    """Return the complete record, or None if there is none before the end."""
     file.seek(at)
     head = file.read(_HEAD.size)
     if len(head) < _HEAD.size:
@@ -177,7 +177,7 @@ def _record_at(file: BinaryIO, at: int, end: int) -> bytes | None:
 
 
 def _next_chunk(file: BinaryIO, start: int, end: int) -> int | None:
-    """The first byte from ``start`` on where a chunk's head stands that fits its own lengths."""
+    """Return the offset of the first consistent chunk head from ``start`` on."""
     overlap = 64
     for window_start in range(start, end, _WINDOW):
         file.seek(window_start)
@@ -193,7 +193,7 @@ def _next_chunk(file: BinaryIO, start: int, end: int) -> int | None:
 
 
 def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
-    """What one record says. Raises `_MalformedError` where it contradicts itself."""
+    """Yield the contents of a record; raise `_MalformedError` if it is inconsistent."""
     opcode, body = record[0], record[_HEAD.size :]
     if opcode == Opcode.CHUNK:
         yield from _chunk(body, at, topics, name)
@@ -234,7 +234,7 @@ def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[
     try:
         yield from list(_messages(data, at + _HEAD.size + start, topics))
     except (_MalformedError, struct.error, KeyError):
-        yield Damage(at, end, "a chunk's checksum is right and its content is none of ours")
+        yield Damage(at, end, "a chunk has a correct checksum and unknown content")
 
 
 def _messages(data: bytes, base: int, topics: dict[int, str]) -> Iterator[MessageRead]:

@@ -1,4 +1,4 @@
-"""Distances measured with a ruler, and the disparities seen there, as a CSV."""
+"""Read distances measured with a ruler, and the disparities seen there, from a CSV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLUMNS = ("distance_cm", "disparity_px")
 
 
 def read_measured_distances(path: Path) -> tuple[Float64, Float64]:
-    """Distances [m] and disparities [px], (rows,) each, of a CSV with `COLUMNS` in any order.
+    """Return distances [m] and disparities [px], (rows,) each, of a CSV with `COLUMNS` in any order.
 
     Raises:
         InputError: names file, row, field and value.

@@ -1,8 +1,8 @@
-"""Put the parts of an interrupted take together: copy, compare, and only then replace.
+"""Merge the parts of an interrupted take: copy, compare, and only then replace.
 
-A recording whose server was killed goes on in ``NAME.part2.mcap``, and so on. The parts are copied to
-``NAME.merging.mcap``; when that was read back and found to hold everything, it replaces ``NAME.mcap`` in one step and
-the other parts are removed. A kill at any point leaves either all parts, or the whole take.
+A recording whose server was killed continues in ``NAME.part2.mcap``, and so on. The parts are copied to
+``NAME.merging.mcap``; after a check that it holds everything, it replaces ``NAME.mcap`` in one step, and the other
+parts are removed. A kill at any point leaves either all parts, or the complete take.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _FLUSH_BYTES: Final = 1 << 20
 
 
 class _Entry(msgspec.Struct, frozen=True):
-    """What a copy must have of a message or metadata record, wherever it lies in the file."""
+    """Content of a message or metadata record that a copy must have, at any position in the file."""
 
     topic: str
     data: bytes
@@ -35,15 +35,15 @@ class _Entry(msgspec.Struct, frozen=True):
 
 
 def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
-    """Make one clean take of an interrupted one, also where the server was killed and never came back.
+    """Make one clean take of an interrupted one, also if its server never came back.
 
-    A take that is clean already stays as it is.
+    A clean take stays unchanged.
 
     Raises:
-        InputError: there is no such take.
-        RecordingError: it is being recorded, or the copy is not equal to the parts.
-        DiskFullError: no room for the copy.
-        DamagedTakeError: a part is damaged; all parts are kept as they are.
+        InputError: the take does not exist.
+        RecordingError: it is being recorded, or the copy differs from the parts.
+        DiskFullError: there is no space for the copy.
+        DamagedTakeError: a part is damaged; all parts are kept.
     """
     path = Path(path)
     try:
@@ -61,7 +61,7 @@ def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
 
 
 def merge_locked(path: Path, reserve_bytes: int) -> None:
-    """As `merge_parts`, by who holds the take's lock."""
+    """Merge as `merge_parts` does; the caller holds the take's lock."""
     scratch = disk.merging_path(path)
     try:
         parts = disk.parts_of(path)
@@ -89,7 +89,7 @@ def merge_locked(path: Path, reserve_bytes: int) -> None:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove the parts that a closed take says it was made of; nothing where it says nothing."""
+    """Remove the parts that a closed take lists as merged into it."""
     beside = {part.name: part for part in disk.parts_of(path)[1:]}
     if not beside or not closed(path):
         return

@@ -1,4 +1,4 @@
-"""A short recording of points, in space or in one camera's picture, as a filter is tuned with."""
+"""Read short recordings of points, in space or in one camera's image, for tuning filters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PointRecording(msgspec.Struct, frozen=True, eq=False):
 
 
 def read_point_recording(path: Path) -> PointRecording:
-    """A CSV with ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``: what `mocapella track points` writes.
+    """Read a CSV with ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``: what `mocapella track points` writes.
 
     Raises:
         InputError: names file, row, field and value; of two cameras in one file, too.

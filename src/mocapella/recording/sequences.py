@@ -1,4 +1,4 @@
-"""Which numbers of a node's sequence are there: kept as ranges, so that hours of frames cost a few bytes."""
+"""Store the received sequence numbers of a node as ranges, so that hours of frames take a few bytes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class SequenceRanges:
         self._count = 0
 
     def add(self, number: int) -> bool:
-        """Put a number in; False where it was there already."""
+        """Add a number; return False if it was present."""
         firsts, lasts = self._firsts, self._lasts
         if lasts and number == lasts[-1] + 1:
             lasts[-1] = number

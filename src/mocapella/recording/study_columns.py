@@ -1,4 +1,4 @@
-"""The 87 columns of the study log, and what the three known headers call them."""
+"""The 87 columns of the study log, and their titles in the three known headers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from mocapella.model.topology import topology
 
 TOPOLOGY: Final = topology("kinect_v2")
 JOINTS: Final = tuple(sorted(TOPOLOGY.joints))
-"""In the order of the columns: the alphabet's, not the sensor's."""
+"""Joints in the order of the columns: alphabetical, not the sensor's."""
 JOINT_PLACES: Final = tuple(TOPOLOGY.index(joint) for joint in JOINTS)
-"""For each joint of `JOINTS`, its place on a joint axis."""
+"""Index of each joint of `JOINTS` on a joint axis."""
 
 FLOATS: Final = ("init_angle", "init_dist", "tilt_deg", "height_cm")
-"""Fields of `StudyRow` that are numbers with decimals."""
+"""Fields of `StudyRow` that are floats."""
 INTEGERS: Final = {name: TITLES[name] for name in TITLES if name not in (*FLOATS, "kinect_id")}
-"""Fields of `StudyRow` that are whole numbers, and their columns' titles."""
+"""Fields of `StudyRow` that are integers, and their columns' titles."""
 KINECT: Final = TITLES["kinect_id"]
 POSITIONS: Final = tuple(f"{joint}_{axis}" for joint in JOINTS for axis in "XYZ")
 HEADER: Final = (*TITLES.values(), *POSITIONS)
-"""As it is written."""
+"""The header as written."""
 MAX_KINECT_LENGTH: Final = 64
 
 _OPTIONAL = ("Study_Id", "Kinect_Config")
@@ -44,10 +44,10 @@ _TITLES = {_plain(title): title for title in HEADER} | _OTHER_NAMES
 
 
 def layout(cells: list[str], file: str) -> dict[str, int]:
-    """Where each column is: its title as in `HEADER` → its place in a row.
+    """Map each column's title in `HEADER` to its index in a row.
 
     Raises:
-        InputError: a column that is unknown, there twice, or missing.
+        InputError: a column is unknown, repeated, or missing.
     """
     if len(cells) == 1:
         raise InputError(
@@ -87,13 +87,13 @@ def layout(cells: list[str], file: str) -> dict[str, int]:
 
 
 def _some(cell: str) -> str:
-    """The titles there are, short enough for one line, and the closest one."""
+    """Return the known titles, shortened to one line, and the closest one."""
     listed, _, close = one_of(cell, HEADER).partition(" (did you mean")
     return ", ".join(listed.split(", ")[:13]) + ", …" + (f" (did you mean{close}" if close else "")
 
 
 def kinect_problem(kinect: str) -> str:
-    """What is wrong with a Kinect's id as a cell of the log; empty where nothing is."""
+    """Return the fault of a Kinect's id as a cell of the log; empty if it has none."""
     if not kinect:
         return "the Kinect's id is empty"
     if len(kinect) > MAX_KINECT_LENGTH:
@@ -104,10 +104,10 @@ def kinect_problem(kinect: str) -> str:
 
 
 def kinect_cell(kinect: str) -> str:
-    """The id as it is written: a spreadsheet must not take it for a formula, so an apostrophe goes before ``=+-@``.
+    """Return the id as written: with an apostrophe before ``=+-@``, which a spreadsheet would take for a formula.
 
     Raises:
-        SettingsError: the id cannot stand in a cell.
+        SettingsError: the id cannot be in a cell.
     """
     problem = kinect_problem(kinect)
     if problem:
@@ -116,5 +116,5 @@ def kinect_cell(kinect: str) -> str:
 
 
 def kinect_of_cell(cell: str) -> str:
-    """The id that `kinect_cell` wrote."""
+    """Return the id that `kinect_cell` wrote."""
     return cell[1:] if len(cell) > 1 and cell[0] == "'" and cell[1] in _FORMULA + "'" else cell

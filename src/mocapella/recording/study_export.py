@@ -1,4 +1,4 @@
-"""Results as rows of the study log, in the reference sensor's camera space as the thesis logs them."""
+"""Export scenes as rows of the study log, in the reference sensor's camera space, as in the thesis."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from mocapella.settings import check
 
 
 class ExportReport(msgspec.Struct, frozen=True):
-    """What became of the results.
+    """Counts of an export.
 
     Attributes:
         results: scenes in state tracking, with people.
-        written: of these, every n-th.
+        written: every n-th result.
         rows: of the file.
-        without_reference: people of the written results whom the reference sensor did not see: their rows are in the
+        without_reference: people of the written results without a view of the reference sensor; their rows are in the
             camera space of their first view.
-        mirrored: rows whose left and right labels the method held for swapped; they are as the sensor says them.
+        mirrored: rows with swapped left and right labels according to the method; they keep the sensor's labels.
     """
 
     results: int
@@ -49,17 +49,17 @@ def rows_of(
     tracker_time_ms: int,
     kinect_ids: Mapping[str, str] | None = None,
 ) -> list[StudyRow]:
-    """The rows of one result: for every person, each view, mapped into the camera space of the reference view.
+    """Return the rows of one result: every view of every person, mapped into the camera space of the reference view.
 
-    The reference view has ``skeleton_id`` 0: the view of the sensor ``reference``, or the person's first where there
-    is none. Joints that the log has no column for are left out; those that the topology does not have are missing.
+    The reference view has ``skeleton_id`` 0: the view of the sensor ``reference``, or else the person's first. Joints
+    without a column are left out; columns without a joint of the topology are missing values.
 
     Args:
         scene: the result.
         setup: gives participant, placement and scenario.
-        reference: name of a sensor, or None for everybody's first view.
-        tracker_time_ms: since the beginning of year 1.
-        kinect_ids: ``kinect_id`` by the sensor's name; the name itself where it is not in it.
+        reference: name of a sensor, or None for each person's first view.
+        tracker_time_ms: since the start of the year 1 [ms].
+        kinect_ids: ``kinect_id`` by the sensor's name; the name itself by default.
 
     Source:
         the thesis' equations 7 and 8: T = R(θ)(p − C), and back with the reference sensor's θ and C.
@@ -92,10 +92,10 @@ def rows_of(
 
 
 def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
-    """The angle θ [rad] and the z of the centre C [m] that make this motion T = R(θ)(p − C).
+    """Return the angle θ [rad] and the z of the centre C [m] of the motion T = R(θ)(p − C).
 
     Args:
-        T_world_sensor: (4, 4). Of one that also tilts, θ is the direction of its x axis seen from above.
+        T_world_sensor: (4, 4). For a tilted sensor, θ is the direction of its x axis seen from above.
     """
     C = rigid.inverse(T_world_sensor)[:3, 3]
     return float(np.arctan2(T_world_sensor[0, 2], T_world_sensor[0, 0])), float(C[2])
@@ -110,17 +110,17 @@ def export_study_log(
     every: int = 1,
     kinect_ids: Mapping[str, str] | None = None,
 ) -> ExportReport:
-    """Write every n-th result, beginning with the first, as a study log.
+    """Write every n-th result, starting with the first, as a study log.
 
     Args:
-        scenes: each with its ``tracker_time_ms``; those that are no results (not tracking, or nobody there) are passed.
-        path: of a file that does not exist yet, ``.csv`` or ``.csv.gz``.
-        setup, reference, kinect_ids: as `rows_of` has them.
+        scenes: each with its ``tracker_time_ms``; scenes without tracking or people are skipped.
+        path: of a new file, ``.csv`` or ``.csv.gz``.
+        setup, reference, kinect_ids: as in `rows_of`.
         every: n; the thesis logs every other result.
 
     Raises:
-        SettingsError: ``every`` is below 1, or no result has a view of ``reference``; lists the sensors there are.
-        TakeExistsError, DiskFullError, RecordingError: as `mocapella.recording.study_log.write_study_log`; also where
+        SettingsError: ``every`` is below 1, or no result has a view of ``reference``; lists the sensors.
+        TakeExistsError, DiskFullError, RecordingError: as in `mocapella.recording.study_log.write_study_log`; also if
             no scene is a result. Nothing is written then.
     """
     check(every >= 1, "every", every, "1 or more")
@@ -130,7 +130,7 @@ def export_study_log(
 
 
 class _Counting:
-    """Turns scenes into rows and counts them on the way, so that no more than one is held."""
+    """Converts scenes to rows and counts them, holding one scene at a time."""
 
     def __init__(self, setup: Setup, reference: str | None, every: int, kinect_ids: dict[str, str]) -> None:
         self._options: dict[str, Any] = {"setup": setup, "reference": reference, "kinect_ids": kinect_ids}
@@ -178,7 +178,7 @@ def _reference_first(person: Person, reference: str | None) -> tuple[PotentialSk
 
 
 def _as_logged(positions: NDArray[np.float64], topology: Topology) -> NDArray[np.float32]:
-    """(joints, 3) of any topology → (25, 3) float32 of the log's, by the joints' names."""
+    """Convert (joints, 3) of any topology to the log's (25, 3) float32, by the joints' names."""
     if topology.joints == TOPOLOGY.joints:
         return positions.astype(np.float32)
     logged = np.full((len(TOPOLOGY), 3), np.nan, dtype=np.float32)

@@ -1,7 +1,7 @@
 """Read and write the study log: comma-separated text, 87 columns, plain or gzip-compressed (docs/study-log.md).
 
-Reading looks columns up by their names, because the known files have three headers. Numbers are parsed all at once;
-only where that fails does a second, slow pass look for the row and the field to blame.
+Columns are found by name, because the known files have three headers. All numbers are parsed at once; only if that
+fails, a second, slow pass finds the row and the field of the error.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from mocapella.recording import disk
 from mocapella.recording import study_columns as columns
 
 _INTEGER_WIDTH: Final = 24
-"""Characters; the longest 64-bit number has 20."""
+"""Longest cell of a number, in characters; the longest 64-bit number has 20."""
 _FARTHEST: Final = abs(NOT_AVAILABLE)
-"""No coordinate reaches what stands for a missing one [m]."""
+"""Largest coordinate, below the code of a missing one [m]."""
 _AT_THE_LENS: Final = 1e-6
-"""A joint this near to the origin is at it: the thesis' program moved its zeros to the world and back [m]."""
+"""Distance within which a joint is at the origin: the thesis' program moved its zeros to the world and back [m]."""
 
 
 def read_study_log(path: Path | str) -> StudyLog:
@@ -40,7 +40,7 @@ def read_study_log(path: Path | str) -> StudyLog:
     have, become −9999.
 
     Raises:
-        InputError: the file cannot be read, has no rows, or a row or field that is no study log's; names it.
+        InputError: the file cannot be read, has no rows, or has an invalid row or field; names it.
     """
     file = str(path)
     text = _text(Path(path), file)
@@ -60,7 +60,7 @@ _WANTED: Final = "a study log begins with the row " + ", ".join(columns.HEADER[:
 
 
 def _text(path: Path, file: str) -> str:
-    """The file's text with newlines as ``\\n`` and none at its end."""
+    """Return the file's text with newlines as ``\\n`` and none at its end."""
     try:
         data = path.read_bytes()
         if path.suffix == ".gz":
@@ -94,10 +94,10 @@ def _header_cells(head: str, file: str) -> list[str]:
 
 
 def _parse(file: str, body: str, places: dict[str, int]) -> StudyLog:
-    """All rows at once.
+    """Parse all rows at once.
 
     Raises:
-        ValueError, OverflowError, csv.Error: something is wrong somewhere.
+        ValueError, OverflowError, csv.Error: some cell is invalid.
     """
     titles = sorted(places, key=places.__getitem__)
     kinds = dict.fromkeys(columns.INTEGERS.values(), f"U{_INTEGER_WIDTH}")
@@ -120,7 +120,7 @@ def _parse(file: str, body: str, places: dict[str, int]) -> StudyLog:
 
 
 def _unquoted(body: str) -> str:
-    """Spreadsheets put quotation marks around a cell, where nothing in it needs them."""
+    """Remove the quotation marks that spreadsheets put around cells that do not need them."""
     rows = list(csv.reader(io.StringIO(body, newline=""), skipinitialspace=True, strict=True))
     if any("," in cell or "\n" in cell for cells in rows for cell in cells):
         raise ValueError("a cell with a separator in it")
@@ -166,7 +166,7 @@ def _positions(table: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _culprit(file: str, text: str, places: dict[str, int]) -> InputError | None:
-    """The first field that is wrong, or None where nothing seems to be."""
+    """Return the error of the first invalid field, or None if all seem valid."""
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
     row = 1
     try:
@@ -189,7 +189,7 @@ def _culprit(file: str, text: str, places: dict[str, int]) -> InputError | None:
 
 
 def _problem(title: str, cells: list[str], places: dict[str, int]) -> tuple[str, str]:
-    """What is wrong with the field of that title, and how to put it right; empty where nothing is."""
+    """Return the fault of a field and its fix; empty texts if it has none."""
     cell = cells[places[title]].strip()
     if title == columns.KINECT:
         return columns.kinect_problem(columns.kinect_of_cell(cell)), "write the sensor's name or address"
@@ -226,21 +226,21 @@ def _number(cell: str, kind: type[int] | type[float]) -> float | None:
 
 
 def write_study_log(path: Path | str, rows: Iterable[StudyRow]) -> int:
-    """Write a study log, ``.csv`` or ``.csv.gz``, in one go: the file appears complete or not at all.
+    """Write a study log, ``.csv`` or ``.csv.gz``; the file appears complete or not at all.
 
-    Positions are written with as few digits as bring back the same float32.
+    Positions have the fewest digits that restore the same float32.
 
     Args:
-        path: of a file that does not exist yet.
-        rows: may be as many as there are; one is held at a time.
+        path: of a new file.
+        rows: any number; one is held at a time.
 
     Returns:
-        How many rows were written.
+        The number of written rows.
 
     Raises:
-        TakeExistsError: there is a file of that name; nothing is overwritten.
+        TakeExistsError: the file exists; it is not overwritten.
         DiskFullError, RecordingError: it cannot be written there, there are no rows, or a value cannot be written.
-        SettingsError: the id of a Kinect cannot stand in the log.
+        SettingsError: the id of a Kinect cannot be in the log.
     """
     path = Path(path)
     if not path.name.endswith((".csv", ".csv.gz")):
@@ -286,7 +286,7 @@ def _write_lines(raw: io.BufferedWriter, compress: bool, lines: Iterator[str]) -
 
 
 def _publish(temporary: Path, path: Path) -> None:
-    """Give the finished file its name, unless another has it by now."""
+    """Rename the finished file, unless another file has the name by now."""
     temporary.chmod(0o644)
     try:
         os.link(temporary, path)

@@ -1,4 +1,4 @@
-"""The contents of a take: how it was made, its channels, and the frames left out.
+"""Contents of a take: its origin, its channels, and its missing frames.
 
 A take is one MCAP file. `mocapella.recording.take_writer` writes it, `mocapella.recording.take_reader` reads it.
 """
@@ -31,17 +31,17 @@ MERGED_METADATA: Final = "mocapella.merged"
 
 @dataclass(frozen=True)
 class TakeInfo:
-    """How a take, or a run of it, was made.
+    """Origin of a take, or of a run in it.
 
     Attributes:
-        setup: chosen before the start.
+        setup: at the start.
         method_settings: of the tracker's method, by name.
         started_unix_ns: wall clock at the start.
-        started_ns: the server's clock at the same instant; every ``log_ns`` in the take is of this clock.
+        started_ns: the server's clock at the same time; every ``log_ns`` in the take is on this clock.
         version: of Mocapella.
         schema_version: of the messages.
-        packages: what of other packages the run was made with, such as ``tracking method heat``, and the package
-            with its version; empty of older takes.
+        packages: descriptors of other packages that the run used, such as ``tracking method heat``, and each package
+            with its version; empty in older takes.
     """
 
     setup: Setup
@@ -60,12 +60,12 @@ class TakeInfo:
 
 @dataclass(frozen=True)
 class Run:
-    """The life of one tracker: within it the scenes' steps go up.
+    """The part of a take made by one tracker, within which the scenes' steps rise.
 
     Attributes:
         number: 0, 1, … in the take.
-        part: 1, and one more each time that the server was killed and the recording was taken up again.
-        info: how it was made.
+        part: 1, plus 1 for each time that the server was killed and the recording was resumed.
+        info: its origin.
     """
 
     number: int
@@ -75,7 +75,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Command:
-    """Something that was done to the tracker, such as recalibrate, before it took step ``before_step``."""
+    """A command to the tracker, such as recalibrate, carried out before step ``before_step``."""
 
     before_step: int
     log_ns: int
@@ -83,7 +83,7 @@ class Command:
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame, when the server stored it (its clock), and the very bytes that came."""
+    """A frame, when the server stored it (on its clock), and the received bytes."""
 
     log_ns: int
     frame: SensorFrame
@@ -92,7 +92,7 @@ class StoredFrame(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class NodeFrames:
-    """Which frames of one node are in the take; ``missing`` are (first, last) of each gap."""
+    """Frames of one node in the take; ``missing`` has (first, last) of each gap."""
 
     sensor: str
     node_id: int
@@ -103,13 +103,13 @@ class NodeFrames:
 
     @property
     def lost(self) -> int:
-        """How many frames are missing between the first and the last."""
+        """Number of missing frames between the first and the last."""
         return self.last - self.first + 1 - self.stored
 
 
 @dataclass(frozen=True)
 class Interruption:
-    """The server was killed: the last entry before it (server's clock), and the wall clock when it went on."""
+    """An interruption by a killed server: last entry before it (server's clock), and wall clock at the restart."""
 
     last_log_ns: int
     resumed_unix_ns: int
@@ -117,18 +117,18 @@ class Interruption:
 
 @dataclass(frozen=True)
 class TakeReport:
-    """What came of a recording.
+    """Result of a recording.
 
     Attributes:
         path: the take.
-        parts: the files it is in: the take itself, unless merging the parts of an interrupted one was not possible.
-        frames: on the disk, by sensor.
-        lost: frames known to be missing, by sensor.
-        duplicates: frames that came again and were not stored twice.
-        scenes: on the disk.
+        parts: its files: only the take itself, unless the parts of an interrupted one could not be merged.
+        frames: number of stored frames by sensor.
+        lost: number of missing frames by sensor.
+        duplicates: number of repeated frames, which are stored once.
+        scenes: number of stored scenes.
         size_bytes, seconds: of the whole take.
-        clean: closed properly, in one file.
-        problem: why not, or why the recording stopped; empty where all is well.
+        clean: whether it was closed properly, in one file.
+        problem: why not, or why the recording stopped; empty if there was none.
     """
 
     path: Path
@@ -144,21 +144,21 @@ class TakeReport:
 
 
 def encode_run(run: Run) -> bytes:
-    """The run as JSON."""
+    """Return the run as JSON."""
     return msgspec.json.encode(run)
 
 
 def run_metadata(run: Run) -> dict[str, str]:
-    """The run as MCAP metadata, which has no checksum of its own."""
+    """Return the run as MCAP metadata, with a checksum, which MCAP metadata lack."""
     text = encode_run(run).decode()
     return {"run": text, "crc32": f"{zlib.crc32(text.encode()):08x}"}
 
 
 def run_from_metadata(values: dict[str, str], file: str) -> Run | None:
-    """The run; None where the checksum says that the record was changed.
+    """Return the run; None if the checksum is wrong.
 
     Raises:
-        SchemaVersionError, DamagedTakeError: as `decode_run`.
+        SchemaVersionError, DamagedTakeError: as in `decode_run`.
     """
     text = values.get("run", "").encode()
     return decode_run(text, file) if values.get("crc32") == f"{zlib.crc32(text):08x}" else None
@@ -169,7 +169,7 @@ def decode_run(data: bytes, file: str) -> Run:
 
     Raises:
         SchemaVersionError: the take was made with another schema; names both versions.
-        DamagedTakeError: it is no run.
+        DamagedTakeError: the bytes are no run.
     """
     try:
         raw = msgspec.json.decode(data)

@@ -1,6 +1,6 @@
-"""A take's MCAP file: its channels are opened when they are first used, each with its schema.
+"""A take's MCAP file, whose channels are added on first use, each with its schema.
 
-The protobuf channels carry the descriptors of our messages, so that Foxglove and other MCAP tools can read a take.
+The protobuf channels have the descriptors of the messages, so that Foxglove and other MCAP tools can read a take.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
-    """An `McapFile` that knows a take's channels."""
+    """An `McapFile` with the channels of a take."""
 
     def __init__(self, fd: int) -> None:
         super().__init__(fd, f"mocapella {__version__}")
@@ -31,7 +31,7 @@ class TakeFile(McapFile):
         self.add_message(channel, data, log_ns=log_ns, publish_ns=published, sequence=sequence)
 
     def add_run(self, run: Run) -> None:
-        """Begin a run: a metadata record for tools, and a message that a checksum covers."""
+        """Begin a run: write a metadata record for tools, and a message, which a checksum covers."""
         self.add_metadata(take.RUN_METADATA, take.run_metadata(run))
         self.add(take.RUNS, take.encode_run(run), run.info.started_ns, run.number)
 
@@ -45,7 +45,7 @@ class TakeFile(McapFile):
 
 
 def channel_format(topic: str, data: bytes) -> MessageFormat:
-    """How the messages of a topic are written; ``data`` is the first of them."""
+    """Return the format of a topic's messages; ``data`` is the first message."""
     if topic.startswith(take.FRAMES):
         return format_of(data)
     if topic.startswith(take.TRUTH):

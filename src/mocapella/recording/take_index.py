@@ -1,4 +1,4 @@
-"""Where everything in a take lies: one pass over its files, which checks them and decodes no arrays."""
+"""Index a take: one pass over its files, which checks them and decodes no arrays."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
 
 NAMED_AT_MOST: Final = 5
-"""How many scenes without a frame a problem names, before it says how many more there are."""
+"""Number of scenes without a frame that a problem names; it only counts more of them."""
 
 
 class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Where a message's bytes lie, and when it was logged."""
+    """Position of a message's bytes, and its log time."""
 
     part: int
     offset: int
@@ -35,7 +35,7 @@ class Ref(msgspec.Struct, frozen=True, gc=False):
 
 
 class FrameRef(msgspec.Struct, frozen=True, gc=False):
-    """Where a frame lies, and which it is."""
+    """Position and identity of a frame."""
 
     ref: Ref
     sensor: str
@@ -44,7 +44,7 @@ class FrameRef(msgspec.Struct, frozen=True, gc=False):
 
 
 class SceneRef(msgspec.Struct, frozen=True, gc=False):
-    """Where a scene lies, and which frame made it, at what time."""
+    """Position of a scene, its frame, and its time."""
 
     ref: Ref
     run: int
@@ -56,7 +56,7 @@ class SceneRef(msgspec.Struct, frozen=True, gc=False):
 
 
 class TakeIndex:
-    """What `index_take` found, in the order of the files."""
+    """Index of a take, in the order of its files."""
 
     def __init__(self) -> None:
         self.clean = True
@@ -76,21 +76,21 @@ class TakeIndex:
 
     @property
     def seconds(self) -> float:
-        """From the first entry to the last, on the server's clock."""
+        """Time from the first entry to the last, on the server's clock [s]."""
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / NS_PER_S
 
     @property
     def empty(self) -> bool:
-        """Whether nothing at all could be read."""
+        """Whether nothing was readable."""
         return self.first_ns is None and not self.runs
 
     def frame_of(self, scene: SceneRef) -> FrameRef | None:
-        """The frame that made the scene, or None where the take does not have it."""
+        """Return the frame of a scene, or None if the take does not have it."""
         place = self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
         return None if place is None else self.frames[place]
 
     def add_file(self, path: Path, part: int) -> None:
-        """Go through one file of the take."""
+        """Index one file of the take."""
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             for event in scan(file, size, str(path)):
@@ -187,7 +187,7 @@ class TakeIndex:
 
 
 def index_take(parts: Sequence[Path]) -> TakeIndex:
-    """Go through the files of a take, in order.
+    """Index the files of a take in order.
 
     Raises:
         InputError: a file is missing or cannot be read.

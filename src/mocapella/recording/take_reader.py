@@ -1,7 +1,6 @@
-"""Read a take: whole, torn, or in the parts that an interrupted recording left.
+"""Read a take: complete, cut off, or in the parts of an interrupted recording.
 
-`read_take` goes over the files once, checks every chunk and remembers where things lie; the frames themselves stay
-on the disk until they are asked for.
+`read_take` scans the files once, checks every chunk and indexes the entries; frames are read from disk on demand.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ _decode_command = msgspec.json.Decoder(_StoredCommand).decode
 
 
 class Take:
-    """A take on the disk.
+    """A take on disk.
 
     Attributes:
         path: the take.
-        parts: the files that it is in; more than one where it was interrupted and not put together yet.
+        parts: its files; more than one if it was interrupted and is not merged yet.
     """
 
     def __init__(self, path: Path, parts: Sequence[Path], index: TakeIndex) -> None:
@@ -56,27 +55,27 @@ class Take:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong with it, one line each."""
+        """Faults of the take, one line each."""
         return tuple(self._index.problems)
 
     @property
     def seconds(self) -> float:
-        """From the first entry to the last, on the server's clock."""
+        """Time from the first entry to the last, on the server's clock [s]."""
         return self._index.seconds
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The trackers' lives in it."""
+        """The runs of trackers in it."""
         return tuple(self._index.runs)
 
     @property
     def interruptions(self) -> tuple[Interruption, ...]:
-        """When the server was killed and went on."""
+        """The interruptions by killed servers."""
         return tuple(self._index.interruptions)
 
     @property
     def info(self) -> TakeInfo:
-        """How the take was made (its first run).
+        """Origin of the take (its first run).
 
         Raises:
             DamagedTakeError: neither of its two copies can be read.
@@ -87,33 +86,33 @@ class Take:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """The sensors that frames are there of, in the order of their names."""
+        """Names of the sensors with frames, sorted."""
         return tuple(sorted({sensor for sensor, _ in self._index.nodes}))
 
     @property
     def frame_count(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return len(self._index.frames)
 
     @property
     def scene_count(self) -> int:
-        """How many scenes there are."""
+        """Number of scenes."""
         return len(self._index.scenes)
 
     @property
     def part_counts(self) -> dict[str, int]:
-        """How many parts of each type there are in all scenes, by the type's name, whether it is installed or not."""
+        """Return the number of parts of each type in all scenes, by name, also of types that are not installed."""
         return dict(self._index.parts)
 
     @property
     def unread_frame_types(self) -> tuple[str, ...]:
-        """Names of the types of frames that no installed package reads, as the first frames of the nodes show."""
+        """Return the frame types that no installed package reads, judging by the first frame of each node."""
         firsts = {(frame.sensor, frame.node_id): frame for frame in reversed(self._index.frames)}
         frames = (stored.frame for stored in self._frames(firsts.values()))
         return tuple(sorted({frame.kind for frame in frames if isinstance(frame, UnknownFrame)}))
 
     def frames(self, sensor: str | None = None) -> Iterator[StoredFrame]:
-        """The frames in the order they were stored in; of one sensor, or all.
+        """Yield frames in the order of storage; of one sensor, or all.
 
         Raises:
             DamagedTakeError: a frame's bytes are not a valid frame.
@@ -121,9 +120,9 @@ class Take:
         yield from self._frames(frame for frame in self._index.frames if sensor in (None, frame.sensor))
 
     def frames_in_sequence(self, sensor: str) -> Iterator[StoredFrame]:
-        """One sensor's frames in the order they were captured in, node after node.
+        """Yield one sensor's frames in the order of capture, node after node.
 
-        What was missed at first and fetched later is stored later; here it is where it belongs.
+        Frames that were fetched later are stored later; here they are in their order.
 
         Raises:
             DamagedTakeError: a frame's bytes are not a valid frame.
@@ -133,7 +132,7 @@ class Take:
         yield from self._frames(sorted(frames, key=lambda frame: (nodes[frame.node_id], frame.sequence)))
 
     def scenes(self, run: int | None = None) -> Iterator[tuple[int, Scene]]:
-        """(log_ns, scene) in the order they were made in; of one run, or all.
+        """Yield (log_ns, scene) in order; of one run, or all.
 
         Raises:
             DamagedTakeError: a scene's bytes are not a valid scene.
@@ -142,27 +141,27 @@ class Take:
         yield from self._decoded(refs, decode_scene)
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
-        """(log_ns, truth) of a simulated sensor."""
+        """Yield (log_ns, ground truth) of a simulated sensor."""
         yield from self._decoded(self._index.others.get(take.TRUTH + sensor, []), decode_truth)
 
     def statuses(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """(log_ns, what the session's status was)."""
+        """Yield (log_ns, status of the session)."""
         yield from self._decoded(self._index.others.get(take.STATUS, []), msgspec.json.decode)
 
     def clock_probes(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """(log_ns, raw probes of the nodes' clocks)."""
+        """Yield (log_ns, raw probes of the nodes' clocks)."""
         yield from self._decoded(self._index.others.get(take.CLOCK, []), msgspec.json.decode)
 
     def commands(self, run: int | None = None) -> Iterator[Command]:
-        """What was done to the tracker; of one run, or all."""
+        """Return the commands to the tracker; of one run, or all."""
         refs = (ref for number, ref in self._index.commands if run in (None, number))
         for log_ns, stored in self._decoded(refs, _decode_command):
             yield Command(stored.before_step, log_ns, stored.command)
 
     def arrivals(self, run: int | None = None) -> Iterator[Arrival]:
-        """The frames that the tracker took in, in the order it did and with its times; of one run, or all.
+        """Yield the tracked frames in the tracker's order, with their times; of one run, or all.
 
-        A scene whose frame is missing is passed over; `problems` names it.
+        A scene without its frame is skipped; `problems` names it.
         """
         with ExitStack() as stack:
             files = self._open(stack)
@@ -171,17 +170,16 @@ class Take:
                     yield arrival
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
-        """All that a tracker needs to make the same scenes again.
+        """Yield everything that a tracker needs to make the same scenes again.
 
-        A `Run` says: make a new tracker, of its setup. Then come that run's arrivals, and each command where it was
-        carried out.
+        A `Run` stands for a new tracker of its setup; the run's arrivals and commands follow in their order.
         """
         for run in self._index.runs:
             yield run
             yield from self.replay_run(run.number)
 
     def complete(self) -> tuple[NodeFrames, ...]:
-        """Which frames of each node are there and which are missing, by sensor and node."""
+        """Return the stored and missing frames of each node, by sensor and node."""
         return tuple(
             NodeFrames(sensor, node, ranges.first, ranges.last, len(ranges), ranges.missing())
             for (sensor, node), ranges in sorted(self._index.nodes.items())
@@ -195,7 +193,7 @@ class Take:
                 yield StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
 
     def replay_run(self, run: int) -> Iterator[Command | Arrival]:
-        """One run's arrivals, and each command where it was carried out."""
+        """Yield one run's arrivals and commands in their order."""
         waiting = list(self.commands(run))[::-1]
         scenes = [scene for scene in self._index.scenes if scene.run == run]
         with ExitStack() as stack:
@@ -245,13 +243,13 @@ class Take:
 
 
 def read_take(path: Path | str) -> Take:
-    """Open a take, or what is left of it; `Take.problems` says what is wrong with it.
+    """Open a take, or its readable rest; `Take.problems` lists its faults.
 
-    Where a recording was interrupted and its parts were not put together (`merge_parts`), they are read as one take.
+    Unmerged parts of an interrupted recording (`merge_parts`) are read as one take.
 
     Raises:
         InputError: the file is missing, empty, no MCAP file, or no take.
-        DamagedTakeError: it is a take, and nothing of it can be read.
+        DamagedTakeError: nothing in the take is readable.
         SchemaVersionError: the take was made with another schema.
     """
     path = Path(path)
@@ -270,7 +268,7 @@ def read_take(path: Path | str) -> Take:
 
 
 def _parts(path: Path) -> tuple[tuple[Path, ...], bool]:
-    """The files of the take, and whether the first begins as an MCAP file."""
+    """Return the files of the take, and whether the first starts like an MCAP file."""
     try:
         with path.open("rb") as file:
             size = path.stat().st_size

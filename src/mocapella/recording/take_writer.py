@@ -1,7 +1,7 @@
-"""Write a take so that a kill costs at most what was written since the last flush, and nothing that was acknowledged.
+"""Write a take so that a kill loses at most the entries since the last flush, and nothing acknowledged.
 
-The writer owns no thread and no clock. Whoever owns it calls `TakeWriter.flush` at least every quarter of a second,
-from a thread that may wait for the disk.
+The writer has no thread and no clock. Its owner calls `TakeWriter.flush` at least every quarter of a second, on a
+thread that may wait for the disk.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ _Node = tuple[str, int]
 
 
 class TakeWriter:
-    """A take that is being recorded; made by `create` or `resume_or_create`.
+    """Writes a take; made by `create` or `resume_or_create`.
 
-    After any error it is closed as well as it can be, `report` says what is stored, and it takes nothing more.
+    After any error it closes the take as far as possible, `report` has the stored contents, and writing has no effect.
 
     Attributes:
         path: the take.
-        scenes: scenes that are on the disk.
-        duplicates: frames that came again and were not stored twice.
-        report: what came of it, once it is closed.
+        scenes: number of stored scenes.
+        duplicates: number of repeated frames, which are stored once.
+        report: the result, once the take is closed.
     """
 
     def __init__(
@@ -79,25 +79,25 @@ class TakeWriter:
 
     @classmethod
     def create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
-        """Begin a new take.
+        """Create a new take.
 
         Raises:
             RecordingError: the folder is missing, no folder, or cannot be written to.
             DiskFullError: less free space than the reserve.
-            TakeExistsError: the name is in use. In each case nothing was created.
+            TakeExistsError: the name is in use. In each case, nothing is created.
         """
         disk.check_can_record(path, reserve_bytes)
         return cls(path, info=info, reserve_bytes=reserve_bytes)
 
     @classmethod
     def resume_or_create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
-        """Go on with a take whose recording was killed, or begin a new one.
+        """Resume a take whose recording was killed, or create a new one.
 
-        What is stored already is not stored again, however often it comes. `close` makes one file of the parts.
+        Frames that are already stored are not stored again. `close` merges the parts.
 
         Raises:
-            TakeExistsError: the take was closed properly, is being recorded by another, or is none of ours.
-            RecordingError, DiskFullError: as `create`.
+            TakeExistsError: the take was closed properly, is being recorded elsewhere, or is no Mocapella take.
+            RecordingError, DiskFullError: as in `create`.
             SchemaVersionError: the take was begun with another schema.
         """
         disk.check_folder(path.parent, reserve_bytes)
@@ -124,22 +124,22 @@ class TakeWriter:
 
     @property
     def stored(self) -> int:
-        """Frames that are on the disk, of the whole take."""
+        """Number of stored frames of the whole take."""
         return self._stored.total()
 
     @property
     def frames(self) -> dict[str, int]:
-        """By sensor, how many frames are on the disk."""
+        """Number of stored frames by sensor."""
         return dict(self._stored)
 
     @property
     def pending(self) -> int:
-        """Frames that wait for the next flush."""
+        """Number of frames that wait for the next flush."""
         return self._pending.total()
 
     @property
     def lost(self) -> dict[str, int]:
-        """By sensor, how many frames are missing between the first and the last of each of its nodes."""
+        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
         lost: Counter[str] = Counter()
         for (sensor, _), ranges in self._nodes.items():
             lost[sensor] += ranges.lost
@@ -147,25 +147,25 @@ class TakeWriter:
 
     @property
     def size_bytes(self) -> int:
-        """Size of the file that is being written."""
+        """Size of the file being written."""
         return self._file.size
 
     @property
     def seconds(self) -> float:
-        """From the first entry to the last, on the server's clock."""
+        """Time from the first entry to the last, on the server's clock [s]."""
         return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) / NS_PER_S
 
     def start_run(self, info: TakeInfo) -> None:
-        """Say that a new tracker begins, whose steps begin anew, and how it is set up; flushes what was before it.
+        """Begin the run of a new tracker, whose steps start at 0; flush all entries before it.
 
         Raises:
-            DiskFullError, RecordingError: as `flush`.
+            DiskFullError, RecordingError: as in `flush`.
         """
         self.flush()
         self._begin_run(info)
 
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
-        """Take a frame of the record path, the bytes as they came; False where it was there already."""
+        """Add a frame as received; return False if it is already stored."""
         self._check_open()
         node = (sensor, node_id)
         ranges = self._nodes.get(node)
@@ -180,34 +180,34 @@ class TakeWriter:
         return True
 
     def write_scene(self, data: bytes, log_ns: int) -> None:
-        """Take a scene, encoded."""
+        """Add an encoded scene."""
         self._write(take.SCENES, data, log_ns)
         self._pending_scenes += 1
 
     def write_truth(self, data: bytes, *, sensor: str, log_ns: int) -> None:
-        """Take what a simulated room knows, encoded."""
+        """Add an encoded ground truth of a simulation."""
         self._write(take.TRUTH + sensor, data, log_ns)
 
     def write_status(self, status: SessionStatus, log_ns: int) -> None:
-        """Take the session's status."""
+        """Add the session's status."""
         self._write(take.STATUS, msgspec.json.encode(status), log_ns)
 
     def write_clock(self, probes: Mapping[str, Any], log_ns: int) -> None:
-        """Take the raw probes of a node's clock, so that the offset can be computed again."""
+        """Add raw probes of a node's clock, so that its offset can be computed again."""
         self._write(take.CLOCK, msgspec.json.encode(probes), log_ns)
 
     def write_command(self, values: Mapping[str, Any], log_ns: int, before_step: int) -> None:
-        """Take a command, and which step of the tracker was the first after it."""
+        """Add a command, and the first step of the tracker after it."""
         data = msgspec.json.encode({"before_step": before_step, "command": values})
         self._write(take.COMMANDS, data, log_ns)
 
     def flush(self) -> None:
-        """Return when everything written so far is on the disk, and is readable whatever happens next.
+        """Write all entries to the disk, and return when they are durable.
 
         Raises:
             DiskFullError: the disk is full, or less than the reserve is left.
-            RecordingError: the disk failed. In each case the take is closed and what was stored stays readable.
-                Or the file was removed; then nothing is left of it.
+            RecordingError: the disk failed. In each case, the take is closed and stored entries stay readable. Or the
+                file was removed; then nothing is left.
         """
         self._check_open()
         try:
@@ -220,13 +220,13 @@ class TakeWriter:
             raise self._stopped(DiskFullError(why))
 
     def close(self) -> TakeReport:
-        """Finish the take, and make one file of its parts where it was interrupted.
+        """Finish the take, and merge its parts if it was interrupted.
 
-        Where the parts cannot be put together, they are kept, are read as one take, and the report says why. A
-        second call returns the same report.
+        If the parts cannot be merged, they are kept and read as one take, and the report gives the reason. A second
+        call returns the same report.
 
         Raises:
-            DiskFullError, RecordingError: the end could not be written; what was flushed stays readable.
+            DiskFullError, RecordingError: the end could not be written; flushed entries stay readable.
         """
         if self.report is not None:
             return self.report
@@ -276,7 +276,7 @@ class TakeWriter:
             raise RecordingError(f"{self.path} is closed{why}; begin a new take")
 
     def _stopped(self, error: RecordingError) -> RecordingError:
-        """Close as well as the disk allows, and give the error back with what is stored."""
+        """Close the take as far as the disk allows; return the error with the stored contents."""
         clean = False
         with suppress(OSError):  # the disk is full or failing: then the take has no end, and is readable
             self._file.finish()
@@ -313,7 +313,7 @@ class TakeWriter:
 
 
 def _earlier_parts(path: Path) -> TakeIndex:
-    """What an interrupted recording stored. Raises `TakeExistsError` where the file is no such thing."""
+    """Read an interrupted recording; raise `TakeExistsError` if the file is anything else."""
     if merge.closed(path):
         merge.remove_leftovers(path)
         raise disk.name_taken(path)

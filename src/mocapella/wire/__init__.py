@@ -1,1 +1,1 @@
-"""The bus: keys, sessions, and what a node, a server and a reader of results each do on it."""
+"""The bus: keys, sessions, and the links of nodes, servers and readers."""

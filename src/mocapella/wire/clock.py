@@ -1,7 +1,7 @@
-"""Two clocks brought together, with a bound on how wrong that can be.
+"""Estimate the offset between two clocks, with an error bound.
 
-Cristian's algorithm (1989): of several probes the one with the smallest round trip is believed, the far clock is taken
-to have been read in its middle, and half the round trip bounds the error.
+Cristian's algorithm (1989): of several probes, use the one with the smallest round trip, and assume that the far clock
+was read in its middle; half the round trip bounds the error.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from mocapella.errors import WireError
 
 _MAX_DIGITS = 19
-"""So many hold every time in 63 bits, which is 292 years."""
+"""Longest time in digits: 63 bits, which is 292 years."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,13 +25,13 @@ class ClockProbe:
 
     @property
     def round_trip_ns(self) -> int:
-        """How long the answer took."""
+        """Time from question to answer [ns]."""
         return self.received_ns - self.sent_ns
 
 
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
-    """``far = near + offset``, wrong by no more than ``bound`` [s]."""
+    """``far = near + offset``, with an error of at most ``bound`` [s]."""
 
     offset_ns: int
     bound_ns: int
@@ -48,18 +48,18 @@ class ClockEstimate:
 
 
 def read_clock(answer: bytes) -> int:
-    """A node's clock [ns] from its answer, which is decimal text.
+    """Return a node's clock [ns] from its answer, which is decimal text.
 
     Raises:
-        WireError: it is something else, or longer than any time.
+        WireError: it is no number, or too long.
     """
     if len(answer) > _MAX_DIGITS or not answer.isdigit():
-        raise WireError(f"its clock answered {answer[:40]!r}; it wants nanoseconds as decimal text")
+        raise WireError(f"its clock answered {answer[:40]!r}; nanoseconds as decimal text are wanted")
     return int(answer)
 
 
 def estimate_offset(probes: Sequence[ClockProbe]) -> ClockEstimate | None:
-    """The estimate of the best of the probes; None where there is none whose times make sense."""
+    """Return the estimate of the best probe; None if no probe has consistent times."""
     sane = [probe for probe in probes if probe.round_trip_ns >= 0]
     if not sane:
         return None
@@ -69,14 +69,14 @@ def estimate_offset(probes: Sequence[ClockProbe]) -> ClockEstimate | None:
 
 
 _JUMP_NS = 2_000_000_000
-"""A frame this much earlier than any before it, or ten times as much later, comes of a clock that jumped."""
+"""A frame earlier by this than all previous ones, or later by ten times this, indicates a clock jump [ns]."""
 
 
 class SensorClock:
-    """Brings a sensor's own clock to the server's, from arrivals alone, one pass, past frames only.
+    """Converts a sensor's clock to the server's, online, from arrival times alone.
 
-    A frame cannot arrive before it was captured, so the smallest (arrival − capture) of the last seconds is the offset
-    plus the smallest latency. Two half-windows follow a drift. A jump of the sensor's clock begins anew.
+    A frame cannot arrive before its capture, so the smallest (arrival − capture) of the last seconds is the offset plus
+    the smallest latency. Two half-windows follow clock drift. A jump of the sensor's clock restarts the estimate.
     """
 
     def __init__(self, window_s: float = 10.0) -> None:
@@ -90,7 +90,7 @@ class SensorClock:
         self._since_ns = 0
 
     def update(self, capture_ns: int, arrival_ns: int) -> int:
-        """The capture time on the server's clock [ns], never later than the arrival."""
+        """Return the capture time on the server's clock [ns], never later than the arrival."""
         difference = arrival_ns - capture_ns
         offset = self._offset()
         if offset is not None and not -_JUMP_NS < difference - offset < 10 * _JUMP_NS:

@@ -1,4 +1,4 @@
-"""The names on the bus. `docs/wire.md` lists them for other languages.
+"""Keys on the bus. `docs/wire.md` lists them for other languages.
 
 ``v1`` is the version of these keys; the messages carry the schema's own.
 """
@@ -25,7 +25,7 @@ _NODE_ID = re.compile(r"[0-9a-f]{16}")
 
 
 class NodeKey(NamedTuple):
-    """Which process serves which sensor."""
+    """A sensor and the process (node) that serves it."""
 
     sensor: str
     node_id: int
@@ -43,10 +43,10 @@ def asking(sensor: str) -> str:
 
 
 def node_of(key: str) -> NodeKey:
-    """The sensor and node that a key of `of_node` names.
+    """Return the sensor and node of a key made by `of_node`.
 
     Raises:
-        WireError: the key has another form, or a sensor name that cannot be one.
+        WireError: the key has another form, or an invalid sensor name.
     """
     try:
         sensor, node_id = key.split("/")[-2:]
@@ -56,10 +56,10 @@ def node_of(key: str) -> NodeKey:
 
 
 def parse_node_id(text: str) -> int:
-    """The number that stands at the end of a node's keys. It has one form only, so that one node has one key.
+    """Return the node id at the end of a key. It has one form only, so that a node has one key.
 
     Raises:
-        WireError: it is not 16 lower-case hex digits.
+        WireError: the text is not 16 lower-case hex digits.
     """
     if not _NODE_ID.fullmatch(text):
         raise WireError(f"node id {text[:40]!r} is not 16 lower-case hex digits, such as 00000000000000ff")

@@ -1,9 +1,9 @@
-"""What a sensor's node does on the bus: publish frames on two paths, answer clock probes, say that it is alive.
+"""A sensor node's link to the bus: frames on two paths, clock probes, queries, and a liveliness token.
 
-Live: best effort, newest wins. Record: the advanced publisher keeps the last minutes in its cache, and a recording
-server fetches from it what it missed. Both drop rather than wait when the link is full, because what the record path
-drops is fetched again; the *replies* must not be dropped, or the fetching loses it for good (measured: with a blocking
-publisher and dropping replies, a server that stood still for two seconds lost frames and held up the sensor; see
+Live path: best effort, newest wins. Record path: the advanced publisher keeps the last minutes in its cache, from which
+a recording server fetches missed frames. Both drop frames when the link is full, because dropped frames of the record
+path are fetched again; the *replies* must not be dropped, or the frames are lost (measured: with a blocking publisher
+and dropping replies, a server that stood still for two seconds lost frames and delayed the sensor; see
 docs/decisions/0004-two-paths.md).
 """
 
@@ -31,33 +31,33 @@ from mocapella.wire import keys
 from mocapella.wire.session import open_node
 
 OnQuestion = Callable[[bytes, Callable[[bytes], None]], None]
-"""Called with a question and the function that answers it, once."""
+"""Called with a query and the function that answers it once."""
 
 
 def new_node_id() -> int:
-    """A number that no other process has, so that frames of two starts are never mixed up."""
+    """Return a unique random number, so that frames of two starts are never confused."""
     return secrets.randbits(63) + 1
 
 
 @dataclass(frozen=True)
 class JoinReply:
-    """What the server says to a node that wants to serve a sensor."""
+    """The server's answer to a node that asks to serve a sensor."""
 
     accepted: bool
     message: str = ""
 
 
 class NodeLink:
-    """One sensor's end of the bus. A context manager: leaving it tells the server at once.
+    """A sensor's link to the bus. A context manager: leaving it notifies the server at once.
 
     Args:
         connect: address of the server.
-        sensor: whom it serves.
-        history_frames: how many are kept.
+        sensor: name of the sensor.
+        history_frames: number of frames to keep for a recording server.
 
     Attributes:
-        node: who this is on the bus.
-        published: frames published since the start.
+        node: identity on the bus.
+        published: number of published frames.
     """
 
     def __init__(self, connect: str, sensor: str, *, history_frames: int = HISTORY_FRAMES):
@@ -92,7 +92,7 @@ class NodeLink:
         self._alive = self._session.liveliness().declare_token(alive)
 
     def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
-        """Number, stamp and publish a frame on both paths, and what a simulation knows beside it."""
+        """Number, stamp and publish a frame on both paths, with a simulation's ground truth."""
         stamped = msgspec.structs.replace(
             frame,
             sensor=self.node.sensor,
@@ -110,12 +110,12 @@ class NodeLink:
         return stamped
 
     def answer(self, on_question: OnQuestion) -> None:
-        """Answer questions from now on; ``on_question`` must only hand them on, for the bus waits meanwhile."""
+        """Answer queries from now on; ``on_question`` must return quickly, because the bus waits for it."""
         key = keys.of_node("ask", self.node)
 
         def callback(query: zenoh.Query) -> None:
             def reply(data: bytes) -> None:
-                with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this node is going
+                with contextlib.suppress(zenoh.ZError):  # the other side has left, or this node is closing
                     query.reply(key, data)
                     query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
@@ -124,10 +124,10 @@ class NodeLink:
         self._asked = self._session.declare_queryable(key, callback)
 
     def join(self, timeout: float = 1.0) -> bool:
-        """Ask the server for the sensor's name; False while nobody answers.
+        """Claim the sensor's name at the server; return False if no server answers.
 
         Raises:
-            NameTakenError: another living node serves a sensor of this name.
+            NameTakenError: another connected node serves a sensor of this name.
         """
         who = {"sensor": self.node.sensor, "node_id": f"{self.node.node_id:016x}", "machine": platform.node()}
         for reply in self._session.get(keys.of_command("join"), payload=json.dumps(who), timeout=timeout):

@@ -1,4 +1,4 @@
-"""Questions to a camera's node and its answers: JSON, both ways; pictures are base64 in it. docs/wire.md lists them."""
+"""Queries to a camera's node and its answers, both as JSON with images in base64. docs/wire.md lists them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ MAX_ANSWER_BYTES: Final = 8 * 1024 * 1024
 
 
 class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="picture"):
-    """The newest picture, ``scale`` times as large.
+    """Return the newest image, scaled by ``scale``.
 
     Attributes:
-        keep: whether the node keeps it for a while, so that one can point at it.
+        keep: whether the node keeps it for a while, for clicks in it.
     """
 
     scale: float = 1.0
@@ -27,33 +27,33 @@ class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fi
 
 
 class AskMask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="mask"):
-    """What the colours' look-up table makes of the newest picture, and the markers that were found in it."""
+    """Return the newest image as classified by the colours' look-up table, with the detected markers."""
 
     scale: float = 1.0
     format: Literal["jpeg", "png"] = "png"
 
 
 class AskControls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="controls"):
-    """How the camera is set."""
+    """Return the camera's controls."""
 
 
 class AskReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="report"):
-    """What was found, lost, dropped, and what is wrong."""
+    """Return counts and faults."""
 
 
 class Clicks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where somebody pointed in a picture that was asked for: x, y by the marker's name, ``skin`` for skin [px]."""
+    """Clicks in a requested image: x, y by the marker's name, ``skin`` for skin [px]."""
 
     time_ns: int
     points: dict[str, tuple[float, float]]
 
 
 class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="learn"):
-    """Learn the colours anew, from pictures that were asked for, and use them at once.
+    """Learn the colours again from requested images, and use them at once.
 
     Attributes:
-        clicks: pictures and where somebody pointed in them.
-        backgrounds: times of pictures without markers.
+        clicks: images with clicks in them.
+        backgrounds: times of images without markers.
     """
 
     clicks: list[Clicks]
@@ -61,19 +61,19 @@ class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fiel
 
 
 class AskSave(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="save"):
-    """Write the colours that are in use to the node's profile."""
+    """Write the present colours to the node's profile."""
 
 
 class AskDiscard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="discard"):
-    """Forget what was learnt and not saved: the colours are those again that were in use before."""
+    """Discard unsaved colours, and use the previous ones."""
 
 
 class AskBoard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="board"):
-    """Where a calibration board's corners are in the newest picture.
+    """Detect a calibration board's corners in the newest image.
 
     Attributes:
         board: the text of its TOML file.
-        explain: whether to say what is seen instead where there is none, which takes long.
+        explain: whether to explain why no board is detected, which takes long.
     """
 
     board: str
@@ -84,20 +84,20 @@ Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave |
 
 
 class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An answer. What was not asked for is left out.
+    """An answer, with the fields of its query.
 
     Attributes:
-        ok: whether it could be done.
-        message: what was done, or what would have worked.
-        time_ns: of the picture, on the camera's clock.
-        size_px: (width, height) of the camera's picture, before it was scaled.
-        image: the picture's file.
+        ok: whether the query was carried out.
+        message: the effect, or what would have worked.
+        time_ns: of the image, on the camera's clock.
+        size_px: (width, height) of the camera's image, before scaling.
+        image: the encoded image.
         format: of ``image``: jpeg or png.
         names: of the markers.
-        positions_px: x, y of each in the camera's picture; null where it is not seen.
+        positions_px: x, y of each in the camera's image; null if it is not seen.
         controls: exposure, gain, white_balance, saturation, contrast, automatic; and fps, asked_fps, size_px, times.
         report: counts, and ``problems`` in sentences.
-        separability: of what was learnt: ``kept`` and ``in_background`` by name, ``distances``, ``problems``.
+        separability: of the learnt colours: ``kept`` and ``in_background`` by name, ``distances``, ``problems``.
         corners: of the board: ``ids``, ``corners_px``, ``edge_px``.
     """
 
@@ -116,10 +116,10 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def read_question(data: bytes) -> Question:
-    """A question of JSON.
+    """Decode a query from JSON.
 
     Raises:
-        WireError: it is none; says what is wrong with it.
+        WireError: it is invalid; names the fault.
     """
     if len(data) > MAX_QUESTION_BYTES:
         raise WireError(f"the question has {len(data)} bytes; at most {MAX_QUESTION_BYTES} are read")
@@ -131,15 +131,15 @@ def read_question(data: bytes) -> Question:
 
 
 def write_question(question: Question) -> bytes:
-    """As JSON."""
+    """Encode a query as JSON."""
     return msgspec.json.encode(question)
 
 
 def read_answer(data: bytes) -> NodeAnswer:
-    """An answer of JSON.
+    """Decode an answer from JSON.
 
     Raises:
-        WireError: it is none.
+        WireError: it is invalid.
     """
     if len(data) > MAX_ANSWER_BYTES:
         raise WireError(f"the answer has {len(data)} bytes; at most {MAX_ANSWER_BYTES} are read")
@@ -150,28 +150,28 @@ def read_answer(data: bytes) -> NodeAnswer:
 
 
 def write_answer(answer: NodeAnswer) -> bytes:
-    """As JSON; one that is too large says so instead."""
+    """Encode an answer as JSON; if it is too large, a refusal instead."""
     data = msgspec.json.encode(answer)
     if len(data) <= MAX_ANSWER_BYTES:
         return data
-    said = f"the answer has {len(data)} bytes, more than {MAX_ANSWER_BYTES}: ask for jpeg, or with a smaller scale"
-    return msgspec.json.encode(NodeAnswer(False, said))
+    refusal = f"the answer has {len(data)} bytes, more than {MAX_ANSWER_BYTES}: ask for jpeg, or with a smaller scale"
+    return msgspec.json.encode(NodeAnswer(False, refusal))
 
 
 def ask_node(session: zenoh.Session, sensor: str, question: Question, timeout: float = 10.0) -> NodeAnswer:
-    """Ask the node that serves a camera, and wait for its answer; one that says no has ``ok`` False.
+    """Query the node that serves a camera, and wait for its answer; a refusal has ``ok`` False.
 
     Args:
         session: of the server, or of a program that reads results (`mocapella.wire.session.open_reader`).
         sensor: the camera's name.
-        question: see above.
-        timeout: to wait for the answer [s]; learning takes seconds.
+        question: the query.
+        timeout: longest wait for the answer [s]; learning takes seconds.
 
     Raises:
-        BusError: nobody answers.
-        WireError: what comes is no answer.
+        BusError: no node answers.
+        WireError: the answer is invalid.
     """
     for reply in session.get(keys.asking(sensor), payload=write_question(question), timeout=timeout):
         if reply.ok is not None:
             return read_answer(reply.ok.payload.to_bytes())
-    raise BusError(f"{sensor}: nobody answered within {timeout:g} s; only nodes of cameras do (mocapella node markers)")
+    raise BusError(f"{sensor}: no answer within {timeout:g} s; only camera nodes answer (mocapella node markers)")

@@ -1,4 +1,4 @@
-"""What a program that reads results and sends commands does on the bus: the view, `record`, and yours."""
+"""Read results and send commands on the bus, as the view, `record`, and your programs do."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from mocapella.wire import keys
 
 
 class Newest:
-    """The newest of each kind of message, decoded when it is asked for: a slow reader skips, and delays nobody.
+    """The newest message of each type, decoded on demand: a slow reader skips messages, and delays no other program.
 
     Attributes:
-        refused: messages that could not be read.
+        refused: number of unreadable messages.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -38,17 +38,17 @@ class Newest:
         ]
 
     def scene(self) -> Scene | None:
-        """The newest scene, once."""
+        """Return the newest scene once; None if there is no new one."""
         data, self._scene = self._scene, None
         return None if data is None else self._read(decode_scene, data)
 
     def status(self) -> SessionStatus | None:
-        """The newest status, once."""
+        """Return the newest status once; None if there is no new one."""
         data, self._status = self._status, None
         return None if data is None else self._read(_decode_status, data)
 
     def frames(self) -> dict[str, SensorFrame]:
-        """The newest frame of each sensor that has sent one since the last call."""
+        """Return the newest frame of each sensor that has sent one since the last call."""
         fresh, self._frames = self._frames, {}
         read = {sensor: self._read(decode_frame, data) for sensor, data in fresh.items()}
         return {sensor: frame for sensor, frame in read.items() if frame is not None}
@@ -71,11 +71,11 @@ class Newest:
 
 
 class Following:
-    """All scenes and live frames, in the order they come in, for who must not skip any and asks often enough.
+    """All scenes and live frames in the order of arrival, for a reader that polls often and must not skip any.
 
     Attributes:
-        refused: messages that could not be read.
-        lost: messages that were thrown away because nobody asked for them, the oldest first.
+        refused: number of unreadable messages.
+        lost: number of messages dropped because the reader polled too late; the oldest are dropped first.
     """
 
     def __init__(self, session: zenoh.Session, most: int = 4096) -> None:
@@ -88,7 +88,7 @@ class Following:
         ]
 
     def take(self) -> list[Scene | SensorFrame]:
-        """What has come since the last call."""
+        """Return all messages since the last call."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -109,7 +109,7 @@ class Following:
 def send_command(
     session: zenoh.Session, verb: str, arguments: Mapping[str, Any] | None = None, timeout: float = 10.0
 ) -> CommandReply:
-    """Send a command and wait until it is carried out or refused.
+    """Send a command, and wait until it is carried out or refused.
 
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.
@@ -124,5 +124,5 @@ def send_command(
 def _decode_status(data: bytes) -> SessionStatus:
     try:
         return msgspec.json.decode(data, type=SessionStatus)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise WireError(f"{len(data)} bytes that are no session status ({error})") from error

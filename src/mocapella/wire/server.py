@@ -1,4 +1,4 @@
-"""What a server does on the bus. Callbacks come on the bus's own threads and must only hand the bytes on."""
+"""A server's link to the bus. Callbacks run on the bus's own threads, and must only pass the bytes on."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from mocapella.wire.clock import ClockProbe, read_clock
 from mocapella.wire.session import open_server
 
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
-"""Called with the node, the message, and when it arrived on the server's monotonic clock [ns]."""
+"""Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
 OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
 """Called with the verb, its arguments, and the function that answers it."""
 OnNonsense = Callable[[str], None]
 
 _CACHES = "@adv/pub/**"
-"""Where, under its key, an advanced publisher's cache answers."""
+"""Suffix of the key under which an advanced publisher's cache answers."""
 _HISTORY_TIMEOUT_S = 30.0
 _PROBES = 8
 _RECOVER_EVERY = timedelta(seconds=0.5)
 
 
 class ServerLink:
-    """The server's end of the bus. It listens at once; callbacks come after `serve`.
+    """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
     Raises:
-        AddressInUseError, BusError: as `open_server`.
+        AddressInUseError, BusError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense) -> None:
@@ -48,34 +48,34 @@ class ServerLink:
         self._serving: list[Any] = []
 
     def serve(self, *, on_frame: OnFrame, on_truth: OnFrame, on_alive: OnAlive, on_command: OnCommand) -> None:
-        """Take in what the nodes send and what is commanded, and say that a server is here."""
+        """Receive messages of nodes and commands, and declare the server's liveliness token."""
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [
-            session.declare_subscriber(keys.ALL_LIVE, self._handing_on(on_frame)),
-            session.declare_subscriber(keys.ALL_TRUTH, self._handing_on(on_truth)),
+            session.declare_subscriber(keys.ALL_LIVE, self._forwarding(on_frame)),
+            session.declare_subscriber(keys.ALL_TRUTH, self._forwarding(on_truth)),
             session.declare_queryable(keys.ALL_COMMANDS, self._answering(on_command)),
             liveliness.declare_subscriber(keys.ALL_SENSORS_ALIVE, self._watching(on_alive), history=True),
             liveliness.declare_token(keys.SERVER_ALIVE),
         ]
 
     def publish_scene(self, data: bytes) -> None:
-        """To whoever reads results; who reads too slowly misses some."""
+        """Publish a scene; slow readers miss some."""
         self._scene.put(data)
 
     def publish_status(self, data: bytes) -> None:
-        """To whoever shows the session."""
+        """Publish the session's status."""
         self._status.put(data)
 
     def start_record_path(self, on_frame: OnFrame) -> None:
-        """Begin to take in the record path; what is lost on the way from now on is fetched from the node's cache.
+        """Begin to receive the record path; frames lost from now on are fetched from the node's cache.
 
-        Nothing of what came before: with a history, or with the heartbeat as the sign of a loss, the bus may fetch
-        all that a node has kept (measured; docs/decisions/0004-two-paths.md). `fetch_history` asks for what is wanted.
+        Earlier frames are not fetched: with a history, or with heartbeats to detect losses, the bus may fetch all that
+        a node keeps (measured; docs/decisions/0004-two-paths.md). `fetch_history` requests earlier frames.
         """
         self._record = ext.declare_advanced_subscriber(
             self._session,
             keys.ALL_RECORD,
-            self._handing_on(on_frame),
+            self._forwarding(on_frame),
             recovery=ext.RecoveryConfig(
                 periodic_queries=_RECOVER_EVERY,  # type: ignore[arg-type]  # a timedelta, whatever zenoh's stub says
                 heartbeat=None,
@@ -84,27 +84,27 @@ class ServerLink:
         )
 
     def fetch_history(self, on_frame: OnFrame, history_s: float) -> None:
-        """Ask the caches of all nodes that are connected for what they published in the last ``history_s`` seconds.
+        """Request the frames of the last ``history_s`` seconds from the caches of all connected nodes.
 
-        Returns at once; the frames come as those of the record path do, also those that came before.
+        Returns at once; the frames arrive like those of the record path, also frames received before.
         """
-        hand_on = self._handing_on(on_frame)
+        pass_on = self._forwarding(on_frame)
         self._session.get(
             f"{keys.ALL_RECORD}/{_CACHES}?_anyke;_time=[now(-{history_s:.3f}s)..]",
-            lambda reply: None if reply.ok is None else hand_on(reply.ok),
+            lambda reply: None if reply.ok is None else pass_on(reply.ok),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_HISTORY_TIMEOUT_S,
         )
 
     def stop_record_path(self) -> None:
-        """Take in no more of it."""
+        """Stop receiving the record path."""
         if self._record is not None:
             self._record.undeclare()
             self._record = None
 
     def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
-        """Ask the node for its monotonic clock some times, one after the other, until it leaves one unanswered.
+        """Query the node's monotonic clock several times in sequence, until it leaves a query unanswered.
 
         Raises:
             WireError: an answer is no time.
@@ -122,10 +122,10 @@ class ServerLink:
         return answers
 
     def close(self) -> None:
-        """Leave the bus; everybody sees the server's liveliness token go."""
+        """Leave the bus, which removes the server's liveliness token."""
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def _handing_on(self, hand_on: OnFrame) -> Callable[[zenoh.Sample], None]:
+    def _forwarding(self, pass_on: OnFrame) -> Callable[[zenoh.Sample], None]:
         def callback(sample: zenoh.Sample) -> None:
             arrived = time.monotonic_ns()
             try:
@@ -133,7 +133,7 @@ class ServerLink:
             except WireError as error:
                 self._on_nonsense(str(error))
                 return
-            hand_on(node, sample.payload.to_bytes(), arrived)
+            pass_on(node, sample.payload.to_bytes(), arrived)
 
         return callback
 

@@ -1,8 +1,8 @@
-"""Opening a zenoh session that stays where it is told to: no scouting, no gossip, no shared memory.
+"""Open zenoh sessions that connect only to given addresses: no scouting, no gossip, no shared memory.
 
-A server listens and never looks around, so two servers on one machine never see each other's sensors. A node is a peer
-that tries its one server for ever; a reader of results is a client of it, for which the server passes on what the
-nodes publish (measured: a peer does that for clients, not for other peers).
+A server only listens, so two servers on one machine never see each other's sensors. A node is a peer that tries to
+reach its one server for ever; a reader of results is a client, to which the server forwards the nodes' messages
+(measured: a peer forwards to clients, not to other peers).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ DEFAULT_ADDRESS = "tcp/127.0.0.1:7447"
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address such as ``tcp/127.0.0.1:7447`` can be reached from this machine only.
+    """Whether an address such as ``tcp/127.0.0.1:7447`` is reachable from this machine only.
 
-    Of names only ``localhost`` counts: any other, such as ``127.example.org``, may lead anywhere.
+    Of host names, only ``localhost`` counts: any other, such as ``127.example.org``, may lead anywhere.
     """
     host = address.partition("/")[2].rpartition(":")[0]
     if host == "localhost":
@@ -33,10 +33,10 @@ def is_loopback(address: str) -> bool:
 
 
 def check_address(address: str) -> str:
-    """The address itself, when it has the form ``tcp/HOST:PORT``.
+    """Return the address if it has the form ``tcp/HOST:PORT``.
 
     Raises:
-        BusError: it has not; shows one that has.
+        BusError: it has another form; shows a valid address.
     """
     protocol, _, rest = address.partition("/")
     host, _, port = rest.rpartition(":")
@@ -46,7 +46,7 @@ def check_address(address: str) -> str:
 
 
 def open_server(listen: str) -> zenoh.Session:
-    """A session that listens.
+    """Open a session that listens.
 
     Raises:
         AddressInUseError: another program listens there.
@@ -65,7 +65,7 @@ def open_server(listen: str) -> zenoh.Session:
 
 
 def open_node(connect: str) -> zenoh.Session:
-    """A session that tries the server at ``connect`` for ever, beginning at once and without waiting for it."""
+    """Open a session that keeps trying the server at ``connect``; return without waiting for it."""
     config = _config("peer", connect=[check_address(connect)])
     retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
     _set(config, "connect/retry", retry)
@@ -75,10 +75,10 @@ def open_node(connect: str) -> zenoh.Session:
 
 
 def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
-    """A session of a program that reads results and sends commands.
+    """Open a session of a program that reads results and sends commands.
 
     Raises:
-        NoServerError: nobody answers at ``connect`` within ``timeout`` seconds.
+        NoServerError: no server answers at ``connect`` within ``timeout`` seconds.
     """
     config = _config("client", connect=[check_address(connect)])
     _set(config, "connect/timeout_ms", int(timeout * 1000))
@@ -90,7 +90,7 @@ def _open(config: zenoh.Config, connect: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise NoServerError(f"nobody answers at {connect}; start a server there (mocapella serve)") from error
+        raise NoServerError(f"no server answers at {connect}; start a server there (mocapella serve)") from error
 
 
 def _config(mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None) -> zenoh.Config:
