@@ -1,4 +1,4 @@
-"""What the logs say of a sensor's errors: that the measuring finds what was put in."""
+"""Check that the measurement of sensor errors recovers simulated errors."""
 
 from __future__ import annotations
 
@@ -10,9 +10,17 @@ from support.evaluation_sessions import log_of
 
 from mocapella.association.proportions import SD_M
 from mocapella.errors import InputError
-from mocapella.evaluation import sensor_errors
 from mocapella.evaluation.facing_sessions import AlignedViews
-from mocapella.evaluation.sensor_errors import autocovariance, measure, mirrored_better, told_apart
+from mocapella.evaluation.labelled_views import LabelledViews, mirrored_better
+from mocapella.evaluation.sensor_error_fit import (
+    autocovariance,
+    fit_bias,
+    fit_correlation,
+    fit_spread,
+    knot_autocorrelation,
+    unexplained,
+)
+from mocapella.evaluation.sensor_errors import measure, told_apart
 from mocapella.recording.study_log import write_study_log
 from mocapella.sources.simulate.body import BODY, JOINT
 from mocapella.sources.simulate.measured import BIAS_BINS, Errors, bias_place, view_axes
@@ -21,7 +29,7 @@ MIRROR = list(BODY.mirror)
 RNG = np.random.default_rng(5)
 
 
-def views(bias: np.ndarray, noise: float = 0.0, frames: int = 600) -> sensor_errors._Views:
+def views(bias: np.ndarray, noise: float = 0.0, frames: int = 600) -> LabelledViews:
     """Two views 70° apart of somebody who turns around in Walk, with that bias."""
     alpha = np.linspace(-np.pi, np.pi, frames)
     both = np.stack([alpha, (alpha - np.radians(70) + np.pi) % (2 * np.pi) - np.pi], axis=1)
@@ -34,7 +42,7 @@ def views(bias: np.ndarray, noise: float = 0.0, frames: int = 600) -> sensor_err
     seen += noise * RNG.normal(size=seen.shape)
     nothing = np.zeros((frames, 2), dtype=bool)
     raw = AlignedViews(np.zeros((frames, 2)), np.full(frames, 3), seen, seen, np.zeros((2, 3)), toward)
-    return sensor_errors._Views("x", 0, raw, both, both, nothing, seen, np.zeros((frames, 2, 25), dtype=bool))
+    return LabelledViews("x", 0, raw, both, both, nothing, seen, np.zeros((frames, 2, 25), dtype=bool))
 
 
 def mirrored_bias() -> np.ndarray:
@@ -47,15 +55,15 @@ def mirrored_bias() -> np.ndarray:
 def test_the_bias_between_two_views_is_found_again() -> None:
     of = views(mirrored_bias())
     before = np.linalg.norm(of.positions[:, 0] - of.positions[:, 1], axis=-1).mean()
-    rest = sensor_errors._rest(of, sensor_errors._bias([of]))
+    rest = unexplained(of, fit_bias([of]))
     assert np.linalg.norm(rest, axis=-1).mean() < 0.2 * before
 
 
 def test_noise_without_bias_is_as_wide_as_it_was_made() -> None:
     of = views(np.zeros((25, BIAS_BINS, 3)), noise=0.03, frames=3000)
-    sd = sensor_errors._spread([of], [sensor_errors._rest(of, np.zeros((25, BIAS_BINS, 3)))])
+    sd = fit_spread([of], [unexplained(of, np.zeros((25, BIAS_BINS, 3)))])
     assert sd[:, 0] == pytest.approx(0.03, rel=0.15)
-    correlation = sensor_errors._correlation([of], [of.positions[:, 0] - of.positions[:, 1]], sd)
+    correlation = fit_correlation([of], [of.positions[:, 0] - of.positions[:, 1]], sd)
     assert np.abs(correlation - np.eye(25) - np.diag(np.diag(correlation) - 1)).max() < 0.1
 
 
@@ -63,7 +71,7 @@ def test_white_noise_has_no_memory_and_splines_have_that_of_their_knots() -> Non
     covariance = autocovariance([0.02 * RNG.normal(size=(20_000, 2, 3))])
     assert covariance[0] == pytest.approx(0.02**2, rel=0.03)
     assert np.abs(covariance[1:]).max() < 0.02 * covariance[0]
-    known = sensor_errors._knot_autocorrelation(0.4, np.array([0.0, 0.2, 0.4, 1.7]))
+    known = knot_autocorrelation(0.4, np.array([0.0, 0.2, 0.4, 1.7]))
     assert known[0] == pytest.approx(1)
     assert (np.diff(known) < 0).all()
     assert known[-1] == pytest.approx(0, abs=1e-9)
