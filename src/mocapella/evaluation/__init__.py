@@ -1,1 +1,1 @@
-"""How good a tracking method is, by a scoring that cannot be flattered (docs/evaluation.md)."""
+"""Scoring of tracking methods and detectors, on recordings and in simulation (docs/evaluation.md)."""

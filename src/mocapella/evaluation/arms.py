@@ -1,7 +1,7 @@
-"""How well a detector finds arms and fingertips in rendered depth images, whose truth is known.
+"""Scores detectors of arms and fingertips on rendered depth images with ground truth.
 
-A truth's arm is that of the detector whose palm is nearest to its own, within 10 cm. Nothing is corrected, and
-a detector is not told what is to be seen.
+A true arm is matched to the detected arm with the nearest palm, within 10 cm. Nothing is corrected, and
+a detector has no information about the scene.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
 Float64 = NDArray[np.float64]
 
 MATCH_M: Final = 0.10
-"""A detector's palm that is farther from the true one is that of something else."""
+"""Largest distance between the palms of a true and a detected arm that match [m]."""
 FOUND_M: Final = 0.015
-"""A fingertip that is nearer than this under its right name is found."""
+"""Largest error of a fingertip with the right name that counts as found [m]."""
 
 
 @dataclass
 class ArmScores:
-    """What a detector came to, summed over frames; see `table` for what is told of it.
+    """A detector's results, summed over frames; `table` derives the figures.
 
     Attributes:
-        frames: arms that were in the image, summed over frames.
-        followed: of these, with a detector's arm.
+        frames: number of arms in the images, summed over frames.
+        followed: of these, matched to a detected arm.
         tips: errors of visible fingertips that the detector measured [m].
         inferred: visible fingertips that it did not measure.
-        named: visible fingertips of which the detector's tip of that name is the nearest, or near enough.
+        named: visible fingertips whose nearest detected tip has the right name, or with a near tip of that name.
         visible: fingertips that are visible.
         occluded, occluded_found: visible before palm or other digits, and how many of these are found.
-        hidden: errors of fingertips that have no pixels [m].
+        hidden: errors of fingertips without pixels [m].
         wrist, palm, elbow: errors [m].
-        sided: frames in which the side is right.
-        lost: longest run of frames without the arm, after it was first found.
+        sided: frames with the right side.
+        lost: longest run of frames without the arm, after its first detection.
     """
 
     frames: int = 0
@@ -61,7 +61,7 @@ class ArmScores:
     lost: int = 0
 
     def add(self, other: ArmScores) -> None:
-        """Take in another's; the longest loss is the longer."""
+        """Add another score; the longest loss is the larger one."""
         for name in ("frames", "followed", "inferred", "named", "visible", "occluded", "occluded_found", "sided"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("tips", "hidden", "wrist", "palm", "elbow"):
@@ -69,7 +69,7 @@ class ArmScores:
         self.lost = max(self.lost, other.lost)
 
     def table(self) -> dict[str, float]:
-        """Figures: mm, and parts of 1. A visible fingertip that is not measured has no error, but is no found name."""
+        """Return the figures: mm, and shares. A visible fingertip without a measurement counts as misnamed."""
 
         def of(values: list[float], q: float) -> float:
             return round(1e3 * float(np.percentile(values, q)), 2) if values else float("nan")
@@ -97,7 +97,7 @@ class ArmScores:
 
 
 def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
-    """Run a detector, as it is, over the shots of one scene, in their order."""
+    """Run a detector over the shots of one scene, in their order."""
     scores = ArmScores()
     runs: dict[int, int] = {}
     for shot in shots:
@@ -121,7 +121,7 @@ def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
 
 
 def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
-    """Whether the palm is in the image, by 15 pixels at least, and within what the sensor measures."""
+    """Return whether the palm is at least 15 pixels inside the image, and within the sensor's range."""
     x, y, z = truth.points[PALM]
     if z <= 0.05:
         return False
@@ -131,7 +131,7 @@ def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
 
 
 def matched(truth: ArmTruth, seen: SeenArms) -> SeenArm | None:
-    """The detector's arm whose palm is nearest; None where none is within `MATCH_M`."""
+    """Return the detected arm with the nearest palm; None if none is within `MATCH_M`."""
     near = [(float(np.linalg.norm(arm.points[PALM] - truth.points[PALM])), k) for k, arm in enumerate(seen.arms)]
     near = [pair for pair in near if pair[0] <= MATCH_M]
     return seen.arms[min(near)[1]] if near else None

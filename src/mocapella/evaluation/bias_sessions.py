@@ -1,4 +1,4 @@
-"""The study logs as what a joint bias is learnt from, and how much nearer views are with it.
+"""Trains a joint bias on the study logs, and measures how much nearer it brings the views.
 
 See docs/methods/joint-bias.md.
 """
@@ -23,11 +23,11 @@ from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.default_settings import DefaultSettings
 
 TASKS: Final = {SCENARIOS["stationary"]: 0.2, SCENARIOS["steps"]: 0.5, SCENARIOS["walk"]: 1.0}
-"""How much each task of a session counts, however long it is."""
+"""Weight of each task of a session, independent of its length."""
 EVERY: Final = 4
-"""Neighbouring frames say the same: every fourth is learnt from."""
+"""Stride: neighbouring frames are nearly equal, so every fourth is used."""
 ROWS: Final = ("walk", "walk-frozen", "walk-cold", "steps-second-half")
-"""Of the tables, those that say whether a bias helps."""
+"""Rows of the tables that show whether a bias helps."""
 
 
 class BiasSession(msgspec.Struct, frozen=True, eq=False):
@@ -35,8 +35,8 @@ class BiasSession(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         study: the file.
-        plain: the method `default` over it, without a bias.
-        views: what is learnt from it.
+        plain: the run of the method `default` without a bias.
+        views: the training data.
     """
 
     study: StudySession
@@ -50,7 +50,7 @@ class BiasSession(msgspec.Struct, frozen=True, eq=False):
 
 
 def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker]:
-    """How to make the method `default` with this bias, whatever ships."""
+    """Return a factory of the method `default` with this bias instead of the shipped one."""
 
     def make(sensors: int) -> DefaultTracker:
         tracker = DefaultTracker(DefaultSettings(joint_bias="none"), sensors_expected=sensors)
@@ -61,9 +61,9 @@ def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker
 
 
 def bias_session(study: StudySession) -> BiasSession | None:
-    """A study log as what is learnt from; None where it has not one person in Walk, or only one sensor.
+    """Convert a study log to training data; None unless it has one person in Walk, and two sensors.
 
-    Labels, time offsets, facings and places are those that the method `default` without a bias knew at each frame;
+    Labels, clock offsets, facings and positions are the estimates of the method `default` without a bias at each frame;
     the sensors' motions are fitted anew in training.
     """
     pairs = study.pairs.where(np.isin(study.pairs.task, list(TASKS)))
@@ -75,7 +75,7 @@ def bias_session(study: StudySession) -> BiasSession | None:
     kept[::EVERY] = True
     known = known_before(study.frames, pairs)
     seen = seen_views(study, plain.whole, pairs, known, known)
-    asked = asked_about(study, pairs, seen)  # of all pairs: velocities are from those before
+    asked = asked_about(study, pairs, seen)  # of all pairs: velocities need the previous ones
     order = study.sensor[pairs.rows].argsort(axis=1)
     agreed = np.where(seen.swapped[..., None, None], seen.joints[:, :, TOPOLOGY.mirror], seen.joints)
     views = {"positions": agreed, "facing": asked.facing, "position": asked.position, "velocity": asked.velocity}
@@ -91,7 +91,7 @@ def bias_session(study: StudySession) -> BiasSession | None:
 def bias_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[BiasSession]:
-    """All study logs of a folder that are a `bias_session`.
+    """Return the sessions of all study logs of a folder that give a `bias_session`.
 
     Args:
         folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
@@ -109,7 +109,7 @@ def bias_sessions(
 
 
 def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
-    """What a model of these sessions was trained on, for `JointBiasModel.trained_on`."""
+    """Describe the training data, for `JointBiasModel.trained_on`."""
     return {
         "recordings": "study logs of KinectMultiTrack, 2015 (MIT): one room, one route",
         "participants": sorted({session.participant for session in sessions}),
@@ -120,7 +120,7 @@ def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
 
 
 def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBiasModel:
-    """A model of all sessions, with what is learnt without each fold of participants."""
+    """Train a model on all sessions, and one without each fold of participants."""
     without = [
         LeftOut(tuple(sorted(fold)), train([s.views for s in sessions if s.participant not in fold], TOPOLOGY))
         for fold in folds
@@ -132,7 +132,7 @@ def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBi
 def left_out(
     sessions: Sequence[BiasSession], model: JointBiasModel, on_step: Callable[[str], None] = lambda text: None
 ) -> dict[str, Any]:
-    """Rows of the tables with and without a bias; `AsRun` tries what was learnt without the participant.
+    """Return rows of the tables with and without a bias; `AsRun` uses the model without the participant.
 
     Returns:
         ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, and the fused skeleton's

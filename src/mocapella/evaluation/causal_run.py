@@ -1,4 +1,4 @@
-"""A method over a session's frames in the order of their arrival, and what it knew after each."""
+"""Runs a method over a session's frames in the order of their arrival, and stores its estimates after each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mocapella.tracker.protocol import SensorViews
 Float64 = NDArray[np.float64]
 
 MAX_TIME_OFFSET = 1.0
-"""No two sensors' clocks are farther apart after the arrivals were put in order [s]."""
+"""Largest clock offset between two sensors of ordered arrivals [s]."""
 TO_FIND_IT = 1.0
 """[m]."""
 LONGEST_STEP = 1.0
@@ -29,7 +29,7 @@ _PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
 
 
 class PersonThen(msgspec.Struct, frozen=True, eq=False):
-    """A person of a scene: id, the views that he was made of, and (joints, 3) fused, reference camera space [m]."""
+    """A person of a scene: id, the fused views, and the fused skeleton (joints, 3), reference camera space [m]."""
 
     id: int
     keys: frozenset[BodyKey]
@@ -37,18 +37,18 @@ class PersonThen(msgspec.Struct, frozen=True, eq=False):
 
 
 class CausalRun(msgspec.Struct, frozen=True, eq=False):
-    """What a method knew: entry k was known *before* arrival k, so entry 0 is what it began with.
+    """A method's estimates: entry k is from *before* arrival k, so entry 0 is the initial one.
 
     Attributes:
         sensors: names, the reference sensor first.
         T_reference_sensor: (arrivals + 1, sensors, 4, 4); NaN where unknown.
         time_offset_s: (arrivals + 1, sensors); NaN where not declared.
-        swapped: (arrivals + 1,) the views whose labels are swapped.
+        swapped: (arrivals + 1,) the views with swapped labels.
         people: (arrivals,) the people of each scene.
         at_ns: (arrivals,).
         joint_bias: declared before the first frame.
-        wander_m_per_min: how far the motions between the sensors moved a point where people stand, to and fro, beyond
-            the `TO_FIND_IT` metres that finding them once may take.
+        wander_m_per_min: distance by which the motions between the sensors moved a point at people's positions, to and
+            fro, beyond the `TO_FIND_IT` metres that an initial estimation may take.
     """
 
     sensors: tuple[str, ...]
@@ -67,7 +67,7 @@ def run_causally(
     arrivals: Sequence[Arrival],
     layout: Mapping[str, Float64],
 ) -> CausalRun:
-    """Feed a new tracker every frame; ask it what it knows before the first and after each.
+    """Feed every frame to a new tracker; read its estimates before the first and after each.
 
     Args:
         make: a new tracker for so many sensors.
@@ -76,7 +76,7 @@ def run_causally(
         layout: T_world_sensor (4, 4) [m] known before the first frame: the study's own calibration, as the log has it.
 
     Raises:
-        EvaluationError: a motion is not rigid, or a value cannot be one.
+        EvaluationError: a motion is not rigid, or a value is invalid.
     """
     tracker = make(len(sensors))
     tracker.start_from({sensor: T.copy() for sensor, T in layout.items()})

@@ -1,4 +1,4 @@
-"""How good a calibration of real webcams is: made of half of their pictures, scored on the others by the board.
+"""Scores a calibration of real webcams: calibrated on half of the images, scored with the board on the others.
 
 The scored half is triangulated corner by corner, without the board's shape; the distances between the corners of an
 instant are then compared with the board's. Every corner counts that two cameras or more saw.
@@ -21,7 +21,7 @@ from mocapella.sensing.boards import BoardDetector
 from mocapella.sources.video import Frames, pictures
 
 TARGETS = {"distance_rms_mm": 1.2, "reprojection_median_px": 1.0}
-"""On the scored frames; the reprojection is that of the calibration which comes with the recording."""
+"""Targets on the scored frames; the reprojection target is the result of the recording's own calibration."""
 
 
 def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step: int = 1) -> dict[str, Any]:
@@ -30,11 +30,11 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
     Args:
         folder: with ``charuco.toml``, ``calibration/extrinsic/*.mp4``, one of each camera, with frames of one instant
             under one number, and ``camera_array.toml``, which is scored beside.
-        tell: what is being done.
+        tell: called with the current step, in words.
         step: take only every n-th of the odd and of the even frames, for a quick look, without halves.
 
     Returns:
-        ``calibration``, ``scored`` of ours and of the reference, and which targets are met.
+        ``calibration``, ``scored`` for our calibration and the reference, and which targets are met.
     """
     videos = sorted((folder / "calibration" / "extrinsic").glob("*.mp4"))
     if len(videos) < 2:

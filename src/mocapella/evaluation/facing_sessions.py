@@ -1,4 +1,4 @@
-"""The study logs as sequences of a person's facing, and how good an estimate of it is (docs/methods/facing.md)."""
+"""Converts study logs to sequences of a person's facing, and scores estimates of it (docs/methods/facing.md)."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ TASKS: Final = tuple(SCENARIOS[name] for name in TASK_NAMES)
 """In the first two, people face the front sensor throughout."""
 FRONT: Final = "front"
 VELOCITY_OVER: Final = 0.25
-"""The past that a velocity is from [s]."""
+"""Interval of a velocity, into the past [s]."""
 BACKWARD: Final = np.radians(120.0)
-"""Somebody who moves farther off the facing than that walks backward, and not aside [rad]."""
+"""Smallest angle between motion and facing that counts as walking backward, not sideways [rad]."""
 
 _STATIONARY, _STEPS, _WALK = TASKS
 _ROOT = TOPOLOGY.parts["root"]
@@ -49,10 +49,10 @@ class FacingSession(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         participant, name: Study_Id, and the file's name.
-        sequence: of both views; known are the facings in Stationary and Steps.
+        sequence: of both views; the facings in Stationary and Steps are known.
         task: (frames,) Scenario_Id.
         toward_front: (frames,) yaw from the person to the front sensor [rad].
-        heading: (frames,) of the motion, from before and after a frame [rad]; NaN where not faster than `MOVING`.
+        heading: (frames,) direction of the motion around a frame [rad]; NaN up to the speed `MOVING`.
         front_labels, mean_labels: (frames,) yaw of the front sensor's skeleton, and of the thesis' average [rad].
     """
 
@@ -73,8 +73,8 @@ class AlignedViews(msgspec.Struct, frozen=True, eq=False):
         at_s: (frames, 2) when each was captured, from the file's first frame; the first column strictly rising [s].
         task: (frames,) Scenario_Id.
         positions: (frames, 2, joints, 3) with the sensors' labels, the reference sensor first [m].
-        logged: the same as they were logged.
-        places: (2, 3) where the sensors stood [m].
+        logged: the same, as in the log.
+        places: (2, 3) positions of the sensors [m].
         toward: (frames, 2) yaw from the person to each sensor [rad].
     """
 
@@ -87,11 +87,11 @@ class AlignedViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def aligned_views(session: StudySession) -> AlignedViews | None:
-    """A study log's pairs in one space; None where it has not one person in all three tasks, or no `FRONT`.
+    """Transform a study log's pairs to one space; None unless it has one person in all three tasks, and a `FRONT`.
 
-    The second sensor's rows are brought to the reference's camera space by a robust rigid motion that is fitted to
-    Stationary and Steps. Where the second sensor stood follows from what is logged of its stand-still calibration:
-    its angle and its distance C.z, with C.x taken as 0, since it was aimed at the person.
+    The second sensor's rows are transformed to the reference's camera space by a robust rigid motion that is fitted to
+    Stationary and Steps. The second sensor's position follows from its logged stand-still calibration: the angle and
+    the distance C.z, with C.x taken as 0, since the sensor was aimed at the person.
     """
     log = session.log
     pairs = session.pairs.where(np.isin(session.pairs.task, TASKS))
@@ -114,7 +114,7 @@ def aligned_views(session: StudySession) -> AlignedViews | None:
 
 
 def facing_session(session: StudySession) -> FacingSession | None:
-    """A study log's `aligned_views` as a sequence of the person's facing; None where it has none."""
+    """Convert a study log's `aligned_views` to a sequence of the person's facing; None if there are none."""
     views = aligned_views(session)
     if views is None:
         return None
@@ -140,7 +140,7 @@ def facing_session(session: StudySession) -> FacingSession | None:
 def facing_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[FacingSession]:
-    """All study logs of a folder that are a `facing_session`.
+    """Return the sessions of all study logs of a folder that give a `facing_session`.
 
     Args:
         folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
@@ -157,7 +157,7 @@ def facing_sessions(
 
 
 def trained_on(sessions: Sequence[FacingSession]) -> dict[str, Any]:
-    """What a model of these sessions was trained on, for `mocapella.fusion.facing_model.FacingModel.trained_on`."""
+    """Describe the training data, for `mocapella.fusion.facing_model.FacingModel.trained_on`."""
     return {
         "recordings": "study logs of KinectMultiTrack, 2015 (MIT): one room, one route",
         "participants": sorted({session.participant for session in sessions}),
@@ -170,12 +170,12 @@ def trained_on(sessions: Sequence[FacingSession]) -> dict[str, Any]:
 
 
 def _second_place(log: StudyLog, rows: Int64, stood: Float64) -> Float64:
-    """(3,) where the second sensor stood by the thesis' calibration, reference camera space [m].
+    """Return the position (3,) of the second sensor by the thesis' calibration, reference camera space [m].
 
     Args:
         log: the file.
         rows: (2,) of both sensors.
-        stood: (3,) where the person was, as the reference sensor sees it [m].
+        stood: (3,) position of the person, reference camera space [m].
     """
     distances = log.init_dist[rows]
     turn = rigid.rotation_about_y(log.init_angle[rows[1]] - log.init_angle[rows[0]])
@@ -183,7 +183,7 @@ def _second_place(log: StudyLog, rows: Int64, stood: Float64) -> Float64:
 
 
 def _velocity(at_s: Float64, points: Float64, before_s: float, after_s: float) -> Float64:
-    """(frames, 3) mean velocity from so long before a frame to so long after it; NaN where that is not covered."""
+    """Return the mean velocity (frames, 3) over an interval around each frame; NaN if it is not covered."""
 
     def at(times: Float64) -> Float64:
         return np.stack([np.interp(times, at_s, column, np.nan, np.nan) for column in points.T], axis=-1)
@@ -200,16 +200,16 @@ class OfParticipant(Protocol):
 
 
 class FacingFigures(msgspec.Struct, frozen=True):
-    """How good facings are, over all frames of all sessions.
+    """The accuracy of facings over all frames of all sessions.
 
     Attributes:
-        sessions: how many.
-        against_motion_percent: of Walk's frames faster than `MOVING`, more than 90° off the heading.
+        sessions: number of sessions.
+        against_motion_percent: share of Walk's frames faster than `MOVING` that are more than 90° off the heading.
         reversals_per_min: of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
         backward_kept_percent: of Walk's moving frames that are farther than `BACKWARD` off the heading by the
-            reference, those that are more than 90° off it here too.
+            reference, the share that is more than 90° off it here too.
         steps_wrong_percent, stationary_wrong_percent: more than 90° off the front sensor.
-        walk_differs_percent: of Walk's frames, more than 90° off the reference.
+        walk_differs_percent: share of Walk's frames that are more than 90° off the reference.
     """
 
     sessions: int
@@ -231,7 +231,7 @@ def figures(
         estimates: (frames,) of each session [rad].
         references: the same, see `reference_facings`.
     """
-    total = np.zeros((2, 6))  # rows: what counts, of how much; columns: in the order of `FacingFigures`
+    total = np.zeros((2, 6))  # rows: count and total; columns: in the order of `FacingFigures`
     for session, yaw, reference in zip(sessions, estimates, references, strict=True):
         walk, at_s = session.task == _WALK, session.sequence.at_s
         moving = walk & np.isfinite(session.heading)
@@ -261,9 +261,9 @@ def _is_off(yaw: Float64, other: Float64, by: float = np.pi / 2) -> NDArray[np.b
 
 
 def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> list[Float64]:
-    """The best there is without a truth: (frames,) facings from past and future, of yaws and shapes without motion.
+    """Estimate reference facings (frames,) without ground truth: from past and future yaws and shapes, not motion.
 
-    That motion has no part in it makes it fit to say who really walked backward.
+    Because motion is not used, they can show who really walked backward.
     """
     return _yaws(sessions, model, FacingSettings(motion_weight=0.0), smooth=True)
 
@@ -278,7 +278,7 @@ def _yaws(
 def left_out(
     sessions: Sequence[FacingSession], folds: int, reference: FacingModel, settings: FacingSettings | None = None
 ) -> Mapping[str, FacingFigures]:
-    """Figures of people not trained on: each fold of participants by what the others taught; and of what it is made of.
+    """Return cross-validated figures: each fold with a model of the other participants; and figures of variants.
 
     Args:
         sessions: of at least as many participants as folds.
@@ -287,7 +287,7 @@ def left_out(
         settings: as the model will be used.
 
     Returns:
-        By method. ``front sensor`` and ``mean of sensors`` take labels for true; ``default`` is the one that ships.
+        Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` is the shipped model.
     """
     settings = settings or FacingSettings()
     variants = {
@@ -315,7 +315,7 @@ def left_out(
 
 
 def split(sessions: Iterable[OfParticipant], folds: int) -> list[set[int]]:
-    """The participants in so many folds: every n-th of them.
+    """Divide the participants into folds: every n-th of them.
 
     Raises:
         SettingsError: there are fewer participants than folds.

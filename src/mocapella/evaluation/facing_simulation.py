@@ -1,6 +1,6 @@
-"""How good facings and true labels are in simulated rooms, where the truth is known and sensors look from all sides.
+"""Scores facings and corrected labels in simulated rooms, with ground truth and sensors on all sides.
 
-Who is who, where sensors stand and how fast people move is taken from the truth: what is measured is the filter alone.
+Identities, sensor poses and velocities are taken from the ground truth, so the filter alone is measured.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ VELOCITY_OVER_S: Final = 0.25
 
 
 class SimulatedFigures(msgspec.Struct, frozen=True):
-    """Over all bodies of all frames.
+    """Figures over all bodies of all frames.
 
     Attributes:
-        bodies: how many.
-        wrong_as_reported_percent: of which the sensor mixed up left and right.
-        wrong_percent: of which the repaired labels are mixed up.
-        facing_wrong_percent: of which the facing is more than 90° off.
-        off_deg: median of how far it is off.
+        bodies: number of bodies.
+        wrong_as_reported_percent: share with left and right swapped by the sensor.
+        wrong_percent: share with left and right swapped after the correction.
+        facing_wrong_percent: share with a facing more than 90° off.
+        off_deg: median error of the facing.
     """
 
     bodies: int
@@ -44,7 +44,7 @@ class SimulatedFigures(msgspec.Struct, frozen=True):
 
 
 def simulated_figures(room: Room, facings: FacingFilter, seconds: float) -> SimulatedFigures:
-    """Run a filter on everything that a room's sensors say from its beginning.
+    """Run a filter on all frames of a room's sensors from its beginning.
 
     Args:
         room: any.
@@ -87,7 +87,7 @@ def _yaw(positions: Float64, topology: Topology) -> Float64:
 
 
 def _velocity(places: deque[tuple[float, Float64]], at_s: float, place: Float64) -> Float64:
-    """(3,) mean over the past `VELOCITY_OVER_S`, which ``places`` keeps; NaN where it does not reach that far."""
+    """Return the mean velocity (3,) over the past `VELOCITY_OVER_S` from ``places``; NaN if they are too recent."""
     places.append((at_s, place))
     while at_s - places[0][0] > VELOCITY_OVER_S:
         places.popleft()

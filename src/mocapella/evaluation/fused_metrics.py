@@ -1,4 +1,4 @@
-"""How good a skeleton over time is, without ground truth (docs/evaluation.md, *Fused skeleton*).
+"""Quality metrics of a skeleton over time, without ground truth (docs/evaluation.md, *Fused skeleton*).
 
 Positions are (frames, joints, 3) of the Kinect v2's joints, y up [m], at ``at_s`` (frames,), strictly rising.
 """
@@ -21,14 +21,14 @@ SLIDE_OVER: Final = 0.1
 HEADING_OVER: Final = 0.2
 """Centred on the frame [s]."""
 MOVING: Final = 0.5
-"""Faster than this somebody moves [m/s]."""
+"""Smallest speed of a moving person [m/s]."""
 REVERSED_BY: Final = np.radians(120.0)
 REVERSED_WITHIN: Final = 0.4
 """[s]."""
 COLLAPSED: Final = 0.6
 """Of the median shoulder width."""
 _LAG_STEPS = 12
-"""Of 1/60 s: a velocity over so long does not care how a skeleton is interpolated between its frames."""
+"""Number of steps of 1/60 s: a velocity over that time does not depend on the interpolation between frames."""
 _KINECT = topology("kinect_v2")
 _PARENTS, _CHILDREN = (list(ends) for ends in zip(*_KINECT.bones, strict=True))
 _ROOT = _KINECT.parts["root"]
@@ -39,25 +39,25 @@ _HORIZONTAL = [0, 2]
 
 
 def facing_yaw(positions: Float64) -> Float64:
-    """(...,) the direction that a body faces, by the labels of its shoulders and hips; 0 = +z, π/2 = +x [rad]."""
+    """Return the facing (...,) by the labels of shoulders and hips; 0 = +z, π/2 = +x [rad]."""
     across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 
 
 def bone_length_variation(positions: Float64) -> float:
-    """Standard deviation over mean of each bone's length, mean over the bones [1]."""
+    """Return the coefficient of variation of the bones' lengths, mean over the bones."""
     lengths = np.linalg.norm(positions[:, _PARENTS] - positions[:, _CHILDREN], axis=-1)
     return float((np.nanstd(lengths, axis=0) / np.nanmean(lengths, axis=0)).mean())
 
 
 def jitter(positions: Float64) -> float:
-    """Root mean square of the second difference of the joints from row to row [m]."""
+    """Return the root mean square second difference of the joints from row to row [m]."""
     second = positions[2:] - 2 * positions[1:-1] + positions[:-2]
     return float(np.sqrt(np.nanmean((second**2).sum(axis=-1))))
 
 
 def foot_slide(positions: Float64, at_s: Float64) -> float:
-    """Mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s]."""
+    """Return the mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s]."""
     now = at_s >= at_s[0] + SLIDE_OVER
     speeds = [
         np.linalg.norm(
@@ -69,13 +69,13 @@ def foot_slide(positions: Float64, at_s: Float64) -> float:
 
 
 def shoulder_collapse(positions: Float64) -> float:
-    """Share of the frames in which the shoulders are closer than `COLLAPSED` times their median distance."""
+    """Return the share of frames with shoulders closer than `COLLAPSED` times their median distance."""
     width = np.linalg.norm(positions[:, _LEFT[0]] - positions[:, _RIGHT[0]], axis=-1)
     return float((width < COLLAPSED * np.nanmedian(width)).mean())
 
 
 def facing_against_motion(positions: Float64, at_s: Float64) -> float:
-    """Share of the frames with a speed over `MOVING` in which the body faces more than 90° off its heading."""
+    """Return the share of frames faster than `MOVING` with a facing more than 90° off the heading."""
     half = HEADING_OVER / 2
     root = positions[:, _ROOT]
     velocity = (_at(at_s + half, at_s, root) - _at(at_s - half, at_s, root)) / HEADING_OVER
@@ -86,7 +86,7 @@ def facing_against_motion(positions: Float64, at_s: Float64) -> float:
 
 
 def facing_away(positions: Float64, towards: Float64) -> float:
-    """Share of the frames in which the body faces more than 90° away from a point.
+    """Return the share of frames with a facing more than 90° away from a point.
 
     Args:
         positions: (frames, joints, 3) [m].
@@ -98,12 +98,12 @@ def facing_away(positions: Float64, towards: Float64) -> float:
 
 
 def yaw_reversals(positions: Float64, at_s: Float64) -> int:
-    """How often the facing turns by more than `REVERSED_BY` within `REVERSED_WITHIN`; what follows one is not in it."""
+    """Count turns of the facing by more than `REVERSED_BY` within `REVERSED_WITHIN`, without overlaps."""
     return reversals(facing_yaw(positions), at_s)
 
 
 def reversals(yaw: Float64, at_s: Float64) -> int:
-    """`yaw_reversals` of a facing (frames,) [rad]."""
+    """Count the `yaw_reversals` of a facing (frames,) [rad]."""
     count, start = 0, 0
     for i in range(1, len(yaw)):
         while at_s[i] - at_s[start] > REVERSED_WITHIN:
@@ -114,7 +114,7 @@ def reversals(yaw: Float64, at_s: Float64) -> int:
 
 
 def label_flips(positions: Float64) -> int:
-    """How often the body is nearer to its own mirror image in the frame before than to itself."""
+    """Count frames in which the body is nearer to its mirror image in the previous frame than to itself."""
     before, now = positions[:-1], positions[1:]
     straight = np.linalg.norm(now - before, axis=-1).mean(axis=-1)
     crossed = np.linalg.norm(now - before[:, list(_KINECT.mirror)], axis=-1).mean(axis=-1)
@@ -122,7 +122,7 @@ def label_flips(positions: Float64) -> int:
 
 
 def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> float:
-    """By how much a skeleton follows another: the delay at which their joints' velocities are most alike [s].
+    """Return the lag of a skeleton behind another: the delay with the most similar joint velocities [s].
 
     Args:
         positions, raw: (frames, joints, 3) at the same times [m].

@@ -1,7 +1,7 @@
-"""How well gestures are told of hands in rendered depth images, whose truth is known.
+"""Scores gestures of hands in rendered depth images with ground truth.
 
-A scene says which gesture its hand holds; between two of them it says nothing, and nothing is scored. Nor is the time
-in which nobody could know yet: just after a gesture began.
+A scene defines the gesture of its hand; the time between two gestures is not scored, nor is the time just after the
+beginning of a gesture, when it cannot be known yet.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from mocapella.evaluation.arms import in_image, matched
 from mocapella.sources.simulate.depth_scene import DepthShot
 
 SETTLED_S: Final = 0.2
-"""A gesture is scored from so long after its beginning on."""
+"""Time from the beginning of a gesture to the beginning of its scoring [s]."""
 CLOSED: Final = ("fist", "grab", "pinch")
-"""Of the scenes' gestures those in which a hand holds on; in the others it does not."""
+"""Gestures of a closed hand; in the others the hand is open."""
 
 
 @dataclass
 class GestureScores:
-    """What gestures came to, summed over frames.
+    """Results of gestures, summed over frames.
 
     Attributes:
-        told: how often each gesture of the scenes was told as which; an empty name is none.
-        grabbed: frames of gestures in which the hand is closed; grabbed_right: of these, with ``grabbing``.
-        loose, loose_right: likewise of those in which it is not.
-        begun: gestures that began, as the scenes have it.
-        late_s: from their beginning until they were told, of those that were.
+        told: how often each true gesture was reported as each gesture; an empty name is none.
+        grabbed: frames of gestures with a closed hand; grabbed_right: of these, with ``grabbing``.
+        loose, loose_right: likewise with an open hand, without ``grabbing``.
+        begun: number of gestures that began in the scenes.
+        late_s: delay from their beginning to their detection, for each detected one.
     """
 
     told: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -44,14 +44,14 @@ class GestureScores:
     late_s: list[float] = field(default_factory=list)
 
     def add(self, other: GestureScores) -> None:
-        """Take in another's."""
+        """Add another score."""
         self.told.update(other.told)
         self.late_s.extend(other.late_s)
         for name in ("grabbed", "grabbed_right", "loose", "loose_right", "begun"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Parts of 1: of each gesture, how often it is told; how often another is; how often grabbing is right."""
+        """Return shares: for each gesture, detected and confused; and frames with the right ``grabbing``."""
 
         def part(some: int, of_all: int) -> float:
             return round(some / of_all, 4) if of_all else float("nan")
@@ -73,7 +73,7 @@ class GestureScores:
 
 
 def gesture_scores(detector: ArmDetector, shots: Iterable[DepthShot]) -> GestureScores:
-    """Run a detector that tells gestures (`mocapella.detectors.make_detector`) over the shots of one scene."""
+    """Run a detector with gestures (`mocapella.detectors.make_detector`) over the shots of one scene."""
     scores = GestureScores()
     since: dict[int, tuple[str, float]] = {}
     told: dict[int, bool] = {}

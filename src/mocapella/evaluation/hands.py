@@ -1,8 +1,8 @@
-"""The method ``hands`` against exact truth: rendered hands before rendered cameras; colours are learnt by pointing.
+"""Scores the method ``hands`` against ground truth: rendered hands and cameras; colours are learnt by pointing.
 
-Everything is done as live: pictures → markers → rays → hand, with the cameras' own frames in the order of their times.
-What is scored is what the tracker says after each frame, against the hand at the instant of the newest pixel it has
-taken in. The person's bones, the base marker's place and the rig are known exactly; what is measured is the rest.
+The pipeline is the live one: images → markers → rays → hand, with the cameras' own frames in the order of their times.
+The tracker's result after each frame is compared with the hand at the instant of the newest processed pixel. The
+person's bones, the base marker's position and the rig are known exactly, so their errors are not part of the score.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from mocapella.tracker.hands import HandsSettings, HandsTracker
 Float64 = NDArray[np.float64]
 
 BEGIN_S: Final = 10.0
-"""Colours are learnt from what is there before; the hand is found within `SETTLE_S` after it."""
+"""Colours are learnt from the images before this time; the hand must be found within `SETTLE_S` after it [s]."""
 SETTLE_S: Final = 0.3
 LASTS_S: Final = 3.0
 CLEARLY: Final = 0.6
-"""A marker of which a larger part is in the picture is to be found."""
+"""A marker must be found if a larger part of it is visible."""
 NEAR_PX: Final = 6.0
-"""A marker that is farther from its true place is another thing."""
+"""A detection farther from the marker's true position is a false one."""
 
 
 def evaluate(
@@ -42,13 +42,13 @@ def evaluate(
     settings: Mapping[str, Any] | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Scores by scene: of each seed, and of all seeds together.
+    """Return scores by scene: for each seed, and for all seeds together.
 
     Args:
         scenes: names; all but the demo's where None.
         seeds: of the motion, the light and the noise.
         settings: of `HandsSettings`.
-        tell: is told what is being done.
+        tell: called with the current step, in words.
 
     Raises:
         SettingsError: no such scene or setting.
@@ -77,7 +77,7 @@ FrameRows = dict[str, Float64]
 
 
 def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> FrameRows:
-    """What a scene's frames came to: arrays with a row for each frame."""
+    """Results of a scene: arrays with a row for each frame."""
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
     values = parse(HandsSettings, {**given, **(settings or {})}, where="settings of hands")
@@ -114,7 +114,7 @@ def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Fram
         rows["angle_deg"].append(np.degrees(np.abs(there.angles - pose.angles)) if there else np.full(21, np.nan))
         rows["measured"].append(there is not None and (there.states[list(TIPS)] == JointState.TRACKED))
     made = {key: np.array([np.broadcast_to(v, np.shape(values[0])) for v in values]) for key, values in rows.items()}
-    made["tip_off_m"] -= np.nanmean(made["tip_off_m"], axis=0)  # what stays the same is no jitter
+    made["tip_off_m"] -= np.nanmean(made["tip_off_m"], axis=0)  # a constant error is no jitter
     return made
 
 

@@ -1,7 +1,7 @@
-"""Who is who over time, against truth: HOTA, IDF1 and identity switches, as the field computes them.
+"""Identity metrics against ground truth: HOTA, IDF1 and identity switches.
 
-Truth and result are sequences of frames; each is the ids and positions of who is there. How alike a true and a found
-person are is a similarity within 0 … 1; `similarity` makes it of the distance between two skeletons.
+Ground truth and result are sequences of frames; each has the ids and positions of people. A true and a detected person
+have a similarity within 0 … 1; `similarity` computes it from the distance between two skeletons.
 
 Sources: Luiten et al., *HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking*, IJCV 2021, sections 5 and 6
 (α from 0.05 to 0.95); Ristani et al., *Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking*,
@@ -23,7 +23,7 @@ Float64 = NDArray[np.float64]
 
 ALPHAS: Final = tuple(round(0.05 * i, 2) for i in range(1, 20))
 ZERO_AT: Final = 1.0
-"""Skeletons this far apart are not alike at all [m]; 0.5 m is a similarity of one half."""
+"""Distance of two skeletons with similarity 0 [m]; half of it is a similarity of one half."""
 _EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -31,8 +31,8 @@ class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
     """One instant.
 
     Attributes:
-        true_ids: who is there, (true people,).
-        found_ids: who was found, (found people,).
+        true_ids: (true people,) ids.
+        found_ids: (found people,) ids.
         similarity: (true people, found people), 0 … 1.
     """
 
@@ -42,7 +42,7 @@ class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
 
 
 class Hota(msgspec.Struct, frozen=True):
-    """Means over `ALPHAS` of HOTA, of how well people are found, and of how well they are kept apart over time."""
+    """Means over `ALPHAS` of HOTA, of the detection accuracy, and of the association accuracy."""
 
     hota: float
     detection: float
@@ -50,7 +50,7 @@ class Hota(msgspec.Struct, frozen=True):
 
 
 def similarity(true: Float64, found: Float64, zero_at: float = ZERO_AT) -> Float64:
-    """max(0, 1 − d / zero_at), d the mean distance of the joints that both have; 0 where there are none.
+    """Return max(0, 1 − d / zero_at), d the mean distance of the joints that both have; 0 if there are none.
 
     Args:
         true: (true people, joints, 3) [m]; NaN where a joint is not known.
@@ -67,7 +67,7 @@ def similarity(true: Float64, found: Float64, zero_at: float = ZERO_AT) -> Float
 
 
 def hota(frames: Sequence[IdentityFrame], alphas: Sequence[float] = ALPHAS) -> Hota:
-    """HOTA over all frames. Nobody there and nobody found is perfect.
+    """Compute HOTA over all frames. Without true and found people it is perfect.
 
     In each frame true and found people are matched one to one so that similarity times the global alignment of their
     ids is greatest; a match counts at α if its similarity is at least α.
@@ -98,11 +98,11 @@ def hota(frames: Sequence[IdentityFrame], alphas: Sequence[float] = ALPHAS) -> H
 
 
 def idf1(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> float:
-    """IDF1: the F1 score of the one assignment of found ids to true ids, over all frames, that makes it greatest.
+    """Compute IDF1: the largest F1 score over all assignments of found ids to true ids, for all frames at once.
 
     Args:
         frames: all of them.
-        at_least: this similar, a found person can be the true one.
+        at_least: smallest similarity of a match.
     """
     true, found = _index([f.true_ids for f in frames]), _index([f.found_ids for f in frames])
     overlap = np.zeros((len(true), len(found)))
@@ -116,10 +116,10 @@ def idf1(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> float:
 
 
 def identity_switches(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> int:
-    """How often a true person is matched to another id than when last matched (IDSW of CLEAR MOT).
+    """Count identity switches: matches of a true person to another id than at the last match (IDSW of CLEAR MOT).
 
-    A person's last match is kept wherever it is similar enough; the rest are matched so that as many as can be are, and
-    of those with the greatest sum of similarities.
+    A person's last match is kept if it is similar enough; the other people are matched in the largest possible number,
+    with the greatest sum of similarities.
     """
     last: dict[int, int] = {}
     switches = 0

@@ -20,19 +20,19 @@ from mocapella.evaluation.study_pairs import StudySession
 Float64 = NDArray[np.float64]
 
 NEAR: Final = 0.5
-"""A person found this near to a label can be the one who is labelled [m]; labelled people are 0.48 m apart or more."""
+"""Largest distance of a person from a matching label [m]; labelled people are 0.48 m apart or more."""
 FRESH: Final = 0.3
-"""A row older than this does not say where somebody is [s]."""
+"""Largest age of a row that defines a person's position [s]."""
 _ROOT = TOPOLOGY.parts["root"]
 _HORIZONTAL = [0, 2]
 
 
 class Label(msgspec.Struct, frozen=True, eq=False):
-    """Who was where.
+    """People's labelled positions at one instant.
 
     Attributes:
         at_s: since the file's first frame [s].
-        place: x and z of SpineBase by person (0 = A, 1 = B), reference camera space [m]; nobody who is hidden.
+        place: x and z of SpineBase by person (0 = A, 1 = B), reference camera space [m], without hidden people.
     """
 
     at_s: float
@@ -41,7 +41,7 @@ class Label(msgspec.Struct, frozen=True, eq=False):
 
 @cache
 def crossings() -> dict[str, tuple[Label, ...]]:
-    """The labels by the file's name without endings."""
+    """Return the labels by the file's name without endings."""
     data = tomllib.loads(files("mocapella.evaluation").joinpath("crossings.toml").read_text(encoding="utf-8"))
     return {name: tuple(_label(*label) for label in entry["labels"]) for name, entry in data.items()}
 
@@ -51,12 +51,12 @@ def _label(at_s: float, *places: Sequence[float]) -> Label:
 
 
 def labels_of(session: StudySession) -> tuple[Label, ...]:
-    """A file's labels; empty where nobody labelled it."""
+    """Return a file's labels; empty if it is not labelled."""
     return crossings().get(session.name.removesuffix(".gz").removesuffix(".csv"), ())
 
 
 def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
-    """Each Person_Id's SpineBase (3,), the mean of the sensors' newest rows of the last `FRESH` seconds [m]."""
+    """Return by Person_Id the SpineBase (3,): the mean of the sensors' newest rows of the last `FRESH` seconds [m]."""
     found = {}
     recent = (session.at_s <= at_s + 1e-9) & (session.at_s >= at_s - FRESH)
     for person in np.unique(session.log.person_id[recent]).tolist():
@@ -73,14 +73,14 @@ def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
 
 
 def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
-    """Each person of the newest scene by then: SpineBase (3,), reference camera space [m]; nobody whose is unknown."""
+    """Return by person the known SpineBase (3,) in the newest scene by that time, reference camera space [m]."""
     step = int(np.searchsorted(run.at_ns, run.at_ns[0] + round(at_s * 1e9), side="right")) - 1
     found = {person.id: person.positions[_ROOT] for person in run.people[step]}
     return {person: place for person, place in found.items() if np.isfinite(place).all()}
 
 
 def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
-    """A label beside who was found then; similarity is 1 − d / (2·`NEAR`), so one half at `NEAR`."""
+    """Return a label and the people detected then; the similarity is 1 − d / (2·`NEAR`), so one half at `NEAR`."""
     true = np.array(list(label.place.values())).reshape(-1, 1, 2)
     places = np.array([place[_HORIZONTAL] for place in found.values()]).reshape(1, -1, 2)
     alike = np.maximum(0.0, 1 - np.linalg.norm(true - places, axis=-1) / (2 * NEAR))
@@ -88,14 +88,14 @@ def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
 
 
 def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
-    """``labels``, how many of them nobody was found at (``missed``), and ``identity_switches``."""
+    """Return the numbers of ``labels``, of labels without a person (``missed``), and of ``identity_switches``."""
     labels = sum(len(frame.true_ids) for frame in frames)
     missed = sum(int((frame.similarity.max(axis=1, initial=0.0) < 0.5).sum()) for frame in frames)
     return {"labels": labels, "missed": missed, "identity_switches": identity_switches(frames)}
 
 
 def distance_figures(apart: Float64) -> dict[str, float]:
-    """``median_cm``, ``mean_cm`` and ``p95_cm`` over pairs of the mean Δd of a pair's joints; (pairs, joints) [m]."""
+    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` of the mean Δd of each pair; input (pairs, joints) [m]."""
     finite = np.isfinite(apart)
     some = finite.any(axis=1)
     means = np.where(finite, apart, 0.0)[some].sum(axis=1) / finite[some].sum(axis=1) * 100

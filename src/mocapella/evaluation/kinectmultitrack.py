@@ -1,4 +1,4 @@
-"""Methods over the logs of the KinectMultiTrack studies: what ``mocapella lab evaluate kinectmultitrack`` says."""
+"""Scores methods on the logs of the KinectMultiTrack studies: ``mocapella lab evaluate kinectmultitrack``."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ from mocapella.model.study_log import StudyLog
 Float64 = NDArray[np.float64]
 
 FRONT: Final = "front"
-"""The sensor that people face in Stationary and Steps, where a file has it."""
+"""Name of the sensor that people face in Stationary and Steps."""
 WALK, STEPS, STATIONARY = (SCENARIOS[name] for name in ("walk", "steps", "stationary"))
 SCORED: Final = {
     AS_LOGGED: "the rows as they were logged: they are the output of the thesis' own method, one motion per person",
     "": "raw joints × one rigid motion per sensor, shared by all people and known before either frame of the pair, "
-    "+ the joint bias declared before the first frame, learnt without the participant who is scored; "
+    "+ the joint bias declared before the first frame, learnt without the scored participant; "
     "begun from the sensor layout of the thesis' calibration; "
     "both views brought to the earlier one's instant where the method declares time offsets; "
     "dx_cm … torso_dd_cm with labels repaired as decided before the pair's frames, raw_labels as the sensors gave them",
 }
 PROTOCOLS: Final = {
     "walk": "after Stationary and Steps, refined from past frames",
-    "walk-frozen": "after Stationary and Steps, the motions and offsets as they were known before Walk's first frame",
+    "walk-frozen": "after Stationary and Steps, the motions and offsets as known before Walk's first frame",
     "walk-cold": "only Walk's frames, begun from the sensor layout of the thesis' calibration",
-    "steps-second-half": "motions and offsets as they were known at the half of Steps",
+    "steps-second-half": "motions and offsets as known at the half of Steps",
     "steps-second-half-refined": "refined from past frames",
 }
 
@@ -56,7 +56,7 @@ _FIRST: Final = (
     *("stationary", "steps", "steps-second-half", "steps-second-half-refined"),
     *("walk", "walk-frozen", "walk-cold"),
 )
-"""The order of the rows; the other tasks follow as the log numbers them."""
+"""Order of the rows; the other tasks follow by their number in the log."""
 
 
 class Output(Protocol):
@@ -67,20 +67,20 @@ class Output(Protocol):
         """The greatest of its runs, see `mocapella.evaluation.causal_run.CausalRun`."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
+        """Return both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """(pairs,) times [s] and (pairs, joints, 3) fused skeletons, reference camera space [m]; NaN where none."""
+        """Return times (pairs,) [s] and fused skeletons (pairs, joints, 3), reference camera space [m]; NaN if none."""
 
     def yaw(self) -> float:
-        """Between the front and the side sensor, as known before Walk [rad]; NaN where unknown."""
+        """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """SpineBase (3,) of everybody at a time, reference camera space [m]."""
+        """Return by person the SpineBase (3,) at a time, reference camera space [m]."""
 
 
 class AsLogged:
-    """The rows as they are in the file."""
+    """The logged rows, unchanged."""
 
     wander_m_per_min = 0.0
 
@@ -106,7 +106,7 @@ class AsLogged:
 
 
 class OneSensor(AsLogged):
-    """What the front sensor alone gives: a baseline for the fused skeleton."""
+    """The front sensor's rows alone: a baseline for the fused skeleton."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
         """See `Output`."""
@@ -185,19 +185,19 @@ def _yaw_of(T: Float64) -> float:
 
 
 def _logged_turn(log: StudyLog) -> float:
-    """θ of the second sensor minus that of the reference [rad]."""
+    """Return θ of the second sensor minus θ of the reference [rad]."""
     theta = [log.init_angle[(log.skeleton_id == 0) == own] for own in (False, True)]
     finite = [values[np.isfinite(values)] for values in theta]
     return float(finite[0][0] - finite[1][0]) if all(map(len, finite)) else float("nan")
 
 
 def _from_front(session: StudySession, turn: float) -> float:
-    """Of the side sensor seen from the front one, to the right, whichever of them is the reference [rad]."""
+    """Return the yaw of the side sensor seen from the front one, to the right, whichever is the reference [rad]."""
     return float(angles.wrap(turn if session.replay.sensors[1:] == (FRONT,) else -turn))
 
 
 class Tally:
-    """What came of one method over all sessions so far."""
+    """Collects the results of one method over all sessions so far."""
 
     def __init__(self) -> None:
         self.scored: dict[tuple[str, str], list[Scored]] = defaultdict(list)
@@ -235,11 +235,11 @@ class Tally:
         self.interactions[session.name] = {**identity_figures(frames), "people": by_person}
 
     def counts(self) -> dict[tuple[str, str], Count]:
-        """What there was to score, by scoring and placement."""
+        """Number of scored pairs and joints, by scoring and placement."""
         return {key: count(scored) for key, scored in self.scored.items()}
 
     def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
-        """The method's part of the JSON."""
+        """Return the method's part of the JSON."""
         tasks: dict[str, dict[str, Any]] = {}
         for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
             tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
@@ -272,7 +272,7 @@ def _place(scoring: str) -> tuple[int, int]:
 
 
 def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
-    """Every row of the tables that these pairs take part in."""
+    """Return every row of the tables that contains these pairs."""
     found = []
     for task in np.unique(pairs.task).tolist():
         of_task = pairs.where(pairs.task == task)
@@ -287,7 +287,7 @@ def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
 
 
 def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
-    """Everything that `mocapella.evaluation.fused_metrics` says of one session, in the units of the names."""
+    """Return all metrics of `mocapella.evaluation.fused_metrics` for one session, in the units of the names."""
     figures: dict[str, float] = {}
     walk = session.pairs.where(session.pairs.task == WALK)
     at_s, skeleton = _known_frames(*output.fused(walk))
@@ -312,25 +312,25 @@ def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
 
 
 def _lag(session: StudySession, output: Output, pairs: Pairs) -> float:
-    """Of the fused skeleton behind the mean of the two views, which is made of the pair's own frames [s]."""
+    """Return the lag of the fused skeleton behind the mean of the two views, from the pair's own frames [s]."""
     fused_at, fused = output.fused(pairs)
     _, raw = AsLogged(session).fused(pairs)
     if len(fused) != len(raw):
         return float("nan")
-    there = np.isfinite(fused).any(axis=(1, 2))  # somebody who is new is told of a moment later
+    there = np.isfinite(fused).any(axis=(1, 2))  # a new person appears a moment later
     at_s, fused, raw = fused_metrics.rising(fused_at[there], fused[there], raw[there])
     return fused_metrics.lag(fused, raw, at_s)
 
 
 def _known_frames(at_s: Float64, skeleton: Float64) -> tuple[Float64, Float64]:
-    """Rising times, and only skeletons that are there."""
+    """Return rising times, without missing skeletons."""
     there = np.isfinite(skeleton).any(axis=(1, 2))
     at_s, skeleton = fused_metrics.rising(at_s[there], skeleton[there])
     return at_s, skeleton
 
 
 def _front_place(session: StudySession) -> Float64:
-    """(3,) the front sensor, reference camera space [m]: nominally, which is near enough for a side."""
+    """Return the nominal position (3,) of the front sensor, reference camera space [m]: accurate enough for a side."""
     is_second = session.replay.sensors[1:] == (FRONT,)
     return session.replay.T_reference_second[:3, 3] if is_second else np.zeros(3)
 
@@ -361,7 +361,7 @@ def evaluate(
         folder: with the logs.
         methods: keys of `mocapella.tracker.METHODS`.
         participants: whose logs, or None for all.
-        on_step: called with what is being done.
+        on_step: called with the current step, in words.
         makers: further methods by name: how to make a new tracker of each, for so many sensors.
 
     Returns:
@@ -369,7 +369,7 @@ def evaluate(
 
     Raises:
         InputError, SettingsError: the folder, a participant or a method cannot be used.
-        EvaluationError: what a method says cannot be scored.
+        EvaluationError: a method's output cannot be scored.
     """
     own = dict(makers or {})
     check_methods(methods, some=bool(own))

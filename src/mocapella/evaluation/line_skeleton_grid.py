@@ -1,4 +1,4 @@
-"""What the grid of the detector `line-skeleton` costs and is worth: the table of 1, 2, 4, 5, 8 and 10 pixels."""
+"""Measures time and accuracy of the detector `line-skeleton` over its grid: 1, 2, 4, 5, 8 and 10 pixels."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ Float64 = NDArray[np.float64]
 GRIDS_PX: Final = (1, 2, 4, 5, 8, 10)
 SCENES: Final = ("open-close", "counting", "each-finger-before-palm", "still")
 SEEDS: Final = (100, 101, 102, 103)
-"""What is rendered for the table; of these, the scenes with a right arm, which is what the detector expects."""
+"""Scenes of the table; only scenes with a right arm are used, because the detector expects one."""
 IMAGES: Final = 6
-"""Of each scene, evenly over its period."""
+"""Images of each scene, evenly over its period."""
 NEAR_M: Final = 0.05
-"""A fingertip within this of its true place counts as found: farther off it is another part of the hand."""
+"""Largest error of a found fingertip [m]; a farther one is another part of the hand."""
 _ARM: Final = 3
 """Elbow, wrist and palm are the first of the eight joints."""
 
 
 class GridRow(msgspec.Struct, frozen=True):
-    """One grid on all frames.
+    """Results of one grid on all frames.
 
     Attributes:
         grid_px: see `LineSkeletonSettings`.
-        frames: how many were looked at.
-        arms: in how many there was an arm.
+        frames: number of frames.
+        arms: number of frames with a detected arm.
         median_ms, p95_ms: of the whole detector.
         arm_mm: median distance of elbow, wrist and palm from their true places; NaN without any.
         tips_mm: median distance of the fingertips that were found; NaN without any.
-        tips_found: share of true fingertips that were said to be measured, and are within `NEAR_M` of their places.
+        tips_found: share of true fingertips that were marked measured, within `NEAR_M` of their true positions.
     """
 
     grid_px: int
@@ -64,11 +64,11 @@ def grid_table(
     grids_px: Sequence[int] = GRIDS_PX,
     settings: LineSkeletonSettings | None = None,
 ) -> tuple[GridRow, ...]:
-    """Look at each frame with each grid, one after the other, so that all have the same share of the machine's moods.
+    """Run all grids on each frame in turn, so that variations of the machine's speed affect all alike.
 
     Args:
         frames: depth (height, width) [m], truth (23, 3) of `mocapella.model.arms.ARM_POINTS` in the camera's space [m]
-            with NaN where it is not known, and when it was captured [s].
+            with NaN if unknown, and the capture time [s].
         camera: of the frames.
         clock: such as `time.perf_counter` [s].
         grids_px: one row each.
@@ -85,7 +85,7 @@ def grid_table(
     warm = False
     for depth, truth, at_s in frames:
         if not warm:
-            detectors[0].look(depth)  # what is compiled is compiled now
+            detectors[0].look(depth)  # warm-up: compile the kernels now
             warm = True
         for detector, seconds, distances in zip(detectors, took, off, strict=True):
             begin = clock()
@@ -102,7 +102,7 @@ def grid_table(
 def rendered_frames(
     scenes: Sequence[str] = SCENES, seeds: Sequence[int] = SEEDS, sensor: str = "kinect", images: int = IMAGES
 ) -> tuple[Camera, Iterator[tuple[Float32, Float64, float]]]:
-    """Frames for `grid_table`: right arms before a depth camera, which are rendered as they are asked for.
+    """Yield frames for `grid_table`: right arms in front of a depth camera, rendered on demand.
 
     Args:
         scenes, seeds, sensor: of `mocapella.sources.simulate.depth_scene.load_depth_scene`.
@@ -127,7 +127,7 @@ def rendered_frames(
 
 
 def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
-    """Time and accuracy over the grid, as a picture.
+    """Plot time and accuracy over the grid.
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
@@ -157,7 +157,7 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
 
 
 def _off(joints: Float64, states: NDArray[np.uint8], truth: Float64) -> Float64:
-    """(8,) distances [m]; infinite of fingers that were not found, NaN where there is no truth."""
+    """Return the errors (8,) [m]; infinite for fingers that were not found, NaN without ground truth."""
     distances = np.linalg.norm(joints - truth[list(ARM_JOINTS)], axis=-1)
     return np.where(states == JointState.TRACKED, distances, np.where(np.isnan(distances), np.nan, np.inf))
 

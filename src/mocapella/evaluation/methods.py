@@ -1,4 +1,4 @@
-"""Which methods can be scored, and how each is."""
+"""Methods that can be scored."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mocapella.settings import settings_of_pairs
 from mocapella.tracker import make_tracker, methods_making
 
 AS_LOGGED: Final = "stand-still"
-"""The thesis' own method: the logged rows are its output, and are scored as they are."""
+"""The thesis' own method: the logged rows are its output, and are scored unchanged."""
 
 
 def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
-    """``default:people.smoothing=kalman:keep_root_s=2`` as the method's name and its settings; a row is a text.
+    """Split ``default:people.smoothing=kalman:keep_root_s=2`` into the method's name and its settings.
 
     Raises:
         SettingsError: no such method, or a setting is not NAME=VALUE; says what would work.
@@ -28,10 +28,10 @@ def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
-    """How to make a new tracker of a method, with settings of its own if need be, for so many sensors.
+    """Return a factory of a method's tracker, with optional settings, for a number of sensors.
 
     Raises:
-        SettingsError: no such method or setting, or it does not say what a scoring needs.
+        SettingsError: no such method or setting, or its tracker lacks what scoring needs.
     """
     method, settings = method_with_settings(text)
 
@@ -46,11 +46,11 @@ def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
 
 
 def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
-    """Refuse a method that is unknown or cannot be scored; nothing has been read then.
+    """Refuse a method that is unknown or cannot be scored, before anything is read.
 
     Args:
         methods: by name, as `method_with_settings` takes them.
-        some: whether there are others to score, so that these may be none.
+        some: whether there are other methods to score, so that this list may be empty.
 
     Raises:
         SettingsError: says which can.

@@ -1,4 +1,4 @@
-"""Triangulated points beside what other tools made of the same detections: Caliscope and Pose2Sim."""
+"""Compares triangulated points with the results of Caliscope and Pose2Sim from the same detections."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ BODY_LANDMARKS, HAND_LANDMARKS = 33, 21
 
 
 class Agreement(msgspec.Struct, frozen=True):
-    """Points beside a reference's.
+    """Comparison of points with a reference.
 
     Attributes:
-        compared: points that both have.
-        reference: points that the reference has.
+        compared: number of points in both.
+        reference: number of points in the reference.
         median_mm, p95_mm: of the distances.
-        within_1_mm: share of the reference's points that we have, and no farther than that.
+        within_1_mm: share of the reference's points with ours within 1 mm.
     """
 
     compared: int
@@ -61,7 +61,7 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
 
 
 def agreement(ours: Float64, reference: Float64) -> Agreement:
-    """Points (..., 3) [m] beside a reference's (..., 3); NaN where there is none."""
+    """Compare points (..., 3) with a reference (..., 3) [m]; NaN if there is none."""
     there = np.isfinite(reference).all(axis=-1)
     distances = 1000.0 * np.linalg.norm(ours - reference, axis=-1)[there]
     both = distances[np.isfinite(distances)]
@@ -70,7 +70,7 @@ def agreement(ours: Float64, reference: Float64) -> Agreement:
 
 
 def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, BoneLengthVariation]:
-    """Hands and body of ``mediapipe_holistic_4cam`` beside Caliscope's.
+    """Compare hands and body of ``mediapipe_holistic_4cam`` with Caliscope's.
 
     Raises:
         InputError: a file is missing or none of these.
@@ -88,7 +88,7 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
 
 
 def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
-    """Of points (frames, points, 3) with Caliscope's numbers, as `BoneLengthVariation` says."""
+    """Compute the `BoneLengthVariation` of points (frames, points, 3) with Caliscope's numbers."""
     places = {int(number): p for p, number in enumerate(numbers)}
     found = []
     for base in HANDS:
@@ -99,7 +99,7 @@ def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
 
 
 def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
-    """(frames, points, 3) of Caliscope's CSV of points in space, in the order of ``space``; NaN where it has none."""
+    """Read points (frames, points, 3) from Caliscope's CSV, in the order of ``space``; NaN if missing."""
     frames, points = ({value: i for i, value in enumerate(values)} for values in (space.frames.tolist(), space.points))
     result = np.full(space.positions.shape, np.nan)
     try:
@@ -114,7 +114,7 @@ def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
 
 
 def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> Agreement:
-    """All points of ``pose2sim_single_person`` beside Pose2Sim's raw TRC.
+    """Compare all points of ``pose2sim_single_person`` with Pose2Sim's raw TRC.
 
     Raises:
         InputError: a file is missing or none of these.
@@ -128,7 +128,7 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
 
 
 def trc_points(path: Path) -> tuple[list[str], Float64]:
-    """The names of a TRC's markers and their points (frames, markers, 3), in its unit."""
+    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit."""
     lines = path.read_text(encoding="utf-8").splitlines()
     names = [name for name in lines[3].split("\t")[2:] if name]
     cells = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()]

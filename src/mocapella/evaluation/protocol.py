@@ -1,4 +1,4 @@
-"""What a tracker offers beside `mocapella.tracker.Tracker`, so that it can be scored."""
+"""Protocols that a tracker implements, beside `mocapella.tracker.Tracker`, to be scored."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mocapella.tracker.protocol import SensorViews
 Float64 = NDArray[np.float64]
 
 RIGID_WITHIN = 1e-6
-"""How far a motion's rotation may be from orthonormal, by any element of Rᵀ R."""
+"""Largest deviation of an element of Rᵀ R from the identity, for a motion's rotation."""
 
 
 class JointBias(Protocol):
     """A view-dependent joint bias, learnt on other people and declared before the first frame.
 
-    It is a function of the fused person only, so it cannot know by how much the two views differ.
+    It is a function of the fused person only, so it cannot depend on the difference of the two views.
     """
 
     def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
-        """What to add to the joints of a view.
+        """Return the correction to add to the joints of a view.
 
         Args:
-            sensor: whose view.
+            sensor: name of the view's sensor.
             facing: yaw of the fused person against the line of sight; 0 = towards the sensor [rad].
             position: (3,) of the fused SpineBase, this sensor's camera space [m].
             velocity: (3,) of the same over the last 0.2 s [m/s].
@@ -41,40 +41,40 @@ class JointBias(Protocol):
 
 @runtime_checkable
 class ScoredTracker(Protocol):
-    """A tracker whose knowledge of the sensors can be asked for after every frame."""
+    """A tracker that reports its estimates of the sensors after every frame."""
 
     @property
     def joint_bias(self) -> JointBias | None:
         """Read once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin from a sensor layout, known before the first frame; a method is free not to believe it."""
+        """Start from a sensor layout, known before the first frame; a method may ignore it."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """As `mocapella.tracker.Tracker` has it."""
+        """See `mocapella.tracker.Tracker`."""
 
     def sensor_views(self) -> SensorViews:
-        """What is known now."""
+        """Return the present estimates."""
 
 
 @runtime_checkable
 class LearntFromStudies(Protocol):
-    """A tracker of which a part was learnt from the very logs it may be scored on."""
+    """A tracker with a model that was trained on logs it may be scored on."""
 
     def leave_out(self, participant: int) -> None:
-        """Use what was learnt without this participant; called before the first frame.
+        """Use the model that was trained without this participant; called before the first frame.
 
         Raises:
-            SettingsError: nothing was learnt without this one.
+            SettingsError: there is no model without this participant.
         """
 
 
 def check_rigid(T: Float64, what: str) -> Float64:
-    """A copy of the motion, once it is known to be one.
+    """Check a rigid motion and return a copy.
 
     Args:
         T: (4, 4).
-        what: whose it is, for the message.
+        what: name of the motion, for the message.
 
     Raises:
         EvaluationError: it is not finite, not rigid, or a reflection.

@@ -1,7 +1,7 @@
-"""The two views of every pair as a method would have them: raw joints, one rigid motion known from the past.
+"""The two views of every pair under a method's estimates: raw joints, and one rigid motion estimated from the past.
 
-The method never sees what it is scored on: it only says motions, offsets and labels, before the pair's frames have
-come, and they are applied here, to the raw joints.
+A method only states motions, clock offsets and labels, before the arrival of the pair's frames; they are applied here,
+to the raw joints.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 LONGEST_GAP: Final = 0.12
-"""Between two frames that a view is interpolated between [s]."""
+"""Largest interval between two frames for interpolation [s]."""
 VELOCITY_OVER: Final = 0.2
 """[s]."""
 TOPOLOGY: Final = topology("kinect_v2")
@@ -36,8 +36,8 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
     """Both views of every pair in the reference sensor's camera space.
 
     Attributes:
-        raw_labels: (pairs, 2, joints, 3) with the labels that the sensors gave [m]; NaN where missing or unknown.
-        repaired: the same with the labels that the method had decided on before.
+        raw_labels: (pairs, 2, joints, 3) with the sensors' labels [m]; NaN where missing or unknown.
+        repaired: the same with the labels that the method had chosen before.
         swaps_per_min: how often that decision changed, over both sensors.
     """
 
@@ -47,25 +47,25 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def logged_views(session: StudySession, pairs: Pairs) -> ScoredViews:
-    """The rows as they were logged: the output of the thesis' own method."""
+    """Return the logged rows: the output of the thesis' own method."""
     rows = session.log.positions[pairs.rows].astype(np.float64)
     return ScoredViews(rows, rows)
 
 
 def known_before(frames: StudyFrames, pairs: Pairs, *, frozen: bool = False) -> Int64:
-    """(pairs,) the entry of a `CausalRun` that was known before either frame of the pair had come.
+    """Return the entry (pairs,) of a `CausalRun` from before the arrival of either frame of the pair.
 
     Args:
-        frames: that the run was made of.
-        pairs: whose frames are all among them.
-        frozen: what was known before the first of all these pairs.
+        frames: input of the run.
+        pairs: all their frames are in ``frames``.
+        frozen: use the entry from before the first of these pairs for all.
     """
     first = frames.of_row[pairs.rows].min(axis=1)
     return np.full(len(first), first.min(initial=len(frames.arrivals))) if frozen else first
 
 
 def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> ScoredViews:
-    """What the method has of each pair.
+    """Return both views of each pair under the method's estimates.
 
     Args:
         session: the file.
@@ -90,7 +90,7 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
 
 
 def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
-    """The views of `views_of` before any bias is added, and what is known of them."""
+    """Return the views of `views_of` before any bias is added, and the estimates that apply to them."""
     sensor = session.sensor[pairs.rows]
     swapped = np.array(
         [
@@ -103,15 +103,15 @@ def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64
 
 
 def _changes(swapped: Bool, person: Int64) -> int:
-    """How often a label decision (pairs, 2) changed from a person's pair to the same person's next."""
+    """Count changes of a label decision (pairs, 2) from one pair of a person to the next."""
     return sum(int(np.diff(swapped[person == one], axis=0).sum()) for one in np.unique(person))
 
 
 def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> Float64:
-    """(pairs, 2, joints, 3): the later of the two views brought back to the instant of the earlier one.
+    """Interpolate the later of the two views to the instant of the earlier one: (pairs, 2, joints, 3).
 
     It is interpolated between that sensor's own frames, none of them newer than the pair's. Where an offset is not
-    declared (NaN), or the frames around the instant are more than `LONGEST_GAP` apart, the view stays as it came. A
+    declared (NaN), or the frames around the instant are more than `LONGEST_GAP` apart, the view is unchanged. A
     joint is missing exactly where it is missing in the pair's own frame.
     """
     own = session.raw[pairs.rows]
@@ -154,7 +154,7 @@ class SeenViews(msgspec.Struct, frozen=True, eq=False):
 
 
 class Asked(msgspec.Struct, frozen=True, eq=False):
-    """With what a joint bias is asked for each view, see `mocapella.evaluation.protocol.JointBias`.
+    """Arguments of the joint bias for each view, see `mocapella.evaluation.protocol.JointBias`.
 
     Attributes:
         facing: (pairs, 2) [rad]; NaN where there is no person to fuse.
@@ -168,7 +168,7 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
 
 
 def asked_about(session: StudySession, pairs: Pairs, seen: SeenViews) -> Asked:
-    """Of the person fused of both views, as each sensor has it: the mean of the views, labels repaired."""
+    """Compute the arguments from the fused person, in each camera space: the mean of the views, labels repaired."""
     views = rigid.apply(seen.T, seen.joints)
     views = np.where(seen.swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
     fused = views.mean(axis=1)
@@ -190,7 +190,7 @@ def asked_about(session: StudySession, pairs: Pairs, seen: SeenViews) -> Asked:
 
 
 def _bias(joint_bias: JointBias, names: NDArray[np.str_], seen: SeenViews, asked: Asked) -> Float64:
-    """(pairs, 2, joints, 3) the declared bias of each view, in its labels; 0 where there is nobody to ask about."""
+    """Return the declared bias (pairs, 2, joints, 3) of each view, in its labels; 0 without a fused person."""
     out = np.zeros_like(seen.joints)
     for view in zip(*np.nonzero(np.isfinite(asked.facing)), strict=True):
         name = str(names[view])

@@ -1,7 +1,7 @@
 """The experiments on the penalty on jitter, on rendered scenes: knee bends, a runner, acrobatics, and its weight.
 
 After B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007,
-section 4: the same images are followed with the penalty and without.
+section 4: the same images are tracked with the penalty and without.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ _WITH, _WITHOUT, _TRUTH = "#1f77b4", "#ff7f0e", "black"
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is followed, and what is drawn of it.
+    """The scenes of an experiment, and its plot.
 
     Attributes:
         scenes: of `silhouette_scene`.
-        images: what is wrong with the images, by name; the seed is that of the scene.
+        images: corruptions by name; they use the seed of the scene.
         weights: of the penalty; 0: without it.
-        hinges: whose angles are drawn.
+        hinges: joints with plotted angles.
     """
 
     scenes: tuple[str, ...]
@@ -68,8 +68,8 @@ STRONG: Final = Experiment(
     {"wrong frames": Corruption(NOISE, wrong_each=WRONG_EACH, wrong_from=WRONG_FROM)},
     ("left knee", "right elbow"),
 )
-"""`python -m benchmarks silhouettes` counts how many runs of it fail. How strong it is was found on seeds below 100,
-after a fifth of the frames had been tried on those that it counts, too."""
+"""`python -m benchmarks silhouettes` counts the failed runs. The strength was chosen on seeds below 100, after a fifth
+of the frames had been tried on the counted seeds, too."""
 EXPERIMENTS: Final[dict[str, Experiment]] = {
     "knee-bend": Experiment(
         ("knee-bend",),
@@ -95,11 +95,11 @@ class RunRow(msgspec.Struct, frozen=True):
     """One run.
 
     Attributes:
-        scene, seed, body, images, weight: of whom, with what, of what, and how strong the penalty was.
+        scene, seed, body, images, weight: the run's scene, seed, tracked body, corruption, and weight of the penalty.
         score, outcome: see there.
         overlap: mean intersection over union of the mesh and the true masks.
-        blind: frames in which no camera counted.
-        lost: frames in which the tracker held the body for lost.
+        blind: number of frames without a camera that counted.
+        lost: number of frames with a lost body.
         kept: the highest flexion of the knees over the true one; None where they do not move.
         lag: by how many frames the knees' curve comes late; likewise.
     """
@@ -119,7 +119,7 @@ class RunRow(msgspec.Struct, frozen=True):
 
 
 class PlottedScene(msgspec.Struct, frozen=True, eq=False):
-    """What is drawn of a scene: one seed, the subject's own mesh, the worst images.
+    """Plotted runs of a scene: one seed, the subject's own mesh, the worst images.
 
     Attributes:
         film: see there.
@@ -139,14 +139,14 @@ def run(
     bodies: Sequence[str] = tuple(BODIES),
     tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[RunRow], list[PlottedScene]]:
-    """Do one of `EXPERIMENTS`.
+    """Run one of `EXPERIMENTS`.
 
     Args:
         name: which.
         seeds: of the scenes.
         seconds: only so much of each scene.
         bodies: of `BODIES`.
-        tell: is told what is being done.
+        tell: called with the current step, in words.
 
     Raises:
         SettingsError: no such experiment or body, or no seed.
@@ -174,10 +174,10 @@ def run(
 
 
 def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
-    """See that something is to be followed, with bodies that there are.
+    """Check that there is something to track, and that the bodies exist.
 
     Raises:
-        SettingsError: it is not so.
+        SettingsError: no scene or seed, or an unknown body.
     """
     for body in bodies:
         if body not in BODIES:
@@ -186,14 +186,14 @@ def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
 
 
 def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
-    """What is wrong with a film, by the scene's seed."""
+    """Return the corruption of a film, by the scene's seed."""
     return None if corruption is None else replace(corruption, seed=seed)
 
 
 def followed(
     film: Film, body: str, images: str, corruption: Corruption | None, weight: float
 ) -> tuple[RunRow, Movement]:
-    """Follow a film with a body of `BODIES` and the penalty times ``weight``."""
+    """Track a film with a body of `BODIES` and the penalty times ``weight``."""
     joints = rough_joints(film.scene)
     mesh = BODIES[body](film.scene, joints)
     done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)
@@ -211,7 +211,7 @@ def followed(
 
 
 def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: Path) -> None:
-    """Joints' angles and the feet's acceleration over time, with the penalty and without, beside a corrupted image.
+    """Plot joint angles and the feet's acceleration over time, with the penalty and without, beside a corrupted image.
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
@@ -252,13 +252,13 @@ def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: P
 
 
 def _wrong_share(one: PlottedScene) -> Any:
-    """(frames,) share of the cameras whose frames are stored wrong."""
+    """Return the share (frames,) of cameras with wrongly stored frames."""
     cameras, worse = len(one.film.scene.rig.cameras), one.corruption or Corruption()
     return np.array([np.mean([worse.is_wrong(k, c) for c in range(cameras)]) for k in range(len(one.film.truth))])
 
 
 def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
-    """Error and jitter over the penalty's weight, of clean and noisy images.
+    """Plot error and jitter over the penalty's weight, for clean and noisy images.
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
@@ -285,7 +285,7 @@ def _mean(rows: Sequence[RunRow], scene: str, images: str, weight: float, name: 
 
 
 def _feet(movement: Movement) -> Any:
-    """(frames − 2,) mean size of the feet's acceleration [m/s²]."""
+    """Return the mean size (frames − 2,) of the feet's acceleration [m/s²]."""
     places = np.stack([movement.landmarks[name] for name in FEET])
     return np.linalg.norm(np.diff(places, 2, axis=1), axis=-1).mean(axis=0) * movement.fps**2
 
@@ -299,7 +299,7 @@ def _colour(weight: float) -> str:
 
 
 def wide_figure(path: Path, size: tuple[float, float]) -> Any:
-    """A figure of matplotlib's of that size [inch], for a file.
+    """Create a matplotlib figure of that size [inch].
 
     Raises:
         SettingsError: matplotlib is not installed.

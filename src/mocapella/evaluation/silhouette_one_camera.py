@@ -1,8 +1,8 @@
-"""What one camera alone says of a body, and what the penalty on jitter makes of it.
+"""Measures how well one camera alone determines a body, with the penalty on jitter and without.
 
-Turns out of the image plane, and how far away the body is, hardly move an outline: in these directions the outlines'
+Rotations out of the image plane, and the body's distance, hardly move an outline: in these directions the outlines'
 equations are nearly singular (C. Bregler, J. Malik, "Tracking people with twists and exponential maps", CVPR 1998,
-section 4, on one view). The same images of one camera are followed with the penalty and without; errors are told along
+section 4, on one view). The same images of one camera are tracked with the penalty and without; errors are given along
 the camera's axis, where they are large, and across it.
 """
 
@@ -41,13 +41,13 @@ WEIGHTS: Final = (0.0, 1.0)
 HELD_BY: Final = {0.0: "… and the resting pose", 1.0: "… and the penalty"}
 FPS: Final = 60.0
 AWAY_M: Final = 0.5
-"""A body whose landmarks are farther off in the median is no longer where the person is."""
+"""Median landmark error of a body that has left the person [m]."""
 ASKED: Final = 8
-"""In so many frames of a scene it is asked what outlines tell."""
+"""Number of frames of a scene with a computed uncertainty."""
 STEP_PX: Final = 2
 REACH_PX: Final = 24.0
 MANY_CAMERAS: Final = 4
-"""Beside how many the directions of one camera are shown."""
+"""Number of cameras of the comparison."""
 
 
 class OneCameraRow(msgspec.Struct, frozen=True):
@@ -58,7 +58,7 @@ class OneCameraRow(msgspec.Struct, frozen=True):
         depth_mm, depth_p95_mm: of the landmarks' errors along the camera's axis: median and 95 %.
         across_mm, across_p95_mm: the same across it.
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
-        away: share of the frames in which the body is no longer where the person is.
+        away: share of frames with a body that has left the person.
         free: standard deviation of the least certain direction, see `freedoms`; the median over frames.
         outlines: the same of the outlines alone, without the weak pull to the resting pose.
         outlines_of_many: the same with four cameras.
@@ -78,7 +78,7 @@ class OneCameraRow(msgspec.Struct, frozen=True):
 
 
 class OneCameraShown(msgspec.Struct, frozen=True, eq=False):
-    """What is drawn of a scene.
+    """Plotted runs of a scene.
 
     Attributes:
         film: see there.
@@ -97,13 +97,13 @@ def run_one_camera(
     bodies: Sequence[str] = ("own",),
     tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[OneCameraRow], list[OneCameraShown]]:
-    """Follow `SCENES` with one camera, with the penalty and without.
+    """Track `SCENES` with one camera, with the penalty and without.
 
     Args:
-        seeds: of the scenes, and so of where the camera stands.
+        seeds: of the scenes, which also place the camera.
         seconds: only so much of each scene.
         bodies: of `BODIES`.
-        tell: is told what is being done.
+        tell: called with the current step, in words.
 
     Raises:
         SettingsError: no seed, or no such body.
@@ -136,7 +136,7 @@ def run_one_camera(
 
 
 def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
-    """(frames, landmarks, 3) [m] in the first camera's space: across, across, and along its axis, away from it."""
+    """Return the errors (frames, landmarks, 3) in the first camera's space: across, across, along its axis [m]."""
     (placed, *_) = rig.cameras.values()
     names = [name for name in true.landmarks if name in found.landmarks]
     at = [
@@ -146,19 +146,19 @@ def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
 
 
 def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: SilhouetteSettings, fps: float) -> Float64:
-    """How uncertain the pose's directions are in one frame whose outlines are exact, by the tracker's own weights.
+    """Compute the uncertainty of a pose's directions in a frame with exact outlines, by the tracker's own weights.
 
     The directions are the eigenvectors of the normal equations, with a metre for a radian.
 
     Args:
         mesh: of the body.
         pose: the true one.
-        rig: whose cameras see it.
+        rig: the cameras.
         settings: of the tracker, with the penalty or without.
         fps: frames a second.
 
     Returns:
-        (dofs,) standard deviations [m, rad], falling; infinite where nothing holds the body.
+        (dofs,) standard deviations [m, rad], falling; infinite if undetermined.
     """
     body = SilhouetteBody(mesh)
     stands = body.standing(pose)
@@ -182,14 +182,14 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
 
 
 def median_freedoms(true: Movement, rig: CameraRig, settings: SilhouetteSettings) -> Float64:
-    """(dofs,) of `freedoms`: the median over `ASKED` frames of a movement."""
+    """Return the `freedoms` (dofs,): the median over `ASKED` frames of a movement."""
     frames = np.unique(np.linspace(0, len(true) - 1, ASKED).round().astype(int))
     poses = [TreePose(true.poses.T_world_model[k], true.poses.angles[k]) for k in frames]
     return np.asarray(np.median([freedoms(true.mesh, pose, rig, settings, true.fps) for pose in poses], axis=0))
 
 
 def plot_one_camera(shown: Sequence[OneCameraShown], path: Path) -> None:
-    """Errors along the camera's axis and across it over time, and how uncertain the directions are.
+    """Plot errors along the camera's axis and across it over time, and the uncertainty of the directions.
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.

@@ -1,11 +1,11 @@
-"""The method ``silhouettes`` run over rendered scenes, whose truth is known: with any body, corruption and penalty.
+"""Runs the method ``silhouettes`` over rendered scenes with ground truth: with any body, corruption and penalty.
 
     film = filmed(silhouette_scene("runner", seed=100))
     joints = rough_joints(film.scene)
     run = follow(film, BODIES["measured"](film.scene, joints), joints, corruption=Corruption(noise=0.15))
     score(run.movement, film.truth)
 
-Pictures are rendered once, and made worse as they are shown.
+Images are rendered once, and corrupted when they are used.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ UInt8 = NDArray[np.uint8]
 Joints = Mapping[str, Float64]
 
 ROUGH_M: Final = 0.02
-"""Standard deviation of the joints that a run starts from, along each axis."""
+"""Standard deviation of the initial joints, along each axis [m]."""
 EVERY: Final = 10
-"""So manieth frame has its masks compared."""
+"""Stride between frames with compared masks."""
 
 
 class Film(msgspec.Struct, frozen=True, eq=False):
-    """A scene whose pictures are there.
+    """A rendered scene.
 
     Attributes:
         scene: see there; without corruption.
@@ -63,7 +63,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
     truth: Movement
 
     def shown(self, frame: int, corruption: Corruption | None = None) -> Mapping[str, UInt8]:
-        """What the cameras say they saw."""
+        """Return the images of a frame by camera, with the corruption."""
         images = self.images[frame]
         if corruption is None:
             return images
@@ -71,13 +71,13 @@ class Film(msgspec.Struct, frozen=True, eq=False):
 
 
 class FollowedRun(msgspec.Struct, frozen=True, eq=False):
-    """A body that was followed.
+    """The result of a tracked body.
 
     Attributes:
-        movement: where it was said to be.
-        left_out: frames in which no camera counted.
-        lost: frames in which the tracker held the body for lost.
-        seconds: (frames,) what each update took; 0 without a clock.
+        movement: the estimated poses.
+        left_out: number of frames without a camera that counted.
+        lost: number of frames with a lost body.
+        seconds: (frames,) duration of each update; 0 without a clock.
     """
 
     movement: Movement
@@ -98,28 +98,28 @@ def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
 
 
 def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Float64]:
-    """Where the landmarks of the first frame are, (3,) each [m], with noise."""
+    """Return the positions (3,) of the first frame's landmarks, with noise [m]."""
     rng = np.random.default_rng([scene.seed, 61])
     places = scene.landmarks(0)
     return dict(zip(scene.mesh.landmarks, places + rng.normal(0.0, sd_m, places.shape), strict=True))
 
 
 def own_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """The subject's own mesh, as if scanned."""
+    """Return the subject's own mesh, as if scanned."""
     return scene.mesh
 
 
 def measured_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """A body of which nothing but the sex and the proportions of the rough joints is known."""
+    """Make a body from the sex and the proportions of the rough joints alone."""
     return body_mesh(cast(Sex, scene.mesh.name), None, proportions_of(joints))
 
 
 BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"own": own_body, "measured": measured_body}
-"""Who is tracked with what."""
+"""The ways to make the tracked body."""
 
 
 def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
-    """The penalty on jitter times so much; 0: none."""
+    """Scale the penalty on jitter; 0: none."""
     check(0 <= weight < np.inf, "weight", weight, "0 or more")
     settings = settings or SilhouetteSettings()
     usual = settings.steadiness or Steadiness()
@@ -137,14 +137,14 @@ def follow(
     corruption: Corruption | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> FollowedRun:
-    """Follow the first person of a film, as the method does for users.
+    """Track the first person of a film, as the method does for users.
 
     Args:
-        film: what is seen.
-        mesh: the body that it is thought to be.
-        joints: rough places of the first frame.
+        film: the rendered scene.
+        mesh: the body model.
+        joints: rough positions in the first frame.
         settings: of the tracker.
-        corruption: what is wrong with the pictures.
+        corruption: of the images.
         clock: such as `time.perf_counter` [s].
     """
     between_ns = round(NS_PER_S / film.truth.fps)
@@ -165,11 +165,11 @@ def follow(
 def alone(
     mesh: RiggedMesh, joints: Joints, rig: CameraRig, settings: SilhouetteSettings | None = None, *, period_s: float
 ) -> SilhouettesTracker:
-    """The method's tracker of one body, which starts from joints.
+    """Make the method's tracker of one body, which starts from joints.
 
     Args:
         mesh: of the body.
-        joints: (3,) by name [m]; those that are no landmarks of the mesh do not count.
+        joints: (3,) by name [m]; joints that are no landmarks of the mesh are ignored.
         rig: of the cameras.
         settings: of the fit.
         period_s: between two frames.
@@ -179,7 +179,7 @@ def alone(
 
 
 def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: int, number: int) -> SeenInstant:
-    """Give the tracker the images (height, width, 3) of all cameras of one instant, and see what came of it."""
+    """Pass the images (height, width, 3) of all cameras at one instant to the tracker, and return its result."""
     for arrival in arrivals_of(images, time_ns, cameras=tracker.rig.cameras, number=number):
         tracker.update(arrival)
     assert tracker.seen is not None  # every camera has given its image
@@ -187,7 +187,7 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
-    """(frames, cameras) intersection over union of the projected mesh and the true mask, of some frames."""
+    """Return (frames, cameras) intersection over union of the projected mesh and the true mask, of some frames."""
     body, out = figure(movement.mesh), []
     for k in range(0, len(movement), every):
         vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))

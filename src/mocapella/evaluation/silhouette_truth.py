@@ -1,4 +1,4 @@
-"""A followed body beside the truth of a rendered scene, frame by frame."""
+"""Compares a tracked body with the ground truth of a rendered scene, frame by frame."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Bool = NDArray[np.bool_]
 
 
 class TruthScore(msgspec.Struct, frozen=True):
-    """How far from the truth a body was.
+    """The errors of a body.
 
     Attributes:
-        frames: how many.
+        frames: number of frames.
         angle_deg: median of the joints' absolute errors.
         angle_mean_deg: their mean.
-        angles_deg: the mean of each, by name. A turn about the axis of a straight limb shows in no outline.
+        angles_deg: the mean of each, by name. A rotation about the axis of a straight limb shows in no outline.
         joints_mm: median of the landmarks' distances.
-        overlap: mean intersection over union of the model and who is there, over frames and cameras.
+        overlap: mean intersection over union of the model and the true person, over frames and cameras.
     """
 
     frames: int
@@ -37,7 +37,7 @@ class TruthScore(msgspec.Struct, frozen=True):
 
 
 class TruthMeter:
-    """Takes in frame by frame.
+    """Collects errors frame by frame.
 
     Args:
         joint_names: of the angles.
@@ -56,11 +56,11 @@ class TruthMeter:
         outlines: Mapping[str, Outline],
         truth: tuple[TreePose, Float64, Mapping[str, Bool]],
     ) -> None:
-        """One frame.
+        """Add one frame.
 
         Args:
-            pose, landmarks: (n, 3), outlines by camera: what was found.
-            truth: the same, with (height, width) what is covered of each image instead of the outlines.
+            pose, landmarks: (n, 3), outlines by camera: the estimate.
+            truth: the same, with (height, width) masks instead of the outlines.
         """
         true_pose, true_landmarks, masks = truth
         self._angles.append(np.abs(pose.angles - true_pose.angles))
@@ -72,7 +72,7 @@ class TruthMeter:
 
     @property
     def score(self) -> TruthScore | None:
-        """Of all frames so far; None before the first."""
+        """Return the errors of all frames so far; None before the first."""
         if not self._angles:
             return None
         angles = np.degrees(np.array(self._angles))
@@ -87,7 +87,7 @@ class TruthMeter:
 
 
 def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:
-    """A pose that is off as one is that somebody sets by hand: each place [m] and each angle [rad] by about so much."""
+    """Perturb a pose like one that was set by hand: normal errors of positions [m] and angles [rad]."""
     rng = np.random.default_rng([seed, 71])
     T = pose.T_world_model.copy()
     T[:3, 3] += rng.normal(0.0, off[0], 3)

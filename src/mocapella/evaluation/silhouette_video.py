@@ -1,7 +1,7 @@
-"""The method ``silhouettes`` on real video: ``pose2sim_single_person``, four calibrated cameras of a person balancing.
+"""Scores ``silhouettes`` on real video: ``pose2sim_single_person``, four calibrated cameras of a person balancing.
 
-The body starts from the keypoints of the first frame alone. What follows is scored beside Pose2Sim's joints, beside
-the 2D keypoints, which it never saw but in that frame, and beside outlines drawn by hand.
+The body starts from the keypoints of the first frame alone. The later frames are compared with Pose2Sim's joints, with
+the 2D keypoints, which the tracker does not use there, and with outlines drawn by hand.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ FRAME_NS: Final = 16_666_667
 
 
 class VideoScore(msgspec.Struct, frozen=True):
-    """How well a body was followed.
+    """The accuracy of a tracked body.
 
     Attributes:
-        frames: how many.
+        frames: number of frames.
         median_mm, p95_mm: from Pose2Sim's joints.
         joints_mm: the median of each.
         inside: share of the limbs' confident 2D keypoints in the projected mesh grown by 15 px.
@@ -60,27 +60,27 @@ class VideoScore(msgspec.Struct, frozen=True):
 
 
 def rig_of(folder: Path) -> CameraRig:
-    """Its cameras, under the videos' names."""
+    """Read the recording's cameras, under the videos' names."""
     rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
     return CameraRig({name.replace("_", ""): camera for name, camera in rig.cameras.items()})
 
 
 def filmed_rig(folder: Path) -> CameraRig:
-    """The same cameras for images of the videos' sizes, of which some are 8 pixels narrower than the calibration's."""
+    """Adapt the cameras to the videos' image sizes; some are 8 pixels narrower than in the calibration."""
     cameras = rig_of(folder)
     videos = {name: folder / "videos" / f"{name}.mp4" for name in cameras.cameras}
     return VideoSet(videos, cameras, other_size="crop").rig
 
 
 def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
-    """What the cameras saw, instant by instant."""
+    """Yield the cameras' images, instant by instant."""
     videos = [pictures(folder / "videos" / f"{name}.mp4") for name in cameras]
     for shown in zip(*videos, strict=False):
         yield {name: image for name, (_, image) in zip(cameras, shown, strict=True)}
 
 
 def first_points(folder: Path) -> dict[str, Float64]:
-    """(3,) [m] of landmarks, from the keypoints of the first frame."""
+    """Triangulate landmarks (3,) from the keypoints of the first frame [m]."""
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
@@ -92,12 +92,12 @@ def score_video(
     outlines: Path,
     draw: Callable[[list[Float64], list[Float64]], UInt8],
 ) -> VideoScore:
-    """Score what was followed from the first frame on.
+    """Score a run from the first frame on.
 
     Args:
         folder: of the recording.
-        body: whose landmarks and mesh are meant.
-        followed: one for each frame, from the first.
+        body: with its landmarks and mesh.
+        followed: one result for each frame, from the first.
         outlines: the file of outlines drawn by hand.
         draw: (height, width) uint8 of polygons and holes (n, 2) [px], for a 1920 × 1088 image.
     """

@@ -3,9 +3,9 @@
     found, true = Movement(mesh, poses, fps), Movement(scene.mesh, scene.poses(), fps)
     score(found, true).angle_deg, outcome(found, true).problem
 
-A joint's error is the angle of the turn that is between its estimated and its true rotation, so it does not matter how
-three turns are parametrised; of a hinge it is the difference of the two angles. Both bodies have all angles 0 in the
-same rest pose, but may be of different sizes.
+A joint's error is the angle between its estimated and its true rotation, so the parametrisation of three rotations
+does not matter; for a hinge it is the difference of the two angles. Both bodies have all angles 0 in the same rest
+pose, but may be of different sizes.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ JOINT_OF: Final = {
     **{f"{side} {part}": f"{side} {joint}" for side in ("left", "right") for part, joint in (
         ("upper arm", "shoulder"), ("forearm", "elbow"), ("thigh", "hip"), ("shank", "knee"), ("foot", "ankle"))},
 }  # fmt: skip
-"""By which joint a part hangs on its parent."""
+"""The joint between each part and its parent."""
 HINGES: Final = ("left knee", "right knee", "left elbow", "right elbow")
-"""What a marker system measures well, and the paper compares."""
+"""Hinge joints, which a marker system measures well, and the paper compares."""
 FEET: Final = ("left ankle", "right ankle", "left toe", "right toe")
 NEAR_DEG: Final = 5.0
 FAILED_DEG: Final = 10.0
-"""A body whose joints are farther off in the mean is lost."""
+"""Mean joint error of a lost body [°]."""
 LATE_FRAMES: Final = 10
-"""At the end of a run, over which it is to be right, too."""
+"""Number of frames at the end of a run that must be right, too."""
 APART_M: Final = 0.10
-"""Legs whose knees and ankles are nearer to each other than this cannot be told apart."""
+"""Legs with knees and ankles nearer to each other than this cannot be distinguished [m]."""
 SWAPPED_FRAMES: Final = 3
-"""A swap of fewer frames is a stumble that the method itself undid."""
+"""Smallest number of frames of a swap; the method corrected shorter ones itself."""
 THROUGH_MM: Final = 10.0
-"""How much deeper limbs may be inside each other than the truth's are."""
+"""Largest additional depth of limbs inside each other, compared with the ground truth [mm]."""
 LONGEST_LAG: Final = 20
 
 
@@ -56,7 +56,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
     """A body's poses, frame by frame.
 
     Attributes:
-        mesh: whose.
+        mesh: of the body.
         poses: (frames,) batches.
         fps: frames a second, at equal intervals.
     """
@@ -75,12 +75,12 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def landmarks(self) -> dict[str, Float64]:
-        """(frames, 3) of each [m]."""
+        """Return the landmarks (frames, 3) by name [m]."""
         return dict(zip(self.mesh.landmarks, np.moveaxis(landmarks_at(self.mesh, self.poses), -2, 0), strict=True))
 
     @cached_property
     def rotations(self) -> dict[str, Float64]:
-        """(frames, 3, 3) of each joint of `JOINT_OF`: how its part is turned against the parent, and against rest."""
+        """Return the rotations (frames, 3, 3) of the joints of `JOINT_OF`: part relative to parent, and to rest."""
         R = part_motions(self.mesh.tree, self.poses)[..., :3, :3]
         parents = self.mesh.tree.parents
         return {
@@ -90,14 +90,14 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
         }
 
     def first(self, frames: int) -> Movement:
-        """Only so many frames."""
+        """Return the first frames."""
         return Movement(self.mesh, TreePose(self.poses.T_world_model[:frames], self.poses.angles[:frames]), self.fps)
 
     def flexion_deg(self, joint: str) -> Float64:
-        """(frames,) of a hinge.
+        """Return the angle (frames,) of a hinge.
 
         Raises:
-            EvaluationError: it is none of this body's.
+            EvaluationError: the body has no such hinge.
         """
         turns = [k for k, name in enumerate(self.mesh.joint_names) if name.startswith(f"{joint} ")]
         if len(turns) != 1:
@@ -109,9 +109,9 @@ class MovementScore(msgspec.Struct, frozen=True):
     """Figures of one run.
 
     Attributes:
-        frames: how many.
+        frames: number of frames.
         angle_deg, angle_sd_deg: mean and standard deviation of the joints' errors, over joints and frames.
-        near: share of them that is below `NEAR_DEG`.
+        near: share of the errors below `NEAR_DEG`.
         hinge_deg, hinge_sd_deg: of knees and elbows: mean size of the error, and the standard deviation of the error.
         joints_deg: the mean of each joint.
         median_mm, p95_mm: of the landmarks that both bodies have.
@@ -138,13 +138,13 @@ class MovementScore(msgspec.Struct, frozen=True):
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """Whether a body was followed to the last frame.
+    """Whether a body was tracked to the last frame.
 
     Attributes:
         angle_deg, late_deg: mean error of the joints, of all frames and of the last ones.
-        swapped: in how many frames a leg is where the other one belongs.
-        through_mm: how much deeper than the truth's limbs are inside each other, in the worst frame.
-        problem: why it failed; empty where it did not.
+        swapped: number of frames with exchanged legs.
+        through_mm: additional depth of limbs inside each other, compared with the ground truth, in the worst frame.
+        problem: the reason of the failure; empty after success.
     """
 
     angle_deg: float
@@ -155,7 +155,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
-    """(frames,) of each joint: the angle between the estimated and the true rotation."""
+    """Return by joint the angle (frames,) between the estimated and the true rotation."""
     _same(found, true)
     out = {}
     for joint, R in true.rotations.items():
@@ -166,10 +166,10 @@ def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
 
 
 def score(found: Movement, true: Movement) -> MovementScore:
-    """Compare two movements of as many frames.
+    """Compare two movements with the same number of frames.
 
     Raises:
-        EvaluationError: they are not, or are of fewer than three frames.
+        EvaluationError: the numbers differ, or are below three.
     """
     errors = joint_errors_deg(found, true)
     if len(found) < 3:
@@ -191,11 +191,11 @@ def score(found: Movement, true: Movement) -> MovementScore:
 
 
 def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> Outcome:
-    """Whether a run succeeded: the joints right in the mean and at the end, the legs told apart, no limb in another.
+    """Judge a run: joints right in the mean and at the end, legs not exchanged, no limb inside another.
 
     Args:
         found, true: see there.
-        through_mm: how much deeper than the truth's limbs may be inside each other.
+        through_mm: largest allowed additional depth of limbs inside each other.
     """
     every = np.array(list(joint_errors_deg(found, true).values()))
     mean, late = float(every.mean()), float(every[:, -LATE_FRAMES:].mean())
@@ -212,13 +212,13 @@ def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> 
 
 
 def rms_acceleration(places: Float64, fps: float) -> float:
-    """Root mean square length of the second differences of (frames, ..., 3) places, in their unit a second squared."""
+    """Return the root mean square acceleration of positions (frames, ..., 3), in their unit a second squared."""
     change = np.diff(places, 2, axis=0) * fps**2
     return float(np.sqrt(np.square(change).sum(axis=-1).mean()))
 
 
 def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> float:
-    """By how many frames a curve (frames,) comes later than another: where it is most like it, between frames, too.
+    """Return the lag of a curve (frames,) behind another in frames: the best match, also between frames.
 
     Raises:
         EvaluationError: there are too few frames, or the true curve does not move.
@@ -239,12 +239,12 @@ def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> flo
 
 
 def peak_kept(found: Float64, true: Float64) -> float:
-    """The highest value of a curve (frames,) over that of the true one, both from the true one's lowest value on."""
+    """Return the highest value of a curve (frames,) over the true curve's, both above the true curve's minimum."""
     return float((found.max() - true.min()) / np.ptp(true))
 
 
 def legs_swapped(found: Movement, true: Movement) -> Bools:
-    """(frames,) whether a leg's knee and ankle are nearer to where the other's are than to their own places."""
+    """Return whether (frames,) a leg's knee and ankle are nearer to the other leg's true ones than to their own."""
     _same(found, true)
     names = ("knee", "ankle")
     ours, theirs = (
@@ -257,7 +257,7 @@ def legs_swapped(found: Movement, true: Movement) -> Bools:
 
 
 def through_itself_mm(found: Movement, true: Movement) -> Float64:
-    """(frames,) how much deeper limbs are inside each other than the truth's, which press their flesh a little."""
+    """Return the additional depth (frames,) of limbs inside each other; true limbs press their flesh a little, too."""
     _same(found, true)
     ours, theirs = (
         depths_m(capsules_of(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)

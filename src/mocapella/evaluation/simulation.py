@@ -1,9 +1,9 @@
-"""Tracking methods against exact truth, in simulated rooms (docs/evaluation.md, *In simulation*).
+"""Scores tracking methods against ground truth in simulated rooms (docs/evaluation.md, *In simulation*).
 
     for item in merge(sensors):  scene = tracker.update(Arrival(item.frame, …));  score.update(item, scene, …)
 
-The tracker is given frames; the truth beside them goes to the scoring only. Everything is compared at the frames of the
-scene's first sensor, the *main* one, and in its camera space: where a method puts its world is its own affair.
+The tracker receives frames; only the scoring receives the ground truth. Everything is compared at the frames of the
+scene's first sensor, the *main* one, and in its camera space, so a method can choose its world frame.
 """
 
 from __future__ import annotations
@@ -40,26 +40,26 @@ TARGETS: Final[Mapping[str, tuple[str, float]]] = {
     "time_offset_ms": ("most", 5),
     "wrong_left_right_percent": ("most", 1),
 }
-"""Figure → over all runs its sum, or over all scenes its greatest or least mean; and what that may be."""
+"""By figure: the sum over all runs, or the largest or smallest mean over all scenes; and its target."""
 
 
 _ARRAYS: Final = ("tracking_ids", "tracked", "clipped_edges", "states", "positions", "depth_px", "orientations")
 
 
 class Tracked(Protocol):
-    """What is scored: `mocapella.tracker.Tracker`'s one step."""
+    """The scored part of a `mocapella.tracker.Tracker`: one step."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """One frame."""
+        """Track one frame."""
 
 
 def scene_summaries() -> dict[str, str]:
-    """The scenes there are, and what happens in each."""
+    """Return the scenes' names and descriptions."""
     return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
 
 
 def scene_room(name: str, seed: int) -> Room:
-    """A scene's room, its sensors as wrong as measured.
+    """Build a scene's room, with measured sensor errors.
 
     Raises:
         SettingsError: no such scene; lists those there are.
@@ -87,7 +87,7 @@ def evaluate(
         methods: by name, with settings if need be, see `method_with_settings`.
         scenes: names, all where not given.
         seeds: of the scenes' noise.
-        on_run: called with what is done next.
+        on_run: called with the next step, in words.
 
     Returns:
         What ``--json`` prints, see docs/evaluation.md.
@@ -125,7 +125,7 @@ def evaluate(
 
 
 def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
-    """Per scene the mean of its runs and all runs; and of all scenes what the targets ask for."""
+    """Return by scene the mean of its runs and all runs; and over all scenes the targets' figures."""
     scenes = {name: {"mean": _mean(of), "runs": list(of)} for name, of in runs.items()}
     worst = {
         figure: _worst(figure, {name: [run[figure] for run in of] for name, of in runs.items()}) for figure in TARGETS
@@ -134,7 +134,7 @@ def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
 
 
 def _worst(figure: str, values: Mapping[str, Sequence[float | None]]) -> dict[str, Any]:
-    """Over scenes; what one scene has not is not met, unless none has it and a method need not say it."""
+    """Judge the targets over scenes; a figure missing in a scene fails, unless it is optional and missing in all."""
     kind, limit = TARGETS[figure]
     known = {name: [v for v in of if v is not None] for name, of in values.items()}
     missing = [name for name, of in values.items() if len(known[name]) < len(of)]
@@ -148,7 +148,7 @@ def _worst(figure: str, values: Mapping[str, Sequence[float | None]]) -> dict[st
 
 
 def _mean(runs: Sequence[Figures]) -> Figures:
-    """A figure that one run has not is not known of the scene."""
+    """Average a scene's runs; a figure that is missing in one run is unknown."""
     out: Figures = {}
     for name in runs[0]:
         values = [run[name] for run in runs]
@@ -157,7 +157,7 @@ def _mean(runs: Sequence[Figures]) -> Figures:
 
 
 def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = None) -> Figures:
-    """One method in one room, from its first frame on.
+    """Score one method in one room, from its first frame on.
 
     Args:
         tracker: new.
@@ -169,7 +169,7 @@ def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = N
     if items is None:
         items = merge([SimulatedSensor(room, name) for name in room.sensor_names], 0.0, room.duration_s)
     for item in items:
-        # A copy: what a method does to a frame must not reach the scoring.
+        # A copy: a method must not change the frames of the scoring.
         arrays = {name: value.copy() for name in _ARRAYS if (value := getattr(item.frame, name)) is not None}
         frame = msgspec.structs.replace(item.frame, **arrays)
         scene = tracker.update(Arrival(frame, item.truth.room_ns + latency_ns[frame.sensor]))

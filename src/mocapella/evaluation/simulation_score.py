@@ -1,8 +1,8 @@
-"""One method's scenes against the truth of one simulated room.
+"""Compares a method's scenes with the ground truth of one simulated room.
 
-Compared are skeletons at the frames of the main sensor, in the room's world. A method's world is brought there by where
-the method believes the main sensor to be and where it truly is; a person of whom a method without places of sensors has
-no view of the main sensor, by another of the person's views.
+Skeletons are compared at the frames of the main sensor, in the room's world frame. A method's world frame is aligned by
+its estimated pose of the main sensor and the true one. If a method without sensor poses has no view of a person from
+the main sensor, another view of the person is used.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ Bools = NDArray[np.bool_]
 Figures = dict[str, float | None]
 
 SHARED_WALKING: Final = 8.0
-"""After so much of it the calibration is asked for [s]."""
+"""Time of shared walking before the calibration is scored [s]."""
 WALKING: Final = 0.3
-"""Faster than this somebody walks [m/s]."""
+"""Smallest speed of a walking person [m/s]."""
 IN_VIEW_FOR: Final = 0.5
-"""Who has been seen for so long is to be found [s]."""
+"""Time in view after which a person is expected [s]."""
 UNSEEN_FOR: Final = 0.25
-"""Who was not seen for longer is to be found no more [s]."""
+"""Time out of view after which a person is no longer expected [s]."""
 LOST_AFTER: Final = 1.0
-"""Who is to be found and is not for longer is lost [s]."""
+"""Time without a match after which an expected person is lost [s]."""
 ALIKE: Final = 0.5
-"""This similar, a found person is the true one; see `mocapella.evaluation.identity.similarity`."""
+"""Smallest similarity of a match; see `mocapella.evaluation.identity.similarity`."""
 FRESH: Final = 0.05
-"""A sensor's frame is compared with a fused skeleton of up to so much later [s]."""
+"""Largest delay between a sensor's frame and the fused skeleton compared with it [s]."""
 IDENTITY_EVERY: Final = 3
 """Frames of the main sensor."""
 
 
 class _SensorNow(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest frame against the truth of its instant.
+    """The errors of a sensor's newest frame.
 
     Attributes:
-        room_ns: when.
-        people: (bodies,) who is in it.
-        errors: (bodies, joints) with the sensor's own labels, in its true place [m]; NaN where not tracked.
+        room_ns: the instant.
+        people: (bodies,) numbers of the true people.
+        errors: (bodies, joints) with the sensor's own labels, in its true pose [m]; NaN where not tracked.
         hidden: (bodies, joints) whether the sensor only inferred the joint.
     """
 
@@ -77,7 +77,7 @@ class _Mean:
 
 
 class Score:
-    """`update` after each frame, `figures` at the end."""
+    """Collects errors with `update` after each frame; `figures` returns the score at the end."""
 
     def __init__(self, room: Room) -> None:
         self.sensors = room.sensor_names
@@ -99,7 +99,7 @@ class Score:
         self._seen_ns: dict[int, int] = {}
         self._unfound_s: dict[int, float] = {}
         self.lost: list[tuple[float, int]] = []
-        """(room time [s], person) of everybody who was lost."""
+        """(room time [s], person) of each loss."""
         self.identity: list[IdentityFrame] = []
         self._frames = 0
         # joints
@@ -111,7 +111,7 @@ class Score:
         self._wrong_labels = _Mean()
 
     def update(self, item: SimulatedFrame, scene: Scene, offsets: Mapping[str, float]) -> None:
-        """Take in a frame with its truth, and what the method made of it.
+        """Add a frame with its ground truth, and the method's scene.
 
         Args:
             item: the frame.
@@ -138,7 +138,7 @@ class Score:
             self._before = truth
 
     def figures(self) -> Figures:
-        """Everything; None where it is not known. docs/evaluation.md says what each is."""
+        """Return all figures of docs/evaluation.md; None if unknown."""
         others = [name for name in self.sensors if name != self.main]
         errors = {name: mean.value for name, mean in self._errors.items()}
         known = {name: sums for name, sums in self._of_sensor.items() if sums[0].count}
@@ -165,7 +165,7 @@ class Score:
         }
 
     def _tied(self) -> set[str]:
-        """Sensors that must be known by now; one is known only by another."""
+        """Return the sensors whose pose must be known by now, each relative to another."""
         tied = {name for name in self._now if self._shared_s[name] >= SHARED_WALKING}
         return tied | {self.main} if tied or len(self.sensors) == 1 else tied
 
@@ -179,7 +179,7 @@ class Score:
             self._offsets_s[name] = offsets.get(name)
 
     def _layout_error(self, T_main_sensor: Float64, sensor: str) -> tuple[float, float]:
-        """By how much a motion moves what this sensor says of the middle of the room [m], and turns it [deg]."""
+        """Return the error of a motion: displacement of the middle of the room [m], and rotation [deg]."""
         T_main_world = inverse(self._T_world_sensor[self.main])
         true = T_main_world @ self._T_world_sensor[sensor]
         middle = apply(inverse(self._T_world_sensor[sensor]), self._middle[None])
@@ -189,15 +189,15 @@ class Score:
         return float(moved), float(np.degrees(np.arctan2(sine, (np.trace(R) - 1) / 2)))
 
     def _time_offset_s(self) -> float | None:
-        """The greatest error of a sensor's offset from the main one's; None where one is not declared."""
+        """Return the largest error of a sensor's clock offset from the main one; None if one is not declared."""
         if len(self.sensors) < 2 or None in self._offsets_s.values():
             return None
-        # Captured so much later than at_ns says; at_ns is the capture and the latency.
+        # The true offset: at_ns is the capture time plus the latency.
         wrong = {name: (value or 0.0) + self._latency_s[name] for name, value in self._offsets_s.items()}
         return max(abs(value - wrong[self.main]) for value in wrong.values())
 
     def _count_walking(self, truth: Truth, before: Truth, elapsed_s: float) -> None:
-        """How long each sensor has seen somebody walk whom a sensor that is tied to the main one saw too."""
+        """Update each sensor's time of shared walking with a sensor that is connected to the main one."""
         moved = np.linalg.norm((truth.positions - before.positions)[:, self._root], axis=-1)
         walking = set(np.flatnonzero(moved > WALKING * elapsed_s).tolist())
         tied = [self.main, *self._tied()]
@@ -232,7 +232,7 @@ class Score:
         for person, column in pairs:
             self._compare_joints(person, found[column], people[column][0].states, truth)
         if self._frames % IDENTITY_EVERY == 0:
-            # Who need not be found may be: such people count neither way.
+            # People who are not expected may be found: they do not count.
             spare = {column for person, column in pairs if person not in wanted}
             columns = [c for c in range(len(people)) if c not in spare]
             ids = tuple(people[c][0].id for c in columns)
@@ -281,21 +281,21 @@ def _sensor_now(item: SimulatedFrame) -> _SensorNow:
 
 
 def _places(scene: Scene) -> dict[str, Float64]:
-    """Where a method has the sensors: as it says, or else as it has them for the first person."""
+    """Return a method's sensor poses: as reported, or else from the first person's views."""
     if scene.sensors:
         return {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
     return {view.sensor: view.T_world_sensor for view in scene.people[0].views} if scene.people else {}
 
 
 def _matches(alike: Float64) -> list[tuple[int, int]]:
-    """(true person, found person), one to one, of those who are `ALIKE`: as many as can be, then the most alike."""
+    """Match true and found people who are `ALIKE`, one to one: the most matches, then the most similar."""
     good = alike >= ALIKE
     rows, columns = linear_sum_assignment(np.where(good, 10.0 + alike, 0.0), maximize=True)
     return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if good[r, c]]
 
 
 def _middle(room: Room) -> Float64:
-    """(3,) mean place of everybody who is in reach of the main sensor [m]."""
+    """Return the mean position (3,) of the people within reach of the main sensor [m]."""
     settings = room.settings.sensors[0]
     instants = np.linspace(0, room.duration_ns, 50, endpoint=False).astype(np.int64).tolist()
     places = np.concatenate([room.positions_at(t)[:, 0] for t in instants])
@@ -304,7 +304,7 @@ def _middle(room: Room) -> Float64:
 
 
 def _greatest(errors: Iterable[tuple[float, float] | None]) -> tuple[float | None, float | None]:
-    """The greatest of each of two; None where one is not known, or there is none."""
+    """Return the largest of each of two errors; None if one is unknown, or there is none."""
     of = list(errors)
     known = [error for error in of if error is not None]
     if not known or len(known) < len(of):

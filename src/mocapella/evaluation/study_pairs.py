@@ -1,4 +1,4 @@
-"""The study logs as what is scored: pairs of rows, the two sensors' views of one person at one result."""
+"""Pairs of rows of the study logs: the two sensors' views of one person at one result."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class Pairs(msgspec.Struct, frozen=True, eq=False):
         return len(self.rows)
 
     def where(self, mask: Bool) -> Pairs:
-        """Those of ``mask`` (pairs,)."""
+        """Return the pairs that ``mask`` (pairs,) selects."""
         return Pairs(self.rows[mask], self.person[mask], self.task[mask])
 
 
 class StudyFrames(msgspec.Struct, frozen=True, eq=False):
-    """Frames of a file in the order of their arrival, and in which of them each row is.
+    """Frames of a file in the order of their arrival, with the frame of each row.
 
     Attributes:
         arrivals: (arrivals,).
@@ -65,15 +65,15 @@ class StudySession:
     """One file: one participant with the sensors in one placement.
 
     Attributes:
-        log: as it was read, but for the tasks: see `corrected_tasks`.
+        log: the file's rows, with `corrected_tasks`.
         replay: the same as sensors.
         participant: Study_Id.
         placement: as the thesis' tables call it.
-        pairs: all that can be scored.
-        frames: all of them.
+        pairs: all pairs.
+        frames: all frames.
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
-        sensor: (rows,) place in ``replay.sensors``.
-        at_s: (rows,) when the row's frame was captured, from the file's first frame [s].
+        sensor: (rows,) index in ``replay.sensors``.
+        at_s: (rows,) capture time of the row's frame, from the file's first frame [s].
     """
 
     def __init__(self, log: StudyLog) -> None:
@@ -100,11 +100,11 @@ class StudySession:
 
     @cached_property
     def two_people(self) -> bool:
-        """Whether it is an interaction."""
+        """Whether the file has two people."""
         return len(np.unique(self.pairs.person)) > 1
 
     def only(self, task: int) -> StudyFrames:
-        """The frames of one task, as if nothing had come before them."""
+        """Return the frames of one task, as if it were the whole file."""
         wanted = sorted(set(self.frames.of_row[self.log.scenario_id == task].tolist()))
         return self._frames(tuple(self.frames.arrivals[k] for k in wanted))
 
@@ -121,7 +121,7 @@ class StudySession:
 
 
 def corrected_tasks(log: StudyLog) -> Int64:
-    """(rows,) Scenario_Id, with the interactions' logging error put right: a 4 after the first 8 is an 8."""
+    """Return Scenario_Id (rows,), with a logging error of the interactions corrected: a 4 after the first 8 is an 8."""
     after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
     return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
 
@@ -139,16 +139,16 @@ def pairs_of(log: StudyLog) -> Pairs:
 def study_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> Iterator[StudySession]:
-    """All study logs of a folder, in the order of their names; files with a header only are passed over.
+    """Read all study logs of a folder, in the order of their names; files with only a header are skipped.
 
     Args:
         folder: with ``Study_*.csv`` or ``.csv.gz``.
-        participants: whose, or None for all.
+        participants: their numbers, or None for all.
         on_file: called with the name of each before it is read.
 
     Raises:
         InputError: no such folder, no log in it, or one that cannot be read.
-        SettingsError: a participant of whom there is no file; lists those there are.
+        SettingsError: a participant without a file; lists the participants.
     """
     files = study_files(folder)
     wanted = set(files) if participants is None else set(participants)
@@ -167,7 +167,7 @@ def study_sessions(
 
 
 def study_files(folder: Path) -> dict[int, list[Path]]:
-    """The study logs of a folder by participant, as their names say.
+    """Return the study logs of a folder by participant, from their names.
 
     Raises:
         InputError: no such folder, or no log in it.

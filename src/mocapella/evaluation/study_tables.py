@@ -38,20 +38,20 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
 
 
 class Count(msgspec.Struct, frozen=True):
-    """What a row is made of: pairs in which a joint of both views is there, and such joints, over all pairs."""
+    """Numbers behind a row: pairs with a joint present in both views, and such joints, over all pairs."""
 
     pairs: int
     finite_joints: int
 
 
 def differences(views: Float64) -> Float64:
-    """(..., joints, 4) |Δx| |Δy| |Δz| Δd of (..., 2, joints, 3)."""
+    """Return |Δx| |Δy| |Δz| Δd (..., joints, 4) of two views (..., 2, joints, 3)."""
     apart = np.abs(views[..., 0, :, :] - views[..., 1, :, :])
     return np.concatenate([apart, np.linalg.norm(apart, axis=-1, keepdims=True)], axis=-1)
 
 
 def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Float64]:
-    """The participants and M (participants, joints, 4): the mean over all pairs of each, whatever file they are in [m].
+    """Return the participants and M (participants, joints, 4): the mean over all pairs of each, from all files [m].
 
     A joint that is missing in all pairs of a participant is NaN.
     """
@@ -69,7 +69,7 @@ def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Fl
 
 
 def count(scored: Sequence[Scored]) -> Count:
-    """What there is to score."""
+    """Count the pairs and joints to score."""
     finite = [np.isfinite(one.raw_labels[..., 3]) for one in scored]
     return Count(sum(int(joints.any(axis=-1).sum()) for joints in finite), sum(int(joints.sum()) for joints in finite))
 
@@ -102,7 +102,7 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
 
     Args:
         scored: of all files.
-        as_logged: what there is to score in the rows as they were logged.
+        as_logged: numbers of pairs and joints in the logged rows.
     """
     found = count(scored)
     wander = max(one.wander_m_per_min for one in scored)
@@ -119,7 +119,7 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
 
 
 def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
-    """Why a row cannot stand beside the others; empty where it can."""
+    """Return why a row cannot be compared with the others; empty if it can."""
     if found != as_logged:
         return (
             f"{found.pairs} pairs and {found.finite_joints} joints, where the log has {as_logged.pairs} and "
@@ -131,7 +131,7 @@ def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
 
 
 def rounded(value: Any) -> Any:
-    """The same with numbers of 4 decimals, and None for what is not finite: JSON has no NaN."""
+    """Round numbers to 4 decimals, and replace non-finite ones by None: JSON has no NaN."""
     if isinstance(value, Mapping):
         return {key: rounded(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

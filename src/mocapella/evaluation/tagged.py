@@ -1,7 +1,7 @@
-"""A tagged thing against exact truth: rendered pictures → corners → pose, with the cameras of the hands' scenes.
+"""Scores the pose of a tagged object: rendered images → corners → pose, with the cameras of the hands' scenes.
 
-A tag of 40 mm is swung about before the cameras, without a hand; pictures have the cameras' blur, noise and mosaic, and
-no blur of motion. What is scored is the pose after each frame, against the truth at the instant of that frame.
+A tag of 40 mm is swung in front of the cameras, without a hand; images have the cameras' blur, noise and mosaic, and
+no motion blur. The pose after each frame is compared with the ground truth at the instant of that frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mocapella.sources.simulate.tag_picture import draw_tags
 Float64 = NDArray[np.float64]
 
 SCENES: Final = ("wide", "thesis")
-"""Whose cameras look; global shutters."""
+"""Scenes that define the cameras, with global shutters."""
 SIDE_M: Final = 0.04
 LASTS_S: Final = 1.5
 SETTLE_S: Final = 0.3
@@ -39,12 +39,12 @@ _TAG_SD_PX: Final = 0.1
 def evaluate_tag(
     scenes: Sequence[str], seeds: Sequence[int], tell: Callable[[str], None] = lambda text: None
 ) -> dict[str, dict[str, float]]:
-    """Scores of a tag, by the scene's name and whether all its cameras or the first one look.
+    """Return the scores of a tag, by the scene's name and for all cameras or the first one.
 
     Args:
-        scenes: those of `SCENES` that are scored; others are passed over.
+        scenes: names; only scenes of `SCENES` are scored.
         seeds: of the motion and the noise.
-        tell: is told what is being done.
+        tell: called with the current step, in words.
     """
     found = {}
     for name in scenes:
@@ -61,7 +61,7 @@ def evaluate_tag(
 
 
 def place_at(scene: HandScene, seed: int, at_s: float) -> Float64:
-    """``T_world_tag``: about where the hand is, its face to the cameras, up to 1 m/s and 230°/s."""
+    """Return ``T_world_tag``: near the hand's position, facing the cameras, up to 1 m/s and 230°/s."""
     rng = np.random.default_rng([seed, 11])
     phase, rates, lean = rng.uniform(0, 6, (2, 3)), rng.uniform(3, 7, (2, 3)), rng.uniform(-0.5, 0.5, 3)
     turn = lean + 0.3 * np.sin(rates[0] * at_s + phase[0])
@@ -70,7 +70,7 @@ def place_at(scene: HandScene, seed: int, at_s: float) -> Float64:
 
 
 def _run(scene: HandScene, seed: int, one: bool) -> Float64:
-    """(frames, 3) error [mm], [°], and whether it is said to be tracked; NaN errors where it is not known."""
+    """Return (frames, 3): errors [mm], [°], and whether the pose is marked tracked; NaN errors if unknown."""
     cameras = list(scene.cameras.values())[: 1 if one else None]
     names = corner_names(_TAG)
     poses = ObjectPoses(scene.rig, corner_places(SIDE_M), planes=((0, 1, 2, 3),))

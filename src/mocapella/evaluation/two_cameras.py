@@ -1,7 +1,7 @@
-"""What a second depth camera is worth: each camera's arm, and the fused one, against what is true in a rendered scene.
+"""Measures the benefit of a second depth camera: each camera's arm, and the fused one, against ground truth.
 
-Both cameras look at one arm; the second stands to the side, and takes its images half a frame later. Each is scored at
-its own instants, the fused arm at all of them, without any correction.
+Both cameras see one rendered arm; the second stands to the side, and takes its images half a frame later. Each is
+scored at its own instants, the fused arm at all of them, without any correction.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ UInt8 = NDArray[np.uint8]
 Told = tuple[Float64, UInt8, int]
 """Points in the world, states, and number of an arm."""
 ArmFinding = Callable[[DepthShot], SeenArms]
-"""What finds arms in a shot."""
+"""A detector of arms in a shot."""
 CAMERAS: Final = ("first", "second")
 FUSED: Final = "fused"
 
 
 @dataclass
 class _Errors:
-    """Of one camera, or of both together."""
+    """Score of one camera, or of both together."""
 
     frames: int = 0
     followed: int = 0
@@ -92,14 +92,14 @@ class _Errors:
 
 
 def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
-    """The scene before a second camera, turned about the hands' middle by the angle."""
+    """Return the scene before a second camera, rotated by the angle about the hands' centre."""
     distance = 0.5 * sum(scene.sensor.distance_m) * scene.settings.distance
     R, middle = rotation_about_y(math.radians(angle_deg)), np.array([0.0, 0.0, distance])
     return scene.from_camera(rigid(R, middle - R @ middle))
 
 
 def looks_of(detectors: tuple[ArmDetector, ArmDetector]) -> tuple[ArmFinding, ArmFinding]:
-    """Two detectors, one made for each camera, as what finds arms in shots."""
+    """Wrap two detectors, one for each camera, to detect arms in shots."""
 
     def of(detector: ArmDetector) -> ArmFinding:
         return lambda shot: detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
@@ -122,17 +122,17 @@ def two_camera_scores(
 
     Args:
         scene: with one arm, as the first camera sees it.
-        looks: what finds arms in each camera's shots.
+        looks: detectors of arms in each camera's shots.
         angle_deg: between the cameras, about the hand.
         fps: a camera.
-        rig: whether the tracker is told where the cameras are; else it finds out, and is scored from then on.
+        rig: whether the tracker receives the cameras' poses; else it estimates them, and is scored from then on.
         settings: of the tracker.
         make: makes the tracker.
 
     Returns:
-        Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: how wrong the second camera's place
-        is, and when it was known. A fingertip counts at an instant where one of the cameras, or both, can see it;
-        ``tips_of_one_camera`` are those that the other cannot.
+        Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: the error of the second camera's
+        pose, and the time until it was known. A fingertip counts at an instant if at least one camera can see it;
+        ``tips_of_one_camera`` are fingertips hidden from the other one.
     """
     check(scene.settings.arms == 1, "scene", scene.name, "one with one arm")
     scenes = (scene, beside(scene, angle_deg))
