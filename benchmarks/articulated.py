@@ -67,12 +67,12 @@ def cost(quick: bool) -> Iterator[Row]:
     @njit
     def corrected(arrays: Any, row: Any, begin: float, frames: Any, variances: Any, x: Any, v: Any) -> None:
         for k in range(len(frames)):
-            correct_one(*arrays, row, begin + k / 30, frames[k], variances, x, v)
+            correct_one(arrays, row, begin + k / 30, frames[k], variances, x, v)
 
     @njit
     def predicted(arrays: Any, row: Any, begin: float, count: int, x: Any, v: Any) -> None:
         for k in range(count):
-            predict_one(*arrays, row, begin + 0.001 * (k % 30), x, v)
+            predict_one(arrays, row, begin + 0.001 * (k % 30), x, v)
 
     body = ArticulatedBody(KINECT)
     frames = walker(FRAMES)

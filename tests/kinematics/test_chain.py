@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from support.kinematic_bodies import DOFS, KINECT, MODEL, pose
 
 from mocapella.geometry.turn_kernels import turn_between, turned
-from mocapella.kinematics.articulated_body import Pose, joints
+from mocapella.kinematics.articulated_body import Pose, joints, row_of
 from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS
 from mocapella.kinematics.chain_kernels import (
+    Elimination,
     forward,
     independent,
     limited,
@@ -29,12 +30,7 @@ seeds = st.integers(0, 2**32 - 1)
 def chain(body: Pose) -> tuple[Float64, Float64]:
     """Joints about the root, and twists."""
     x, frames, twists = np.empty((JOINTS, 3)), np.empty((JOINTS, 9)), np.empty((DOFS, 6))
-    angles = body.angles.copy()
-    angles[:3] = body.position
-    forward(
-        MODEL.dof_kind, MODEL.joint_table, MODEL.joint_values, MODEL.order, angles, body.rotations.reshape(-1, 9),
-        body.lengths, body.position, x, frames, twists,
-    )  # fmt: skip
+    forward(MODEL.arrays, row_of(MODEL, body), body.position, x, frames, twists)
     return x, twists
 
 
@@ -94,15 +90,17 @@ def tree_problem(seed: int) -> tuple[Float64, ...]:
 @given(seeds)
 def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
     x, twists, residuals, weights, D, e, J = tree_problem(seed)
-    M, a = np.empty((JOINTS, 27)), np.empty((JOINTS, 6))
-    U, d, u, delta = np.empty((DOFS, 6)), np.empty(DOFS), np.empty(DOFS), np.empty(DOFS)
-    solve(MODEL.joint_table, MODEL.order, twists, D, e, x, residuals, weights, M, U, d, u, a, delta)
+    work = Elimination(
+        np.empty((JOINTS, 27)), np.empty((DOFS, 6)), np.empty(DOFS), np.empty(DOFS), np.empty((JOINTS, 6))
+    )
+    delta = np.empty(DOFS)
+    solve(MODEL.joint_table, MODEL.order, twists, D, e, x, residuals, weights, work, delta)
     H = np.einsum("jki,j,jkl->il", J, weights, J) + np.diag(D)
     g = np.einsum("jki,j,jk->i", J, weights, residuals) + D * e
     np.testing.assert_allclose(delta, np.linalg.solve(H, g), rtol=1e-6, atol=1e-8)
 
     C, dofs, coordinates = np.empty((JOINTS, 21)), np.empty(DOFS), np.empty(JOINTS)
-    marginals(MODEL.joint_table, MODEL.order, twists, U, d, x, C, dofs, coordinates)
+    marginals(MODEL.joint_table, MODEL.order, twists, work.U, work.d, x, C, dofs, coordinates)
     covariance = np.linalg.inv(H)
     np.testing.assert_allclose(dofs, np.diag(covariance), rtol=1e-6)
     np.testing.assert_allclose(coordinates, np.einsum("jki,il,jkl->j", J, covariance, J) / 3, rtol=1e-6)
@@ -113,7 +111,7 @@ def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
 def test_the_variances_of_a_tree_of_independent_angles(seed: int) -> None:
     x, twists, _, _, D, _, J = tree_problem(seed)
     out = np.empty(JOINTS)
-    independent(MODEL.joint_table, MODEL.order, twists, 1.0 / D, x, np.empty((JOINTS, 10)), out)
+    independent(MODEL.joint_table, MODEL.order, twists, 1.0 / D, 0, x, np.empty((JOINTS, 10)), out)
     np.testing.assert_allclose(out, np.einsum("jki,i,jki->j", J, 1.0 / D, J) / 3, rtol=1e-9)
 
 
@@ -149,13 +147,14 @@ def test_a_swing_turns_one_direction_to_the_other(seed: int) -> None:
 @given(seeds)
 def test_a_ball_is_brought_within_its_limits_and_stays_where_it_is_within(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    values = MODEL.joint_values[KINECT.index("ElbowLeft")]
+    joint = KINECT.index("ElbowLeft")
+    values = MODEL.joint_values[joint]
     B, within, again = Rotation.random(random_state=rng).as_matrix().reshape(9), np.empty(9), np.empty(9)
-    changed = limited(values, B, within)
+    changed = limited(MODEL.joint_values, joint, B, within)
     assert changed or (within == B).all()
     direction = within.reshape(3, 3) @ values[:3]
     assert direction @ values[4:7] >= np.cos(values[7]) - 1e-9
-    limited(values, within, again)
+    limited(MODEL.joint_values, joint, within, again)
     np.testing.assert_allclose(again, within, atol=1e-6)
 
 

@@ -1,19 +1,25 @@
-"""The hot steps of `mocapella.geometry.alignment`, compiled; importing this module imports numba.
+"""Kernels of `mocapella.geometry.alignment`, which describes the moments M (`alignment.MOMENTS`,).
 
-The layout of the moments is said there. ``M`` is always one (`alignment.MOMENTS`,) array.
+Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled functions take arrays by position
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
-@njit(cache=True)
-def accumulate(M, p, q, v, w, order):
-    """Add points to moments: p (n, 3) with q[order] and v[order], weights w (n,), none where w is not above 0."""
+
+@njit(cache=True, error_model="numpy")
+def accumulate(M: Float64, p: Float64, q: Float64, v: Float64, w: Float64, order: Int64) -> None:
+    """Add the points p (n, 3) with q[order] and v[order] to moments; a point counts if its weight w (n,) is above 0."""
     for j in range(len(w)):
         u, o = w[j], order[j]
         if u <= 0.0:
@@ -36,11 +42,16 @@ def accumulate(M, p, q, v, w, order):
             M[49] += up * p[j, i]
 
 
-@njit(cache=True)
-def largest_eigenvector(N):
-    """Of a symmetric (4, 4) matrix, which is overwritten; by cyclic Jacobi rotations (Golub and Van Loan, 8.5)."""
-    V = np.zeros((4, 4))
-    V[0, 0] = V[1, 1] = V[2, 2] = V[3, 3] = 1.0
+@njit(cache=True, error_model="numpy")
+def largest_eigenvector(N: Float64, V: Float64) -> int:
+    """Diagonalise a symmetric (4, 4) matrix, in place, by cyclic Jacobi rotations (Golub and Van Loan, 8.5).
+
+    Returns:
+        The column of the eigenvectors V (4, 4), written, that belongs to the largest eigenvalue.
+    """
+    for i in range(4):
+        for k in range(4):
+            V[i, k] = 1.0 if i == k else 0.0
     for _ in range(30):
         off, on = 0.0, 0.0
         for i in range(4):
@@ -54,10 +65,10 @@ def largest_eigenvector(N):
                 if N[a, b] == 0.0:
                     continue
                 theta = (N[b, b] - N[a, a]) / (2 * N[a, b])
-                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
                 if theta < 0.0:
                     t = -t
-                c = 1.0 / np.sqrt(t * t + 1.0)
+                c = 1.0 / math.sqrt(t * t + 1.0)
                 s = t * c
                 for k in range(4):
                     x, y = N[k, a], N[k, b]
@@ -71,19 +82,20 @@ def largest_eigenvector(N):
     for i in range(1, 4):
         if N[i, i] > N[best, best]:
             best = i
-    return V[:, best]
+    return best
 
 
-@njit(cache=True)
-def align(M, offset, T):
-    """Write the motion that fits the moments best into T (4, 4); see `alignment.align`."""
+@njit(cache=True, error_model="numpy")
+def align(M: Float64, offset: float, T: Float64) -> None:
+    """Write the rigid motion that fits the moments best into T (4, 4); see `alignment.align`."""
     W = M[0]
-    mp, mq = M[1:4] / W, (M[4:7] + offset * M[16:19]) / W
-    S = np.empty((3, 3))
+    mp, mq, S = np.empty(3), np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        mp[i], mq[i] = M[1 + i] / W, (M[4 + i] + offset * M[16 + i]) / W
     for i in range(3):
         for k in range(3):
             S[k, i] = M[7 + 3 * i + k] + offset * M[19 + 3 * i + k] - W * mp[i] * mq[k]
-    N = np.empty((4, 4))
+    N, V = np.empty((4, 4)), np.empty((4, 4))
     N[0, 0] = S[0, 0] + S[1, 1] + S[2, 2]
     N[0, 1] = S[1, 2] - S[2, 1]
     N[0, 2] = S[2, 0] - S[0, 2]
@@ -97,7 +109,9 @@ def align(M, offset, T):
     for i in range(4):
         for k in range(i):
             N[i, k] = N[k, i]
-    w, x, y, z = largest_eigenvector(N)
+    best = largest_eigenvector(N, V)
+    w, x = V[0, best], V[1, best]
+    y, z = V[2, best], V[3, best]
     T[0, 0], T[0, 1], T[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     T[1, 0], T[1, 1], T[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     T[2, 0], T[2, 1], T[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
@@ -107,8 +121,10 @@ def align(M, offset, T):
     T[3, 3] = 1.0
 
 
-@njit(cache=True)
-def residuals(T, offset, p, q, v, order, w, r):
+@njit(cache=True, error_model="numpy")
+def residuals(
+    T: Float64, offset: float, p: Float64, q: Float64, v: Float64, order: Int64, w: Float64, r: Float64
+) -> float:
     """Write |p − T (q + offset·v)[order]| into r (n,), 0 where w is not above 0; return the mean over the others."""
     total, count = 0.0, 0
     for j in range(len(r)):
@@ -120,7 +136,7 @@ def residuals(T, offset, p, q, v, order, w, r):
         for i in range(3):
             e = p[j, i] - (T[i, 0] * x + T[i, 1] * y + T[i, 2] * z + T[i, 3])
             d += e * e
-        r[j] = np.sqrt(d)
+        r[j] = math.sqrt(d)
         total += r[j]
         count += 1
     return total / count if count else 0.0

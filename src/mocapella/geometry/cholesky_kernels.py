@@ -11,7 +11,7 @@ from mocapella.compiled import njit
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(A, damping, L):
+def factorise(A: TODO, damping: TODO, L: TODO) -> TODO:
     """Write the lower factor L of A (n, n), whose diagonal is raised by that part of it; whether there is one.
 
     Of A the lower half is read; of L the upper half is left as it is.
@@ -31,7 +31,7 @@ def factorise(A, damping, L):
 
 
 @njit(cache=True, error_model="numpy")
-def substitute(L, b):
+def substitute(L: TODO, b: TODO) -> TODO:
     """b (n,) becomes the solution x of L Lᵀ x = b."""
     n = len(b)
     for i in range(n):

@@ -12,7 +12,7 @@ STEPS = 20
 
 
 @njit(cache=True, forceinline=True)  # into its callers' loops, which are vectorised
-def distort(x, y, k1, k2, p1, p2, k3):
+def distort(x: TODO, y: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO) -> TODO:
     """(x', y') and the derivatives (∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y) of `lens.distort`."""
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
@@ -28,7 +28,7 @@ def distort(x, y, k1, k2, p1, p2, k3):
 
 
 @njit(cache=True)
-def undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2):
+def undistorted(u: TODO, v: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO) -> TODO:
     """What `undistort` returns, and the derivatives of `distort` there."""
     x, y = u, v
     for _ in range(STEPS):
@@ -52,7 +52,9 @@ def undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2):
 
 
 @njit(cache=True, error_model="numpy")
-def undistorted_all(us, vs, k1, k2, p1, p2, k3, farthest_r2, xs, ys):
+def undistorted_all(
+    us: TODO, vs: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO, xs: TODO, ys: TODO
+) -> TODO:
     """Write `undistorted` of points, us and vs (n,), to xs and ys (n,): all of them step together, several at once."""
     for i in range(len(us)):
         xs[i], ys[i] = us[i], vs[i]
@@ -78,14 +80,14 @@ def undistorted_all(us, vs, k1, k2, p1, p2, k3, farthest_r2, xs, ys):
 
 
 @njit(cache=True, forceinline=True)
-def undistort(u, v, k1, k2, p1, p2, k3, farthest_r2):
+def undistort(u: TODO, v: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO) -> TODO:
     """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
     x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
     return x, y
 
 
 @njit(cache=True)
-def undistort_points(lens, farthest_r2, pixels, out):
+def undistort_points(lens: TODO, farthest_r2: TODO, pixels: TODO, out: TODO) -> TODO:
     """`lens.undistort`, (points, 2)."""
     for i in range(len(pixels)):
         u, v = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]

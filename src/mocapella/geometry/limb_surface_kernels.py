@@ -17,14 +17,14 @@ LIMB = 9
 
 
 @njit(cache=True)
-def smooth_min(a, b, k):
+def smooth_min(a: TODO, b: TODO, k: TODO) -> TODO:
     """The lesser of both, rounded off where they differ by less than ``k`` (quadratic: lower by k/4 where equal)."""
     h = k - abs(a - b)
     return min(a, b) - (h * h / (4.0 * k) if h > 0.0 else 0.0)
 
 
 @njit(cache=True)
-def limb_distance(limb, x, y, z):
+def limb_distance(limb: TODO, x: TODO, y: TODO, z: TODO) -> TODO:
     """Distance of a point from a tapered limb with round ends [m]; negative inside."""
     ux, uy, uz = limb[3] - limb[0], limb[4] - limb[1], limb[5] - limb[2]
     px, py, pz = x - limb[0], y - limb[1], z - limb[2]
@@ -35,7 +35,7 @@ def limb_distance(limb, x, y, z):
 
 
 @njit(cache=True)
-def flesh(limbs, within, between, x, y, z, by_group):
+def flesh(limbs: TODO, within: TODO, between: TODO, x: TODO, y: TODO, z: TODO, by_group: TODO) -> TODO:
     """The smooth union of all limbs at a point: negative inside; and each group's own, out.
 
     Args:
@@ -54,7 +54,7 @@ def flesh(limbs, within, between, x, y, z, by_group):
 
 
 @njit(cache=True)
-def sample(limbs, within, between, nodes, out):
+def sample(limbs: TODO, within: TODO, between: TODO, nodes: TODO, out: TODO) -> TODO:
     """Write `flesh` (a, b, c) at the nodes (a, b, c, 3)."""
     by_group = np.empty(len(within))
     for i in range(nodes.shape[0]):
@@ -65,7 +65,7 @@ def sample(limbs, within, between, nodes, out):
 
 
 @njit(cache=True)
-def separate(values):
+def separate(values: TODO) -> TODO:
     """Change signs until no face of a cell has inside and outside in its opposite corners; whether none is left.
 
     There the surface would touch itself along an edge. The corner nearest to the surface goes outside.
@@ -107,7 +107,7 @@ def separate(values):
 
 
 @njit(cache=True)
-def surface_net(values, nodes, vertices, triangles):
+def surface_net(values: TODO, nodes: TODO, vertices: TODO, triangles: TODO) -> TODO:
     """The surface where ``values`` change their sign; (vertices, triangles) that were written, outwards anticlockwise.
 
     S. Gibson, "Constrained elastic surface nets" (MICCAI 1998): a vertex in each cell that the surface crosses, at the
@@ -169,7 +169,7 @@ def surface_net(values, nodes, vertices, triangles):
 
 
 @njit(cache=True)
-def settle(limbs, within, between, vertices, most_m):
+def settle(limbs: TODO, within: TODO, between: TODO, vertices: TODO, most_m: TODO) -> TODO:
     """Move vertices onto the surface, in place, along its gradient and by at most ``most_m`` a step."""
     by_group, e = np.empty(len(within)), 2e-4
     for i in range(len(vertices)):
@@ -185,7 +185,7 @@ def settle(limbs, within, between, vertices, most_m):
 
 
 @njit(cache=True)
-def group_distances(limbs, within, points, out):
+def group_distances(limbs: TODO, within: TODO, points: TODO, out: TODO) -> TODO:
     """Write each group's own distance (n, groups) at points (n, 3)."""
     for i in range(len(points)):
         flesh(limbs, within, 1e-6, points[i, 0], points[i, 1], points[i, 2], out[i])

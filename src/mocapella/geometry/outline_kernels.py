@@ -20,7 +20,7 @@ MOST = 4096
 
 
 @njit(cache=True, error_model="numpy")
-def see(vertices, T_camera_world, lens, farthest_r2, pixels, depth):
+def see(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, pixels: TODO, depth: TODO) -> TODO:
     """Write where vertices (n, 3) are seen, (n, 2) [px], and how far before the camera, (n,) [m].
 
     What the lens cannot show, or is too near, has the depth 0.
@@ -52,7 +52,7 @@ def see(vertices, T_camera_world, lens, farthest_r2, pixels, depth):
 
 
 @njit(cache=True)
-def within(vertices, T_camera_world, lens, farthest_r2, width, height):
+def within(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, width: TODO, height: TODO) -> TODO:
     """Whether all vertices (n, 3) are seen, and in the image."""
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
@@ -64,7 +64,7 @@ def within(vertices, T_camera_world, lens, farthest_r2, width, height):
 
 
 @njit(cache=True)
-def window(pixels, depth, width, height, step, margin):
+def window(pixels: TODO, depth: TODO, width: TODO, height: TODO, step: TODO, margin: TODO) -> TODO:
     """The part of an image about what is seen: (x, y) of its first sample, columns, rows; none are 0.
 
     It reaches ``margin`` px beyond the body, and so far beyond the image at most.
@@ -83,7 +83,7 @@ def window(pixels, depth, width, height, step, margin):
 
 
 @njit(cache=True)
-def face_sides(pixels, depth, faces, sides):
+def face_sides(pixels: TODO, depth: TODO, faces: TODO, sides: TODO) -> TODO:
     """Write which side of each face is seen: 1 the outside, −1 the inside, 0 where a corner is not seen."""
     for k in range(len(faces)):
         i, j, m = np.uint64(faces[k, 0]), np.uint64(faces[k, 1]), np.uint64(faces[k, 2])
@@ -95,7 +95,7 @@ def face_sides(pixels, depth, faces, sides):
 
 
 @njit(cache=True, error_model="numpy")
-def cover(pixels, faces, sides, x0, y0, step, mask):
+def cover(pixels: TODO, faces: TODO, sides: TODO, x0: TODO, y0: TODO, step: TODO, mask: TODO) -> TODO:
     """Set mask (rows, columns) to 1 at the samples that faces cover whose outside is seen.
 
     The sample (row, column) is the image's point (x0 + step·column, y0 + step·row). Of a closed surface these faces
@@ -129,7 +129,7 @@ def cover(pixels, faces, sides, x0, y0, step, mask):
 
 
 @njit(cache=True)
-def border(faces, edges, sides):
+def border(faces: TODO, edges: TODO, sides: TODO) -> TODO:
     """(m, 4) the edges between a face whose outside is seen and none, or one whose outside is not.
 
     Args:
@@ -159,7 +159,7 @@ def border(faces, edges, sides):
 
 
 @njit(cache=True, error_model="numpy")
-def cover_by_edges(pixels, edges, x0, y0, step, mask):
+def cover_by_edges(pixels: TODO, edges: TODO, x0: TODO, y0: TODO, step: TODO, mask: TODO) -> TODO:
     """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
 
     Only the edges of its `border` are drawn: above a sample of a column as many of them lead one way as the other,
@@ -192,7 +192,7 @@ def cover_by_edges(pixels, edges, x0, y0, step, mask):
 
 
 @njit(cache=True)
-def alike(mask, phi):
+def alike(mask: TODO, phi: TODO) -> TODO:
     """Intersection over union of a mask (rows, columns), 0 or 1, and of where phi (rows, columns) is above 0; 0 of
     nothing.
     """
@@ -206,7 +206,7 @@ def alike(mask, phi):
     return both / either if either > 0 else 0.0
 
 
-def one_way(faces):
+def one_way(faces: TODO) -> TODO:
     """Whether every edge has two faces at most, which run along it in opposite directions."""
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     if not len(along):
@@ -215,7 +215,10 @@ def one_way(faces):
 
 
 @njit(cache=True)
-def outline(vertices, pixels, depth, edges, mask, x0, y0, step, spacing, bones, at, normals, points, bone, far):
+def outline(
+    vertices: TODO, pixels: TODO, depth: TODO, edges: TODO, mask: TODO, x0: TODO, y0: TODO, step: TODO, spacing: TODO,
+    bones: TODO, at: TODO, normals: TODO, points: TODO, bone: TODO, far: TODO,
+) -> TODO:  # fmt: skip
     """Write points of the outline: of the edges of the border, beside the mask.
 
     Args:
@@ -263,8 +266,9 @@ def outline(vertices, pixels, depth, edges, mask, x0, y0, step, spacing, bones, 
 
 @njit(cache=True)
 def outlined(
-    vertices, T_camera_world, lens, farthest_r2, size_px, faces, edges, by_edges, bones, step, margin, spacing, given
-):
+    vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, size_px: TODO, faces: TODO, edges: TODO,
+    by_edges: TODO, bones: TODO, step: TODO, margin: TODO, spacing: TODO, given: TODO,
+) -> TODO:  # fmt: skip
     """All of this, one after the other.
 
     Args:
@@ -299,7 +303,7 @@ def outlined(
     return x0, y0, mask, at[:m], normals[:m], points[:m], bone[:m], far[:m]
 
 
-def outline_edges(faces):
+def outline_edges(faces: TODO) -> TODO:
     """(e, 4) each edge once: its two corners, then the faces beside it, −1 for the second where there is one face."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     face = np.tile(np.arange(len(faces)), 3)

@@ -15,7 +15,7 @@ NEAR_M = 0.05
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def project(vertices, T, lens, farthest_r2, out):
+def project(vertices: TODO, T: TODO, lens: TODO, farthest_r2: TODO, out: TODO) -> TODO:
     """Write (n, 3): x, y [px] and 1/z of vertices in the world; 1/z is 0 where the lens does not show them.
 
     Args:
@@ -39,7 +39,7 @@ def project(vertices, T, lens, farthest_r2, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bounds(seen, size_px, margin_px, out):
+def bounds(seen: TODO, size_px: TODO, margin_px: TODO, out: TODO) -> TODO:
     """Write (x0, y0, x1, y1), whole pixels, the last ones not included: around all that is seen, within the picture."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(seen)):
@@ -57,7 +57,7 @@ def bounds(seen, size_px, margin_px, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover(seen, triangles, left, top, step, nearest, which):
+def cover(seen: TODO, triangles: TODO, left: TODO, top: TODO, step: TODO, nearest: TODO, which: TODO) -> TODO:
     """Write which triangle is nearest at each sample of a grid; a surface is closed, so only its outside is drawn.
 
     Samples are points: one is covered where it is inside, on an edge included.
@@ -105,7 +105,7 @@ def cover(seen, triangles, left, top, step, nearest, which):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def weights(seen, a, b, c, x, y):
+def weights(seen: TODO, a: TODO, b: TODO, c: TODO, x: TODO, y: TODO) -> TODO:
     """The shares of a triangle's corners a, b, c in its point that is seen at x, y [px]; they add up to 1."""
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
@@ -116,7 +116,7 @@ def weights(seen, a, b, c, x, y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def vertex_normals(vertices, triangles, out):
+def vertex_normals(vertices: TODO, triangles: TODO, out: TODO) -> TODO:
     """Write (n, 3) unit normals out of the surface: of a corner's triangles, each as much as its area."""
     out[:] = 0.0
     for t in range(len(triangles)):

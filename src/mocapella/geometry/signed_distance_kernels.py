@@ -12,8 +12,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
 
 # Loops are written out; a conditional becomes a vector's minimum, `min` does not.
 
@@ -25,7 +29,7 @@ _NEAR = np.float32(2.25)
 
 
 @njit(cache=True, error_model="numpy")
-def signed_distance(field, reach, step, out):
+def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> None:
     """Write the signed distance [steps × step] of every sample to where a field crosses 0.
 
     Args:
@@ -66,7 +70,7 @@ def signed_distance(field, reach, step, out):
 
 
 @njit(cache=True, error_model="numpy")
-def of_mask(mask, reach, step, out):
+def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
     """`signed_distance` of a mask (rows, columns) uint8: its outline passes midway between two samples that differ."""
     field = np.empty(mask.shape, np.float32)
     for i in range(len(mask)):
@@ -77,7 +81,7 @@ def of_mask(mask, reach, step, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _down_columns(field, far, border, squares):
+def _down_columns(field: Float32, far: float, border: int, squares: Float32) -> None:
     """Write the squared distance of every sample to the next crossing above or below, far² where none is near.
 
     Args:
@@ -110,7 +114,7 @@ def _down_columns(field, far, border, squares):
 
 
 @njit(cache=True, error_model="numpy")
-def _along_rows(field, far, border, squares):
+def _along_rows(field: Float32, far: float, border: int, squares: Float32) -> None:
     """Write the squared distance of every sample to the next crossing left or right, far² where none is near.
 
     Args:
@@ -147,7 +151,7 @@ def _along_rows(field, far, border, squares):
 
 
 @njit(cache=True, error_model="numpy")
-def _least(flat, first, apart, groups, best):
+def _least(flat: Float32, first: int, apart: int, groups: int, best: Float32) -> None:
     """Lower ``best`` to a row's least sums of squares, of what is up to 4 × groups steps away on both sides.
 
     Args:

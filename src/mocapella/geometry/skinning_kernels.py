@@ -5,11 +5,18 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
 
 
 @njit(cache=True)
-def skin(vertices, bones, shares, R, t, out):
+def skin(vertices: Float64, bones: Int32, shares: Float64, R: Float64, t: Float64, out: Float64) -> None:
     """Write where the vertices are: linear blend skinning, x = Σ share · (R x₀ + t).
 
     Args:
@@ -33,7 +40,7 @@ def skin(vertices, bones, shares, R, t, out):
 
 
 @njit(cache=True)
-def at_rest(points, part, R, t, out):
+def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) -> None:
     """Write where points (n, 3) are at rest that each one part carries: x₀ = Rᵀ (x − t).
 
     Args:
@@ -50,7 +57,7 @@ def at_rest(points, part, R, t, out):
 
 
 @njit(cache=True)
-def farthest_apart(these, those):
+def farthest_apart(these: TODO, those: TODO) -> TODO:
     """The largest distance of points (n, 3) from as many others [m]; 0 of none."""
     most = 0.0
     for i in range(len(these)):

@@ -11,10 +11,15 @@ import math
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.lens_kernels import distort
 from mocapella.geometry.lens_kernels import undistort as undistort_fully
+
+Bool = NDArray[np.bool_]
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
 
 COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
 INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
@@ -26,7 +31,7 @@ REFITS = 4
 
 
 @njit(**INLINED)
-def undistort(views, n, u, v):
+def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]:
     """The direction (x, y) of a normalised pixel: two Newton steps, which do for a start, or as many as it takes."""
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
     if k1 == 0.0 and k2 == 0.0 and p1 == 0.0 and p2 == 0.0 and k3 == 0.0:
@@ -44,7 +49,7 @@ def undistort(views, n, u, v):
 
 
 @njit(**INLINED)
-def offset(views, n, X, Y, Z, u, v):
+def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float) -> tuple[float, float]:
     """(dx, dy) [px] from where a point is seen to the pixel (u, v); infinite where it is not seen."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
@@ -59,7 +64,9 @@ def offset(views, n, X, Y, Z, u, v):
 
 
 @njit(**INLINED)
-def linearised(views, n, X, Y, Z, u, v):
+def linearised(
+    views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
+) -> tuple[float, float, float, float, float, float, float, float]:
     """`offset`, and the derivatives by X, Y, Z of where the point is seen: of its column (3) and its row (3)."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
@@ -79,7 +86,9 @@ def linearised(views, n, X, Y, Z, u, v):
 
 
 @njit(**INLINED)
-def inverse(a, b, c, d, e, f):
+def inverse(
+    a: float, b: float, c: float, d: float, e: float, f: float
+) -> tuple[float, float, float, float, float, float]:
     """Of the symmetric [[a, b, c], [b, d, e], [c, e, f]], its six numbers in the same order."""
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1.0 / (a * A + b * B + c * C)
@@ -87,7 +96,9 @@ def inverse(a, b, c, d, e, f):
 
 
 @njit(**INLINED)
-def refine(views, pixels, at, weights, X, Y, Z):
+def refine(
+    views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float
+) -> tuple[float, float, float, bool, float, float, float, float, float, float]:
     """Gauss–Newton on the distorted pixels of the views with a weight 1/sd²; halved steps where one leads uphill.
 
     Returns:
@@ -127,7 +138,7 @@ def refine(views, pixels, at, weights, X, Y, Z):
 
 
 @njit(**INLINED)
-def keep_ray(views, n, x, y, rays):
+def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
     """Write a ray of view n: x, y, its direction R_world_camera (x, y, 1), and the square of that one's length."""
     dx = views[n, 10] * x + views[n, 13] * y + views[n, 16]
     dy = views[n, 11] * x + views[n, 14] * y + views[n, 17]
@@ -137,7 +148,7 @@ def keep_ray(views, n, x, y, rays):
 
 
 @njit(**INLINED)
-def wide(views, used, at, X, Y, Z, least_sin2):
+def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, least_sin2: float) -> bool:
     """Whether a point is seen from two directions whose angle is large enough, of the views that are used."""
     for i in range(len(views)):
         if not used[at, i]:
@@ -154,7 +165,9 @@ def wide(views, used, at, X, Y, Z, least_sin2):
 
 
 @njit(**INLINED)
-def meeting(views, rays, weights, m, n, gate2, least_sin2):
+def meeting(
+    views: Float64, rays: Float64, weights: Float64, m: int, n: int, gate2: float, least_sin2: float
+) -> tuple[int, float, float, float]:
     """Where two rays are nearest, by the sd of each at its distance; a state, and the point.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
@@ -185,7 +198,10 @@ def meeting(views, rays, weights, m, n, gate2, least_sin2):
 
 
 @njit(**INLINED)
-def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
+def truncated(
+    views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, gate2: float,
+    best: float, kept: Float64,
+) -> float:  # fmt: skip
     """The sum of the squared residuals [sd²], each at most the gate's; it ends where that is above ``best``.
 
     ``kept`` becomes the weights of the views within the gate, and 0 for others.
@@ -207,7 +223,7 @@ def truncated(views, pixels, at, weights, X, Y, Z, gate2, best, kept):
 
 
 @njit(**INLINED)
-def two_or_more(kept):
+def two_or_more(kept: Float64) -> bool:
     """Whether two views or more have a weight."""
     count = 0
     for k in range(len(kept)):
@@ -217,7 +233,10 @@ def two_or_more(kept):
 
 
 @njit(**COMPILED)
-def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
+def consensus(
+    views: Float64, pixels: Float64, at: int, rays: Float64, weights: Float64, gate2: float, least_sin2: float,
+    kept: Float64, tried: Float64,
+) -> tuple[int, float, float, float, float, float, float, float, float, float]:  # fmt: skip
     """The point whose truncated error is least, of those that follow from any two views, refitted on what agrees.
 
     Every pair is tried, so nothing depends on chance. The best is refitted while that makes it better: Chum, Matas,
@@ -259,7 +278,7 @@ def consensus(views, pixels, at, rays, weights, gate2, least_sin2, kept, tried):
 
 
 @njit(**INLINED)
-def same(kept, tried):
+def same(kept: Float64, tried: Float64) -> bool:
     """Whether the same views have a weight."""
     equal = True
     for k in range(len(kept)):
@@ -268,7 +287,7 @@ def same(kept, tried):
 
 
 @njit(**INLINED)
-def keep(kept, tried):
+def keep(kept: Float64, tried: Float64) -> None:
     """Of the views that were tried."""
     for k in range(len(kept)):
         kept[k] = tried[k]
@@ -276,8 +295,9 @@ def keep(kept, tried):
 
 @njit(**COMPILED)
 def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler knows that the rows are apart
-    views, pixels, sd, gate2, points, covariances, residuals, fitted
-):
+    views: Float64, pixels: Float64, sd: Float64, gate2: float, points: Float64, covariances: Float64,
+    residuals: Float64, fitted: Bool,
+) -> None:  # fmt: skip
     """Points whose views all agree, many at a time, as `refine` does one; ``fitted`` says which those are.
 
     The start is the linear least squares of x·z' − x' and y·z' − y' over the views.
@@ -390,7 +410,9 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler kn
 
 
 @njit(**INLINED)
-def newton(u, v, x, y, k1, k2, p1, p2, k3):
+def newton(
+    u: float, v: float, x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float
+) -> tuple[float, float, float, float]:
     """A step of Newton's method to where `distort` is (u, v): the place, and the step."""
     at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
     du, dv, scale = u - at_u, v - at_v, 1.0 / (uu * vv - uv * uv)
@@ -399,7 +421,10 @@ def newton(u, v, x, y, k1, k2, p1, p2, k3):
 
 
 @njit(**COMPILED)
-def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residuals, used, states):
+def triangulate(
+    views: Float64, pixels: Float64, sd: Float64, gate: float, least_sin2: float, points: Float64,
+    covariances: Float64, residuals: Float64, used: Bool, states: UInt8,
+) -> None:  # fmt: skip
     """`triangulation.triangulate`: pixels (points, views, 2), sd (points, views); writes the last five."""
     count = pixels.shape[1]
     rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
@@ -447,13 +472,17 @@ def triangulate(views, pixels, sd, gate, least_sin2, points, covariances, residu
 
 
 @njit(**COMPILED)
-def nothing(i, state, points, covariances, residuals, used, states):
+def nothing(
+    i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
+) -> None:
     """Point i is not known, and why."""
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 
 
 @njit(**COMPILED)
-def write_residuals(views, pixels, at, weights, X, Y, Z, residuals):
+def write_residuals(
+    views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, residuals: Float64
+) -> None:
     """Of each view that sees the point [px]."""
     for k in range(len(weights)):
         if weights[k] > 0.0:

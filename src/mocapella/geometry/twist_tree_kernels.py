@@ -10,7 +10,9 @@ from mocapella.geometry.turn_kernels import FIRST, turned
 
 
 @njit(cache=True)
-def forward(parents, joint_parts, twists, T, angles, about, R, t, xi):
+def forward(
+    parents: TODO, joint_parts: TODO, twists: TODO, T: TODO, angles: TODO, about: TODO, R: TODO, t: TODO, xi: TODO
+) -> TODO:
     """Write the motions R (parts, 9), row by row, and t (parts, 3), and the joints' twists xi (joints, 6).
 
     The product of exponentials along the tree: R. Murray, Z. Li, S. Sastry (1994), section 3.2.

@@ -55,7 +55,7 @@ _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
 
 
 @njit(cache=True)
-def _piece(row, ax, ay, az, bx, by, bz, ra, rb):
+def _piece(row: TODO, ax: TODO, ay: TODO, az: TODO, bx: TODO, by: TODO, bz: TODO, ra: TODO, rb: TODO) -> TODO:
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)
@@ -69,7 +69,7 @@ def _piece(row, ax, ay, az, bx, by, bz, ra, rb):
 
 
 @njit(cache=True)
-def _digit_pieces(d, outer, radii, thick, x, pieces):
+def _digit_pieces(d: TODO, outer: TODO, radii: TODO, thick: TODO, x: TODO, pieces: TODO) -> TODO:
     """Write the three pieces of a digit whose joints are x (4, 3), and whose outer bone is so long [m]."""
     for bone in range(3):
         bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
@@ -85,7 +85,10 @@ def _digit_pieces(d, outer, radii, thick, x, pieces):
 
 
 @njit(cache=True)
-def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes, pieces):
+def flesh(
+    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, columns: TODO, gains: TODO, z: TODO, v: TODO, rows: TODO,
+    joints: TODO, axes: TODO, pieces: TODO,
+) -> TODO:  # fmt: skip
     """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
 
     Args:
@@ -129,7 +132,7 @@ def flesh(digits, mirror, radii, palm, columns, gains, z, v, rows, joints, axes,
 
 
 @njit(cache=True)
-def balls(pieces, owners, R, t, spacing, out):
+def balls(pieces: TODO, owners: TODO, R: TODO, t: TODO, spacing: TODO, out: TODO) -> TODO:
     """Write balls along the flesh, so far apart, into out (k, 5), camera [m], the arm's with a 0 behind; how many."""
     n = 0
     for i in range(len(pieces)):
@@ -150,7 +153,9 @@ def balls(pieces, owners, R, t, spacing, out):
 
 
 @njit(cache=True)
-def closest(pieces, few, first, x, y, z, vx, vy, vz, out):
+def closest(
+    pieces: TODO, few: TODO, first: TODO, x: TODO, y: TODO, z: TODO, vx: TODO, vy: TODO, vz: TODO, out: TODO
+) -> TODO:
     """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
 
     On the side that the camera cannot see, the distance is that from the front, along the view (vx, vy, vz): this is
@@ -188,7 +193,7 @@ def closest(pieces, few, first, x, y, z, vx, vy, vz, out):
 
 
 @njit(cache=True)
-def _across(x, y, z):
+def _across(x: TODO, y: TODO, z: TODO) -> TODO:
     """A unit vector across a unit vector."""
     if abs(x) < 0.8:
         f = 1.0 / math.sqrt(y * y + z * z)
@@ -198,13 +203,16 @@ def _across(x, y, z):
 
 
 @njit(cache=True)
-def _group(owner, bone):
+def _group(owner: TODO, bone: TODO) -> TODO:
     """Which dofs move a piece: those of a digit as far as its bone, of the palm, of the forearm, of the upper arm."""
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 
 @njit(cache=True)
-def _movers(joints, axes, columns, gains, rising, v, nz_free, A, at, counts):
+def _movers(
+    joints: TODO, axes: TODO, columns: TODO, gains: TODO, rising: TODO, v: TODO, nz_free: TODO, A: TODO, at: TODO,
+    counts: TODO,
+) -> TODO:  # fmt: skip
     """Write the dofs of each group but the palm's six, for these are the same of all.
 
     A residual whose normal n is at a point p + r·n of the flesh is moved by each dof as a linear function of a few
@@ -271,7 +279,9 @@ def _movers(joints, axes, columns, gains, rising, v, nz_free, A, at, counts):
 
 
 @njit(cache=True)
-def _numbers(group, nx, ny, nz, px, py, pz, r, v, q):
+def _numbers(
+    group: TODO, nx: TODO, ny: TODO, nz: TODO, px: TODO, py: TODO, pz: TODO, r: TODO, v: TODO, q: TODO
+) -> TODO:
     """Write the numbers (ROW,) of a residual of a group that `_movers` speaks of."""
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
@@ -289,7 +299,7 @@ def _numbers(group, nx, ny, nz, px, py, pz, r, v, q):
 
 
 @njit(cache=True)
-def _add(q, w, e, Q, b):
+def _add(q: TODO, w: TODO, e: TODO, Q: TODO, b: TODO) -> TODO:
     """Add a residual to what is kept of its group: Q (ROW, ROW) and b (ROW,)."""
     for i in range(ROW):
         a = w * q[i]
@@ -299,7 +309,7 @@ def _add(q, w, e, Q, b):
 
 
 @njit(cache=True)
-def _tell(A, at, counts, Q, b, H, g):
+def _tell(A: TODO, at: TODO, counts: TODO, Q: TODO, b: TODO, H: TODO, g: TODO) -> TODO:
     """Add what is kept of all groups to the lower triangle of H and to g."""
     T = np.empty(ROW)
     for group in range(GROUPS):
@@ -327,7 +337,7 @@ def _tell(A, at, counts, Q, b, H, g):
 
 
 @njit(cache=True)
-def _nearest_opposite(front, opposite, line, column):
+def _nearest_opposite(front: TODO, opposite: TODO, line: TODO, column: TODO) -> TODO:
     """The nearest pixel that is the arm's where this is not, or the other way round; itself where none is near."""
     height = front.shape[0]
     arm = front[line, column] > 0.0
@@ -349,7 +359,7 @@ def _nearest_opposite(front, opposite, line, column):
 
 
 @njit(cache=True)
-def _robust(e, scale):
+def _robust(e: TODO, scale: TODO) -> TODO:
     """Weight of Geman's and McClure's estimator, and its cost from 0 to 1."""
     s = (e / scale) ** 2
     f = 1.0 / (1.0 + s)
@@ -357,7 +367,9 @@ def _robust(e, scale):
 
 
 @njit(cache=True)
-def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
+def _beside(
+    front: TODO, opposite: TODO, lens: TODO, X: TODO, Y: TODO, Z: TODO, r: TODO, numbers: TODO, out: TODO
+) -> TODO:
     """How a ball of flesh at (X, Y, Z) in the camera's space stands out of the silhouette or before the surface.
 
     Args:
@@ -403,9 +415,10 @@ def _beside(front, opposite, lens, X, Y, Z, r, numbers, out):
 
 @njit(cache=True)
 def system(
-    digits, mirror, radii, palm, owners, columns, gains, rising, points, weights, which, picture, R, t, z, v, numbers,
-    H, g, costs, targets, only_costs,
-):  # fmt: skip
+    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, rising: TODO,
+    points: TODO, weights: TODO, which: TODO, picture: TODO, R: TODO, t: TODO, z: TODO, v: TODO, numbers: TODO,
+    H: TODO, g: TODO, costs: TODO, targets: TODO, only_costs: TODO,
+) -> TODO:  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
     Args:
@@ -523,7 +536,7 @@ def system(
 
 
 @njit(cache=True)
-def _ball(pieces, digit, i, out):
+def _ball(pieces: TODO, digit: TODO, i: TODO, out: TODO) -> TODO:
     """Write the middle and the radius of the i-th of six balls along a digit's two outer bones into out (4,)."""
     p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
     c = f * p[LENGTH]
@@ -532,7 +545,10 @@ def _ball(pieces, digit, i, out):
 
 
 @njit(cache=True)
-def _collisions(pieces, A, at, counts, v, numbers, only_costs, H, g, costs):
+def _collisions(
+    pieces: TODO, A: TODO, at: TODO, counts: TODO, v: TODO, numbers: TODO, only_costs: TODO, H: TODO, g: TODO,
+    costs: TODO,
+) -> TODO:  # fmt: skip
     """Digits push one another apart where balls along their two outer bones overlap."""
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)
@@ -573,9 +589,10 @@ def _collisions(pieces, A, at, counts, v, numbers, only_costs, H, g, costs):
 
 @njit(cache=True)
 def swept(
-    digits, mirror, radii, palm, owners, columns, gains, c_max, points, weights, picture, prior_mean, prior, R, t, z,
-    v, numbers, digit, tries, out,
-):  # fmt: skip
+    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, c_max: TODO,
+    points: TODO, weights: TODO, picture: TODO, prior_mean: TODO, prior: TODO, R: TODO, t: TODO, z: TODO, v: TODO,
+    numbers: TODO, digit: TODO, tries: TODO, out: TODO,
+) -> TODO:  # fmt: skip
     """Write into out (k,) what a fit costs with a digit held in each of some ways, but for what all have in common.
 
     Only what depends on the digit is looked at: points that nothing else explains, its own flesh, and what it overlaps.
@@ -679,7 +696,7 @@ def swept(
 
 
 @njit(cache=True)
-def relevance(points, R, t, v, length, forearm, beyond, out):
+def relevance(points: TODO, R: TODO, t: TODO, v: TODO, length: TODO, forearm: TODO, beyond: TODO, out: TODO) -> TODO:
     """Write how much each point (m, 3) counts into out (m,); as `ArmModel.relevance` says."""
     for i in range(len(points)):
         X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
@@ -697,7 +714,7 @@ def relevance(points, R, t, v, length, forearm, beyond, out):
 
 
 @njit(cache=True)
-def _shows(front, lens, X, Y, Z, near):
+def _shows(front: TODO, lens: TODO, X: TODO, Y: TODO, Z: TODO, near: TODO) -> TODO:
     """Whether an image's surface is near a point in its place, or a pixel beside it."""
     column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
     for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
@@ -708,7 +725,7 @@ def _shows(front, lens, X, Y, Z, near):
 
 
 @njit(cache=True)
-def visible(pieces, places, R, t, front, lens, near, out):
+def visible(pieces: TODO, places: TODO, R: TODO, t: TODO, front: TODO, lens: TODO, near: TODO, out: TODO) -> TODO:
     """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
 
     The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger
@@ -756,7 +773,7 @@ def visible(pieces, places, R, t, front, lens, near, out):
 
 
 @njit(cache=True)
-def _turn(v, first, d1, d2):
+def _turn(v: TODO, first: TODO, d1: TODO, d2: TODO) -> TODO:
     """Turn a unit vector of v by small motions across it."""
     x, y, z = v[first], v[first + 1], v[first + 2]
     ax, ay, az = _across(x, y, z)
@@ -767,7 +784,7 @@ def _turn(v, first, d1, d2):
 
 
 @njit(cache=True)
-def _expected_body(expected, information, v, first, H, g):
+def _expected_body(expected: TODO, information: TODO, v: TODO, first: TODO, H: TODO, g: TODO) -> TODO:
     """Add what is expected of directions and sizes."""
     for k in range(2):
         at = FOREARM if k == 0 else UPPER
@@ -806,10 +823,11 @@ def _expected_body(expected, information, v, first, H, g):
 
 @njit(cache=True)
 def fit(
-    digits, mirror, radii, palm, owners, columns, gains, rising, c_max, points, weights, picture, prior_mean, prior,
-    predicted_R, predicted_t, predicted_z, certainty, expected, information, R, t, z, v, numbers, loose, iterations,
-    costs, targets, keep,
-):  # fmt: skip
+    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, rising: TODO,
+    c_max: TODO, points: TODO, weights: TODO, picture: TODO, prior_mean: TODO, prior: TODO, predicted_R: TODO,
+    predicted_t: TODO, predicted_z: TODO, certainty: TODO, expected: TODO, information: TODO, R: TODO, t: TODO,
+    z: TODO, v: TODO, numbers: TODO, loose: TODO, iterations: TODO, costs: TODO, targets: TODO, keep: TODO,
+) -> TODO:  # fmt: skip
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
     Args:
@@ -892,7 +910,10 @@ def fit(
 
 
 @njit(cache=True)
-def _usual(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g):
+def _usual(
+    prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO, certainty: TODO, R: TODO,
+    t: TODO, z: TODO, H: TODO, g: TODO,
+) -> TODO:  # fmt: skip
     """Add what is usual of angles, and what was predicted."""
     n = len(z)
     for i in range(n):

@@ -1,11 +1,10 @@
-"""One articulated body over time, for whoever has no tracker; and what its memory says of its pose."""
+"""Follow one articulated body without a tracker, and read the pose out of a body's memory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,7 +18,7 @@ Float64 = NDArray[np.float64]
 
 
 class Estimate(msgspec.Struct, frozen=True, eq=False):
-    """Where a body is.
+    """The estimated joints of a body at an instant.
 
     Attributes:
         at_s: the instant [s].
@@ -33,12 +32,12 @@ class Estimate(msgspec.Struct, frozen=True, eq=False):
 
 
 class Pose(msgspec.Struct, frozen=True, eq=False):
-    """How a body stands.
+    """The pose of a body.
 
     Attributes:
         position: (3,) of the root [m].
-        rotations: (balls, 3, 3) of the joints that turn every way, the root's first: from the bone's frame to that it
-            hangs on, for the root the world's.
+        rotations: (balls, 3, 3) of the ball joints, the root's first: from the bone's frame to its parent's, the root's
+            to the world.
         angles: (dofs,) of the hinges [rad]; unused elsewhere.
         lengths: (lengths,) of the bones [m].
     """
@@ -50,82 +49,87 @@ class Pose(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArticulatedBody:
-    """The memory of one body. The same inputs give the same outputs, to the bit."""
+    """Filter of one body. Equal inputs give equal outputs, to the bit."""
 
     def __init__(self, topology: Topology, settings: ArticulatedSettings | None = None) -> None:
         self.model = ArticulatedModel.of(topology, settings)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget the body."""
         self.memory: Float64 = np.full((1, memory_size(self.model)), np.nan)
 
     def update(self, positions: Any, variances: Any, at_s: float) -> Estimate:
-        """Take in what was measured at an instant.
+        """Update the body with the measurements of one instant.
 
         Args:
-            positions: (joints, 3) [m]; NaN where a joint is not seen.
-            variances: (joints,) of a coordinate [m²]; not finite where a joint is not seen.
-            at_s: when it was captured [s]; where it is before the last, the last is taken.
+            positions: (joints, 3) [m]; NaN where a joint is not measured.
+            variances: (joints,) of a coordinate [m²]; not finite where a joint is not measured.
+            at_s: capture time [s]; a time before the last update's counts as that of the last update.
 
         Returns:
-            The body at that instant, unseen joints too.
+            All joints at that instant, also those that were not measured.
         """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
         measured = np.ascontiguousarray(positions, dtype=np.float64).reshape(joints, 3)
         sure = np.ascontiguousarray(variances, dtype=np.float64).reshape(joints)
-        _kernels().correct(*self.model.arrays, self.memory[0], float(at_s), measured, sure, x, v)
+        _kernels().correct(self.model.arrays, self.memory[0], float(at_s), measured, sure, x, v)
         return Estimate(float(at_s), x, v)
 
     def predict(self, at_s: float) -> Estimate:
-        """Where the body is at an instant [s], as far as is known now; changes nothing."""
+        """Predict the body at an instant [s], without changing it."""
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
-        _kernels().predict(*self.model.arrays, self.memory[0], float(at_s), x, v)
+        _kernels().predict(self.model.arrays, self.memory[0], float(at_s), x, v)
         return Estimate(float(at_s), x, v)
 
     def move(self, T_new_old: Float64) -> None:
-        """Everything is told in another frame from now on: (4, 4), rigid."""
+        """Change the world frame to another one, by a rigid motion (4, 4)."""
         move(self.model, self.memory, T_new_old)
 
     @property
     def pose(self) -> Pose | None:
-        """How the body stood at the last update; None while it is not known."""
+        """The pose at the last update; None while the body is not known."""
         return pose_of(self.model, self.memory[0])
 
 
 def move(model: ArticulatedModel, memory: Float64, T_new_old: Float64) -> None:
-    """Tell every body of memory (people, memory_size) in another frame from now on, in place: (4, 4), rigid."""
+    """Change the world frame of all bodies of a memory (people, memory_size), in place, by a rigid motion (4, 4)."""
     _kernels().move(model.layout, memory, np.ascontiguousarray(T_new_old, dtype=np.float64))
 
 
 def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
-    """The pose in a person's memory (memory_size,); None while the body is not known."""
+    """Read the pose from a person's memory (memory_size,); None while the body is not known."""
     if row[at.STARTED] != 1.0:
         return None
     starts = model.layout
-    angles = row[starts[at.ANGLES] : starts[at.VELOCITIES]].copy()
-    rotations = row[starts[at.ROTATIONS] : starts[at.BONES]].reshape(-1, 3, 3).copy()
-    return Pose(angles[:3].copy(), rotations, angles, row[starts[at.BONES] : starts[at.LEARNT]].copy())
+    angles = row[starts.angles : starts.velocities].copy()
+    rotations = row[starts.rotations : starts.bones].reshape(-1, 3, 3).copy()
+    return Pose(angles[:3].copy(), rotations, angles, row[starts.bones : starts.learnt].copy())
+
+
+def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
+    """Write a pose into a row (memory_size,) that is NaN elsewhere."""
+    starts = model.layout
+    row = np.full(starts.size, np.nan)
+    row[starts.angles : starts.velocities] = pose.angles
+    row[starts.angles : starts.angles + 3] = pose.position
+    row[starts.rotations : starts.bones] = pose.rotations.reshape(-1)
+    row[starts.bones : starts.learnt] = pose.lengths
+    return row
 
 
 def joints(model: ArticulatedModel, pose: Pose) -> Float64:
-    """Forward kinematics: (joints, 3) of a pose [m]."""
-    count, dofs = len(model.order), int(model.layout[at.DOFS])
-    x, frames, twists = np.empty((count, 3)), np.empty((count, 9)), np.empty((dofs, 6))
-    angles = pose.angles.copy()
-    angles[:3] = pose.position
-    balls = np.ascontiguousarray(pose.rotations).reshape(-1, 9)
-    _forward()(
-        model.dof_kind, model.joint_table, model.joint_values, model.order, angles, balls, pose.lengths, np.zeros(3), x,
-        frames, twists,
-    )  # fmt: skip
+    """Compute the joints (joints, 3) of a pose [m]: forward kinematics."""
+    count = len(model.order)
+    x, frames, twists = np.empty((count, 3)), np.empty((count, 9)), np.empty((model.layout.dofs, 6))
+    _kernels().forward(model.arrays, row_of(model, pose), np.zeros(3), x, frames, twists)
     return x
 
 
 def hinge_angles(model: ArticulatedModel, pose: Pose) -> dict[str, float]:
-    """The angles of the hinges by their names in the body model [rad]."""
+    """Return the hinges' angles by their names in the body model [rad]."""
     named: dict[str, float] = {}
     for joint, bone in model.body.bones.items():
         first = int(model.joint_table[joint, 1])
@@ -135,7 +139,7 @@ def hinge_angles(model: ArticulatedModel, pose: Pose) -> dict[str, float]:
 
 
 def ball_rotations(model: ArticulatedModel, pose: Pose) -> dict[str, Float64]:
-    """The rotations (3, 3) of the joints that turn every way, by their names in the body model, and of the ``root``."""
+    """Return the ball joints' rotations (3, 3) by their names in the body model, and that of the ``root``."""
     named = {"root": pose.rotations[0]}
     for joint, bone in model.body.bones.items():
         if bone.ball is not None:
@@ -144,21 +148,14 @@ def ball_rotations(model: ArticulatedModel, pose: Pose) -> dict[str, Float64]:
 
 
 def bone_lengths(model: ArticulatedModel, pose: Pose) -> Float64:
-    """(joints,) of the bone that ends at each joint [m]; 0 for the root."""
+    """Return the length (joints,) of the bone that ends at each joint [m]; 0 for the root."""
     at_joint = model.joint_table[:, 4]
     return np.where(at_joint >= 0, pose.lengths[at_joint], 0.0)
 
 
 @cache
 def _kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import articulated_kernels
 
     return articulated_kernels
-
-
-@cache
-def _forward() -> Callable[..., None]:
-    from mocapella.kinematics import chain_kernels
-
-    return cast(Callable[..., None], chain_kernels.forward)

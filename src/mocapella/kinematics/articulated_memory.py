@@ -1,38 +1,58 @@
-"""Where a body's memory is in its row of numbers, in the order of `ArticulatedModel.layout`."""
+"""Layout of the row of numbers in which one body's state is kept between frames."""
 
-from typing import Final
+from __future__ import annotations
+
+from typing import NamedTuple
 
 AT, SEEN, STARTED, LOST_SINCE, RESTLESS = 0, 1, 2, 3, 4
-"""The head: its instant [s], when it was last seen [s], 1 where a body was begun, since when it is lost or NaN [s], and
-the surprise of late."""
-DOFS, BALLS, JOINTS, LENGTHS = 0, 1, 2, 3
-"""Places in the layout: how many there are of what."""
-ANGLES: Final = 4
-"""(dofs,) the root's position [m], three unused, and the angles of the hinges [rad]; those of balls are unused."""
-VELOCITIES: Final = 5
-"""(dofs,) of the root along the world's axes [m/s], and of all that turns, about its own axes [rad/s]."""
-VARIANCE: Final = 6
-"""(dofs,) [m² or rad²]; of the root's position along its own axes."""
-COVARIANCE: Final = 7
-"""(dofs,) with the velocity [m²/s or rad²/s]."""
-SPEED_VARIANCE: Final = 8
-"""(dofs,) of the velocity [m²/s² or rad²/s²]."""
-ROTATIONS: Final = 9
-"""(balls, 3, 3) of the joints that turn every way, the root's first."""
-BONES: Final = 10
-"""(lengths,) [m]; the two sides of the body share theirs."""
-LEARNT: Final = 11
-"""(lengths,) for how long each was learnt [s]."""
-CONTACTS: Final = 12
-"""(contacts, 6) where a joint that may stand was at the memory's instant [m], and its velocity of late [m/s]."""
-JUMPS: Final = 13
-"""(joints, 4) how far a joint was measured from its prediction the last time [m], NaN where it was not, and the
-variance of a coordinate that follows from how much this changes from frame to frame [m²]."""
-SIZE: Final = 14
-"""How many numbers there are."""
+"""The head of a row: its instant [s], when the body was last measured [s], 1 once the body is initialised, since when
+it is lost (NaN: it is not) [s], and the recent average of the innovations over their expectation."""
+HEAD = 8
+"""Numbers reserved for the head."""
 
-(
-    VELOCITY_MEMORY, REST_SD, NU, LENGTH_MEMORY, LEAST_JOINTS, LOST_M, LOST_S, FORGET_AFTER, SURPRISE_S, FULL_SURPRISE,
-    CALM, STAND_DIFFUSION, STAND_SPEED, NOISE_S,
-) = range(14)  # fmt: skip
-"""The places of `ArticulatedModel.config`."""
+
+class MemoryLayout(NamedTuple):
+    """Counts of a body model, and the index in a row at which each array begins.
+
+    Attributes:
+        dofs: number of degrees of freedom.
+        balls: number of ball joints, the root included.
+        joints: number of joints.
+        lengths: number of bone lengths; the two sides of the body share theirs.
+        angles: (dofs,) the root's position [m], three unused, and the hinges' angles [rad]; those of balls are unused.
+        velocities: (dofs,) of the root along the world's axes [m/s], and of every rotation about its own axes [rad/s].
+        variance: (dofs,) [m² or rad²]; of the root's position along the root's own axes.
+        covariance: (dofs,) of each degree of freedom with its velocity [m²/s or rad²/s].
+        speed_variance: (dofs,) of the velocity [m²/s² or rad²/s²].
+        rotations: (balls, 3, 3) of the ball joints, the root's first.
+        bones: (lengths,) bone lengths [m].
+        learnt: (lengths,) for how long each length was learnt [s].
+        contacts: (contacts, 6) position of a joint that may be in contact [m], and its smoothed velocity [m/s].
+        jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the variance of a
+            coordinate that is estimated from the innovations' successive differences [m²].
+        size: length of the row.
+    """
+
+    dofs: int
+    balls: int
+    joints: int
+    lengths: int
+    angles: int
+    velocities: int
+    variance: int
+    covariance: int
+    speed_variance: int
+    rotations: int
+    bones: int
+    learnt: int
+    contacts: int
+    jumps: int
+    size: int
+
+
+def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> MemoryLayout:
+    """Lay out the arrays of a body one after the other, behind the head."""
+    starts = [HEAD]
+    for size in (dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints):
+        starts.append(starts[-1] + size)
+    return MemoryLayout(dofs, balls, joints, lengths, *starts)

@@ -1,14 +1,15 @@
-"""A body model and its settings as arrays, for the compiled kernels (`mocapella.kinematics.articulated_kernels`)."""
+"""Body models and their settings as arrays, for the kernels of `mocapella.kinematics.articulated_kernels`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.kinematics.articulated_memory import MemoryLayout, memory_layout
 from mocapella.kinematics.body_model import AXES, MOTIONS, BodyModel, body_model
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -19,32 +20,32 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ArticulatedSettings:
-    """How bodies move, and when one is found and lost.
+    """How bodies move, and when one is initialised, lost and forgotten.
 
-    The densities of the white acceleration are what trades steadiness for latency: higher follows faster. They hold for
-    a body that moves; at rest they are lowered.
+    The densities of the white acceleration trade jitter for lag: a higher density follows faster. They hold for a
+    moving body; for a body at rest they are lowered.
 
     Attributes:
-        root_acceleration: of the root along an axis [m²/s³].
-        root_turn: of the root about an axis [rad²/s³].
-        trunk_turn: of a joint of the trunk [rad²/s³].
-        limb_turn: of a joint of an arm or a leg [rad²/s³].
-        hand_turn: of a joint of a hand [rad²/s³].
-        velocity_memory_s: time constant with which a velocity that nothing confirms fades.
-        surprise_s: time constant over which the surprise is averaged: the squared distance of measured joints from
-            their prediction, over what is expected of it.
-        full_surprise: from which the densities hold in full; below they fall with its third power …
-        calm: … down to this share.
+        root_acceleration: acceleration density of the root along an axis [m²/s³].
+        root_turn: acceleration density of the root about an axis [rad²/s³].
+        trunk_turn: acceleration density of a joint of the trunk [rad²/s³].
+        limb_turn: acceleration density of a joint of an arm or a leg [rad²/s³].
+        hand_turn: acceleration density of a joint of a hand [rad²/s³].
+        velocity_memory_s: time constant with which an unconfirmed velocity decays.
+        surprise_s: time constant over which the surprise is averaged: the squared innovations of the measured joints
+            over their expectation.
+        full_surprise: surprise from which the densities hold in full; below it they fall with its third power.
+        calm: the smallest factor by which the densities fall.
         noise_s: time constant over which each joint's noise is learnt.
-        rest_sd: standard deviation, after one second, of the pull of every angle to its rest [rad·√s].
-        degrees_of_freedom: of the Student-t weight of a joint; infinity trusts every measurement as it says.
-        length_memory_s: how long bone lengths are learnt over.
-        stand_diffusion: of a foot that stands [m²/s]; infinity: feet are not held.
-        stand_speed: at which a foot is a quarter as sure to stand [m/s].
-        least_joints: measured joints that a body is begun with; at least four of them of its torso.
-        lost_m: mean distance from measured to estimated joints, beyond their noise, above which a body is lost …
-        lost_s: … if it lasts for so long; then it is begun anew.
-        forget_after_s: a body that was not seen for longer is no longer predicted.
+        rest_sd: standard deviation of an angle about its rest, after one second of pull towards it [rad·√s].
+        degrees_of_freedom: of the Student-t weight of a joint; infinity makes the loss quadratic.
+        length_memory_s: time over which bone lengths are averaged.
+        stand_diffusion: diffusion of a foot in contact with the floor [m²/s]; infinity: contacts are not modelled.
+        stand_speed: speed at which the weight of a foot's contact has fallen to a quarter [m/s].
+        least_joints: number of measured joints that initialise a body; at least four of them belong to its torso.
+        lost_m: mean distance of measured from estimated joints, beyond their noise, above which a body counts as lost.
+        lost_s: duration of that after which the body is initialised again.
+        forget_after_s: time without a measurement after which a body is no longer predicted.
     """
 
     root_acceleration: float = 30.0
@@ -86,49 +87,85 @@ class ArticulatedSettings:
 
 ROOT_DOFS: Final = 6
 TRANSLATION, ABOUT, OF_BALL = 0, 3, 6
-"""The kinds of degree of freedom; each of them plus 0, 1, 2 for x, y, z."""
+"""Degrees of freedom: along an axis, about a hinge's axis, about a ball joint's axis; plus 0, 1, 2 for x, y, z."""
 
 
-class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
-    """What the kernels know of a kind of body; ``arrays`` is what they are called with.
+class BodyParameters(NamedTuple):
+    """The settings that the kernels read, as `ArticulatedSettings` describes them."""
 
-    Degrees of freedom are in the order of the tree, a parent before its children: three translations of the root along
-    its own axes, three rotations about them, then those of each bone.
+    velocity_memory_s: float
+    rest_sd: float
+    degrees_of_freedom: float
+    length_memory_s: float
+    least_joints: float
+    lost_m: float
+    lost_s: float
+    forget_after_s: float
+    surprise_s: float
+    full_surprise: float
+    calm: float
+    stand_diffusion: float
+    stand_speed: float
+    noise_s: float
 
-    Attributes:
-        body: what it was made of.
-        settings: as it was made with.
-        layout: how many there are of what, and where it is in a person's memory; see `articulated_memory`.
-        dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
-        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
-        joint_table: (joints, 6) parent joint, first degree of freedom, how many, ball, length, contact; −1 for none.
-        joint_values: (joints, 12) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
-            cone, its half angle, least and most twist [rad], whether it is of the torso, variance off the chain [m²].
-        order: (joints,) a parent before its children.
-        config: the settings that kernels read, in the order of `CONFIG`.
+
+class BodyArrays(NamedTuple):
+    """A body model as the kernels take it; `ArticulatedModel` describes the arrays.
+
+    All arrays are contiguous.
     """
 
-    body: BodyModel
-    settings: ArticulatedSettings
-    layout: Int64
+    layout: MemoryLayout
     dof_kind: Int64
     dof_values: Float64
     joint_table: Int64
     joint_values: Float64
     order: Int64
-    config: Float64
+    parameters: BodyParameters
+
+
+class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
+    """A body model and its settings as arrays.
+
+    Degrees of freedom are in the order of the tree, a parent before its children: three translations of the root along
+    its own axes, three rotations about them, then those of each bone.
+
+    Attributes:
+        body: the body model.
+        settings: the settings.
+        layout: counts, and the layout of a body's memory.
+        dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
+        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
+        joint_table: (joints, 6) parent joint, first degree of freedom, number of degrees of freedom, ball, length,
+            contact; −1 for none.
+        joint_values: (joints, 12) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
+            cone, its half angle, least and most twist [rad], 1 for the torso's joints, variance of the joint about the
+            chain [m²].
+        order: (joints,) the joints, a parent before its children.
+        parameters: the settings that the kernels read.
+    """
+
+    body: BodyModel
+    settings: ArticulatedSettings
+    layout: MemoryLayout
+    dof_kind: Int64
+    dof_values: Float64
+    joint_table: Int64
+    joint_values: Float64
+    order: Int64
+    parameters: BodyParameters
 
     @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """As the kernels take them, in their order."""
-        return (
-            self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values,
-            self.order, self.config,
+    def arrays(self) -> BodyArrays:
+        """The model as the kernels take it."""
+        return BodyArrays(
+            self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values, self.order,
+            self.parameters,
         )  # fmt: skip
 
     @staticmethod
     def of(topology: Topology, settings: ArticulatedSettings | None = None) -> ArticulatedModel:
-        """The model of a topology.
+        """Make the model of a topology.
 
         Raises:
             SettingsError: the topology has no body model.
@@ -136,19 +173,13 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         return pack(body_model(topology.name), settings or ArticulatedSettings())
 
 
-CONFIG: Final = (
-    "velocity_memory_s", "rest_sd", "degrees_of_freedom", "length_memory_s", "least_joints", "lost_m",
-    "lost_s", "forget_after_s", "surprise_s", "full_surprise", "calm", "stand_diffusion", "stand_speed", "noise_s",
-)  # fmt: skip
-
-
 def memory_size(model: ArticulatedModel) -> int:
-    """How many numbers one person's memory has."""
-    return int(model.layout[-1])
+    """Length of the row of numbers that one person's memory is."""
+    return model.layout.size
 
 
 def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
-    """A body model and settings as arrays."""
+    """Pack a body model and settings into arrays."""
     tree = body.topology
     joints, root = len(tree), tree.parts["root"]
     table = np.full((joints, 6), -1, dtype=np.int64)
@@ -187,17 +218,8 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
         else:
             table[child, 4], lengths = lengths, lengths + 1
         table[child, :3] = parent, first, len(kinds) - first
-    config = np.array([float(getattr(settings, name)) for name in CONFIG])
+    parameters = BodyParameters(*(float(getattr(settings, name)) for name in BodyParameters._fields))
     return ArticulatedModel(
-        body, settings, _layout(len(kinds), balls, joints, lengths, len(body.contacts)),
-        np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), config,
+        body, settings, memory_layout(len(kinds), balls, joints, lengths, len(body.contacts)),
+        np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), parameters,
     )  # fmt: skip
-
-
-HEAD: Final = 8
-
-
-def _layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> Int64:
-    sizes = [HEAD, dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints]
-    starts = np.cumsum([0, *sizes])
-    return np.array([dofs, balls, joints, lengths, *starts[1:]], dtype=np.int64)

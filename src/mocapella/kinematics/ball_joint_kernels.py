@@ -9,16 +9,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 _SINGULAR = 1e-6
 """Of the cosine of the second turn."""
 
 
 @njit(cache=True)
-def rotation(axes, angles, out):
+def rotation(axes: Float64, angles: Float64, out: Float64) -> None:
     """Write exp(a₀ α₀) exp(a₁ α₁) exp(a₂ α₂) into out (9,) for unit axes (3, 3), one a row."""
     a, b = np.empty(9), np.empty(9)
     for i in range(9):
@@ -29,14 +33,14 @@ def rotation(axes, angles, out):
 
 
 @njit(cache=True)
-def _product(A, B, out):
+def _product(A: Float64, B: Float64, out: Float64) -> None:
     for i in range(3):
         for k in range(3):
             out[3 * i + k] = A[3 * i] * B[k] + A[3 * i + 1] * B[3 + k] + A[3 * i + 2] * B[6 + k]
 
 
 @njit(cache=True)
-def turns(axes, R, near, out):
+def turns(axes: Float64, R: Float64, near: Float64, out: Float64) -> None:
     """Write the three turns (3,) about perpendicular axes (3, 3) that make R, the second one within ±90°.
 
     Where it is at ±90° only the sum or the difference of the others shows: the first one is as in ``near``.
@@ -66,13 +70,13 @@ def turns(axes, R, near, out):
 
 
 @njit(cache=True)
-def _near(angle, to):
+def _near(angle: float, to: float) -> float:
     """The angle, full turns away from it, that is nearest to another."""
     return angle - 2.0 * math.pi * round((angle - to) / (2.0 * math.pi))
 
 
 @njit(cache=True)
-def turns_within(axes, R, limits, near, out):
+def turns_within(axes: Float64, R: Float64, limits: Float64, near: Float64, out: Float64) -> None:
     """Write the three turns (3,) within limits (3, 2) that make R, or what is nearest to it of what they allow.
 
     There are two ways: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are allowed, the one is taken whose last
@@ -97,7 +101,10 @@ def turns_within(axes, R, limits, near, out):
 
 
 @njit(cache=True)
-def localise(parents, joint_parts, parts, first, axes, centres, angles, turned_by, new_axes, twists, limits):
+def localise(
+    parents: Int64, joint_parts: Int64, parts: Int64, first: Int64, axes: Float64, centres: Float64, angles: Float64,
+    turned_by: Float64, new_axes: Float64, twists: Float64, limits: Float64,
+) -> None:  # fmt: skip
     """Make a tree one that is at rest in a pose, of its ball joints.
 
     Args:
@@ -167,7 +174,7 @@ def localise(parents, joint_parts, parts, first, axes, centres, angles, turned_b
 
 
 @njit(cache=True)
-def into(first, axes, turned_by, new_axes, angles):
+def into(first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, angles: Float64) -> None:
     """Change ball joints' angles (joints,) of a body's pose to those of a local tree."""
     R, D = np.empty(9), np.empty(9)
     none = np.zeros(3)
@@ -181,7 +188,10 @@ def into(first, axes, turned_by, new_axes, angles):
 
 
 @njit(cache=True)
-def back(first, axes, turned_by, new_axes, limits, near, angles):
+def back(
+    first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, limits: Float64, near: Float64,
+    angles: Float64,
+) -> None:  # fmt: skip
     """Change ball joints' angles (joints,) of a local tree to those of the body, within its limits."""
     D, R = np.empty(9), np.empty(9)
     for n in range(len(first)):

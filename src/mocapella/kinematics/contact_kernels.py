@@ -14,7 +14,7 @@ _NEAR_M = 1e-6
 
 
 @njit(cache=True)
-def between(one, other, nearest):
+def between(one: TODO, other: TODO, nearest: TODO) -> TODO:
     """The distance of two segments, (2, 3) each; their nearest points are written to (2, 3).
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
@@ -40,7 +40,7 @@ def between(one, other, nearest):
 
 
 @njit(cache=True, forceinline=True)
-def _beyond(one, other, reach):
+def _beyond(one: TODO, other: TODO, reach: TODO) -> TODO:
     """Whether two segments are farther than that from each other, as those are whose middles are farther than that and
     half their lengths.
     """
@@ -53,7 +53,7 @@ def _beyond(one, other, reach):
 
 
 @njit(cache=True)
-def depth(ends, radii, pairs):
+def depth(ends: TODO, radii: TODO, pairs: TODO) -> TODO:
     """How deep pairs (q, 2) of capsules are in each other, all together [m]."""
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
@@ -65,7 +65,10 @@ def depth(ends, radii, pairs):
 
 
 @njit(cache=True)
-def apart(ends, radii, pairs, part, R, t, touching, weight, parts, rest, planes, weights):
+def apart(
+    ends: TODO, radii: TODO, pairs: TODO, part: TODO, R: TODO, t: TODO, touching: TODO, weight: TODO, parts: TODO,
+    rest: TODO, planes: TODO, weights: TODO,
+) -> TODO:  # fmt: skip
     """Write two planes for each pair of limbs that is in each other; returns how many planes.
 
     Args:

@@ -37,7 +37,7 @@ _LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over it
 
 
 @njit(cache=True)
-def digit_points(row, mirror, q, x, axes):
+def digit_points(row: TODO, mirror: TODO, q: TODO, x: TODO, axes: TODO) -> TODO:
     """Write a digit's joints x (4, 3) and axes (5, 3) in the palm's frame, of angles q (5,): f, a, m, b, c.
 
     The axes of f and a go through the first joint, of m and c through the second, of b through the third.
@@ -60,7 +60,7 @@ def digit_points(row, mirror, q, x, axes):
 
 
 @njit(cache=True)
-def digit_angles(z, columns, gains, digit, q):
+def digit_angles(z: TODO, columns: TODO, gains: TODO, digit: TODO, q: TODO) -> TODO:
     """Write a digit's angles f, a, m, b, c (5,) of the free ones z."""
     for k in range(5):
         column = columns[digit, k]
@@ -68,7 +68,7 @@ def digit_angles(z, columns, gains, digit, q):
 
 
 @njit(cache=True)
-def _columns_of(digit, joint, x, axes, columns, gains, J, at):
+def _columns_of(digit: TODO, joint: TODO, x: TODO, axes: TODO, columns: TODO, gains: TODO, J: TODO, at: TODO) -> TODO:
     """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then angles'."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
     for k in range(6):
@@ -97,7 +97,7 @@ def _columns_of(digit, joint, x, axes, columns, gains, J, at):
 
 
 @njit(cache=True)
-def _add(J, at, n, W, rx, ry, rz, H, g):
+def _add(J: TODO, at: TODO, n: TODO, W: TODO, rx: TODO, ry: TODO, rz: TODO, H: TODO, g: TODO) -> TODO:
     """Add a point's JᵀWJ and JᵀWr; its rᵀWr."""
     for i in range(n):
         vx = J[i, 0] * W[0] + J[i, 1] * W[3] + J[i, 2] * W[6]
@@ -114,7 +114,10 @@ def _add(J, at, n, W, rx, ry, rz, H, g):
 
 
 @njit(cache=True)
-def _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, H, g):
+def _measured(
+    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO, R: TODO,
+    t: TODO, z: TODO, H: TODO, g: TODO,
+) -> TODO:  # fmt: skip
     """Add what the markers say to H and g; the sum of their squared weighted residuals."""
     q, x, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
     W, at = np.empty(9), np.empty(11, dtype=np.int64)
@@ -144,7 +147,10 @@ def _measured(digits, mirror, layout, points, information, columns, gains, R, t,
 
 
 @njit(cache=True)
-def _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certainty, R, t, z, H, g):
+def _expected(
+    prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO, certainty: TODO, R: TODO,
+    t: TODO, z: TODO, H: TODO, g: TODO,
+) -> TODO:  # fmt: skip
     """Add what is known beforehand to H and g; its cost."""
     n, cost = len(z), 0.0
     for i in range(n):
@@ -172,7 +178,7 @@ def _expected(prior_mean, prior, predicted_R, predicted_t, predicted_z, certaint
 
 
 @njit(cache=True)
-def _penalty(digits, columns, gains, z, c_max, H, g):
+def _penalty(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO, H: TODO, g: TODO) -> TODO:
     """Add the penalty outside the limits to H and g; its cost."""
     cost, w, q = 0.0, 1.0 / _LIMIT_SD**2, np.empty(5)
     for i in range(5):
@@ -207,7 +213,7 @@ def _penalty(digits, columns, gains, z, c_max, H, g):
 
 
 @njit(cache=True)
-def within(digits, columns, gains, z, c_max):
+def within(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO) -> TODO:
     """Bring the free angles within the limits, in place."""
     q, out = np.empty(5), np.empty(4)
     for i in range(5):
@@ -220,7 +226,7 @@ def within(digits, columns, gains, z, c_max):
 
 
 @njit(cache=True)
-def _copy(one, other):
+def _copy(one: TODO, other: TODO) -> TODO:
     """Write a vector into another; a slice takes numba longer to compile."""
     for k in range(len(one)):
         other[k] = one[k]
@@ -228,9 +234,10 @@ def _copy(one, other):
 
 @njit(cache=True)
 def fit(
-    digits, mirror, layout, points, information, columns, gains, c_max, prior_mean, prior,
-    predicted_R, predicted_t, predicted_z, certainty, R, t, z, iterations,
-):  # fmt: skip
+    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO,
+    c_max: TODO, prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO,
+    certainty: TODO, R: TODO, t: TODO, z: TODO, iterations: TODO,
+) -> TODO:  # fmt: skip
     """Fit a hand from R (9,), t (3,), z (n,), in place; the cost.
 
     Args:
@@ -301,9 +308,10 @@ def fit(
 
 @njit(cache=True)
 def describe(
-    digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z, x, sd, alone, variances,
-    residuals,
-):  # fmt: skip
+    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO,
+    prior: TODO, certainty: TODO, R: TODO, t: TODO, z: TODO, x: TODO, sd: TODO, alone: TODO, variances: TODO,
+    residuals: TODO,
+) -> TODO:  # fmt: skip
     """Where the landmarks are, how sure, and how sure the markers of this instant alone would be.
 
     Alone: with what is usual weakened to a hundredth of its information, and without the prediction.
@@ -373,7 +381,10 @@ def describe(
 
 
 @njit(cache=True)
-def misfits(digits, mirror, layout, points, information, columns, gains, R, t, z, squared):
+def misfits(
+    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO, R: TODO,
+    t: TODO, z: TODO, squared: TODO,
+) -> TODO:  # fmt: skip
     """Write the squared distances of the markers from a hand, in their standard deviations, into squared (5 + k,)."""
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)

@@ -38,7 +38,7 @@ _DIRECTIONS = 8
 
 
 @njit(cache=True)
-def to_digit(row, x, y, z):
+def to_digit(row: TODO, x: TODO, y: TODO, z: TODO) -> TODO:
     """A point of the palm's frame [m] in the digit's."""
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
@@ -49,7 +49,7 @@ def to_digit(row, x, y, z):
 
 
 @njit(cache=True)
-def tip(row, f, a, m, b):
+def tip(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO) -> TODO:
     """Where the tip is, in the digit's frame [m]."""
     u = row[L1] * math.cos(f) + row[L2] * math.cos(f + m) + row[L3] * math.cos(f + m + b)
     w = row[L1] * math.sin(f) + row[L2] * math.sin(f + m) + row[L3] * math.sin(f + m + b)
@@ -57,14 +57,14 @@ def tip(row, f, a, m, b):
 
 
 @njit(cache=True)
-def missed(row, x, y, z, f, a, m, b):
+def missed(row: TODO, x: TODO, y: TODO, z: TODO, f: TODO, a: TODO, m: TODO, b: TODO) -> TODO:
     """How far the tip is from a point [m]."""
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
 
 @njit(cache=True)
-def in_cone(row, f, a):
+def in_cone(row: TODO, f: TODO, a: TODO) -> TODO:
     """Whether flexion and abduction are within the elliptic cone, to a rounding error."""
     if f < row[FMIN] - _TOLERANCE:
         return False
@@ -77,7 +77,7 @@ def in_cone(row, f, a):
 
 
 @njit(cache=True)
-def limit(row, f, a, m, b, out):
+def limit(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO, out: TODO) -> TODO:
     """Write the angles brought within the limits into out (4,)."""
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
@@ -92,7 +92,7 @@ def limit(row, f, a, m, b, out):
 
 
 @njit(cache=True)
-def wrapped(angle):
+def wrapped(angle: TODO) -> TODO:
     """The angle within ±π."""
     if angle > math.pi:
         return angle - 2.0 * math.pi
@@ -102,7 +102,7 @@ def wrapped(angle):
 
 
 @njit(cache=True)
-def _second_flexion(row, squared):
+def _second_flexion(row: TODO, squared: TODO) -> TODO:
     """The flexion of the second joint at which a coupled digit's tip has that squared distance; NaN where none has.
 
     The squared distance is a polynomial of c = cos(m/3), convex and rising between the limits: Newton's method from
@@ -128,7 +128,7 @@ def _second_flexion(row, squared):
 
 
 @njit(cache=True)
-def closed_form(row, x, y, z, out):
+def closed_form(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO) -> TODO:
     """Write f, a, m, b (4,) that put the tip at a point of the digit's frame within the limits; whether there are any.
 
     For a digit that does not abduct: as near to it as its plane is.
@@ -181,7 +181,7 @@ def closed_form(row, x, y, z, out):
 
 
 @njit(cache=True)
-def _energy(row, x, y, z, v):
+def _energy(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO) -> TODO:
     """Half the squared distance of the tip from a point, at v = (s, φ, m, b): see `_derivatives`."""
     f = row[F0] + row[FX] * v[0] * math.sin(v[1])
     a = row[A0] + row[AX] * v[0] * math.cos(v[1])
@@ -191,7 +191,7 @@ def _energy(row, x, y, z, v):
 
 
 @njit(cache=True)
-def _derivatives(row, x, y, z, v, g, H):
+def _derivatives(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, g: TODO, H: TODO) -> TODO:
     """Write gradient (4,) and Hessian (4, 4) of `_energy`.
 
     The cone is f = f₀ + F·s·sin φ, a = a₀ + A·s·cos φ with s ≤ 1, so that all limits are those of single variables.
@@ -234,7 +234,7 @@ def _derivatives(row, x, y, z, v, g, H):
 
 
 @njit(cache=True)
-def _descend(row, x, y, z, v, low, high, work):
+def _descend(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, low: TODO, high: TODO, work: TODO) -> TODO:
     """Go down from v (4,) to a local best between the bounds, in place: Newton's method, damped until it falls."""
     g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
     n = 3 if row[COUPLED] > 0.0 else 4
@@ -291,7 +291,7 @@ def _descend(row, x, y, z, v, low, high, work):
 
 
 @njit(cache=True)
-def limited_search(row, x, y, z, out, work):
+def limited_search(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, work: TODO) -> TODO:
     """Write f, a, m, b (4,) within the limits that bring the tip as near to a point as they can.
 
     Newton's method from the best points of a coarse grid, one for each direction in the cone
@@ -352,7 +352,7 @@ def limited_search(row, x, y, z, out, work):
 
 
 @njit(cache=True)
-def hand_closed_form(digits, targets, angles, errors, reached):
+def hand_closed_form(digits: TODO, targets: TODO, angles: TODO, errors: TODO, reached: TODO) -> TODO:
     """Bring five tips to targets in the palm's frame.
 
     Args:
@@ -383,7 +383,7 @@ def hand_closed_form(digits, targets, angles, errors, reached):
 
 
 @njit(cache=True)
-def fabrik(row, x, y, z, out, tolerance, iterations):
+def fabrik(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, tolerance: TODO, iterations: TODO) -> TODO:
     """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; how many iterations.
 
     Aristidou and Lasenby 2011, algorithm 1 and section 4: the limits are imposed in every backward pass. The digit's
@@ -423,7 +423,10 @@ TRANSPOSE, PSEUDO_INVERSE, DAMPED = 0, 1, 2
 
 
 @njit(cache=True)
-def follow_jacobian(row, x, y, z, out, kind, tolerance, iterations, damping_m, work):
+def follow_jacobian(
+    row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, kind: TODO, tolerance: TODO, iterations: TODO, damping_m: TODO,
+    work: TODO,
+) -> TODO:  # fmt: skip
     """The Jacobian's methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; how many iterations.
 
     Args:
@@ -481,7 +484,7 @@ def follow_jacobian(row, x, y, z, out, kind, tolerance, iterations, damping_m, w
 
 
 @njit(cache=True)
-def _solve_three(A, e, d):
+def _solve_three(A: TODO, e: TODO, d: TODO) -> TODO:
     """Write the solution of A d = e for a symmetric (3, 3) matrix, by its adjugate."""
     c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
     c01 = A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2]
@@ -500,7 +503,10 @@ FABRIK = 3
 
 
 @njit(cache=True)
-def hand_iterative(digits, targets, angles, errors, iterations, kind, tolerance, most, damping_m):
+def hand_iterative(
+    digits: TODO, targets: TODO, angles: TODO, errors: TODO, iterations: TODO, kind: TODO, tolerance: TODO,
+    most: TODO, damping_m: TODO,
+) -> TODO:  # fmt: skip
     """As `hand_closed_form`, by an iterative method.
 
     Args:

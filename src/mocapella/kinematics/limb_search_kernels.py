@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.outline_kernels import see
@@ -11,9 +12,17 @@ from mocapella.geometry.skinning_kernels import at_rest
 from mocapella.geometry.twist_tree_kernels import forward
 from mocapella.kinematics.contact_kernels import depth
 
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+
 
 @njit(cache=True)
-def places(parents, joint_parts, twists, T, now, tried, part, points, at):
+def places(
+    parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, now: Float64, tried: Float64, part: Int64,
+    points: Float64, at: Float64,
+) -> None:  # fmt: skip
     """Write where points are in each pose of a tree that is tried.
 
     Args:
@@ -37,7 +46,10 @@ def places(parents, joint_parts, twists, T, now, tried, part, points, at):
 
 
 @njit(cache=True)
-def add_worth(at, T_camera_world, lens, farthest_r2, strange, x0, y0, step, worth):
+def add_worth(
+    at: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, strange: Float32, x0: int, y0: int,
+    step: int, worth: Float64,
+) -> None:  # fmt: skip
     """Add to worth (n, 2) what one camera shows at the points of each pose, for it and against it.
 
     Args:
@@ -62,7 +74,7 @@ def add_worth(at, T_camera_world, lens, farthest_r2, strange, x0, y0, step, wort
 
 
 @njit(cache=True)
-def forget_covered(mask, strange):
+def forget_covered(mask: UInt8, strange: Float32) -> None:
     """Set strange (rows, columns) to 0 where the mask, or a sample beside it, is not."""
     rows, columns = mask.shape
     for i in range(rows):
@@ -74,7 +86,7 @@ def forget_covered(mask, strange):
 
 
 @njit(cache=True)
-def only_lasting(before, rows_on, columns_on, reach, strange):
+def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, strange: Float32) -> None:
     """Lower what is strange (rows, columns) to what was within so many samples before, in a map that begins so many
     rows and columns earlier.
     """
@@ -90,7 +102,7 @@ def only_lasting(before, rows_on, columns_on, reach, strange):
 
 
 @njit(cache=True)
-def depths(ends, radii, pairs, deep):
+def depths(ends: Float64, radii: Float64, pairs: Int64, deep: Float64) -> None:
     """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose.
 
     Args:

@@ -26,7 +26,7 @@ HIT = 6
 
 # Small functions go into their callers' loops: handed on, an array's references are counted.
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _level(phi, x0, y0, per_px, x, y):
+def _level(phi: TODO, x0: TODO, y0: TODO, per_px: TODO, x: TODO, y: TODO) -> TODO:
     """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside.
 
     ``per_px`` is 1 / step: divisions take long.
@@ -43,7 +43,10 @@ def _level(phi, x0, y0, per_px, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, farthest_r2, T):
+def _constraints(
+    hits: TODO, which: TODO, k: TODO, points: TODO, bone: TODO, far: TODO, soft_px: TODO, sd_px: TODO, R: TODO,
+    t: TODO, lens: TODO, farthest_r2: TODO, T: TODO,
+) -> TODO:  # fmt: skip
     """What `touching` returns: the surface's point ``which`` is to be seen on the line through (x, y) across the slope.
 
     That is the plane n·x = d in the world through the eye and that line; none where the lens shows no such direction.
@@ -83,7 +86,10 @@ def _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, 
 
 
 @njit(cache=True, error_model="numpy")
-def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, which):
+def _to_image(
+    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, reach_px: TODO, at: TODO, normals: TODO, full: TODO,
+    hits: TODO, which: TODO,
+) -> TODO:  # fmt: skip
     """From the body's outline to the nearest of the image's, along the slope of its level set.
 
     Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
@@ -120,7 +126,7 @@ def _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, whic
 
 
 @njit(cache=True, error_model="numpy")
-def _by_rows(at):
+def _by_rows(at: TODO) -> TODO:
     """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (n,)."""
     count = len(at)
     if count == 0:
@@ -141,7 +147,10 @@ def _by_rows(at):
 
 
 @njit(cache=True, error_model="numpy")
-def _to_body(phi, surety, x0, y0, step, every, reach_px, at, normals, full, hits, which, k):
+def _to_body(
+    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, every: TODO, reach_px: TODO, at: TODO, normals: TODO,
+    full: TODO, hits: TODO, which: TODO, k: TODO,
+) -> TODO:  # fmt: skip
     """From the image's outline, at every so many samples, to the nearest of the body's with a similar direction.
 
     Arguments are those of `touching`; ``hits`` and ``which`` are written from ``k`` on. Returns up to where.
@@ -198,9 +207,10 @@ def _to_body(phi, surety, x0, y0, step, every, reach_px, at, normals, full, hits
 
 @njit(cache=True, error_model="numpy")
 def touching(
-    phi, surety, x0, y0, step, every, reach_px, at, normals, points, bone, far, soft_px, sd_px, full, R, t, lens,
-    farthest_r2, T,
-):  # fmt: skip
+    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, every: TODO, reach_px: TODO, at: TODO, normals: TODO,
+    points: TODO, bone: TODO, far: TODO, soft_px: TODO, sd_px: TODO, full: TODO, R: TODO, t: TODO, lens: TODO,
+    farthest_r2: TODO, T: TODO,
+) -> TODO:  # fmt: skip
     """The planes that an image's outline wants a body's points to lie in: both ways, one after the other.
 
     Args:

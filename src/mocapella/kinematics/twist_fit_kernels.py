@@ -43,7 +43,7 @@ _ROUNDING = 1e-13  # of the constant term: costs that differ by less are equal
 
 
 @njit(cache=True)
-def _add_weight(S, o, a, s0, s1, s2, s3, s4, s5):
+def _add_weight(S: TODO, o: TODO, a: TODO, s0: TODO, s1: TODO, s2: TODO, s3: TODO, s4: TODO, s5: TODO) -> TODO:
     S[o] += a * s0
     S[o + 1] += a * s1
     S[o + 2] += a * s2
@@ -53,14 +53,16 @@ def _add_weight(S, o, a, s0, s1, s2, s3, s4, s5):
 
 
 @njit(cache=True)
-def _add_target(S, o, a, t0, t1, t2):
+def _add_target(S: TODO, o: TODO, a: TODO, t0: TODO, t1: TODO, t2: TODO) -> TODO:
     S[o] += a * t0
     S[o + 1] += a * t1
     S[o + 2] += a * t2
 
 
 @njit(cache=True)
-def add_constraints(kind, part, points, targets, weights, about, sums):
+def add_constraints(
+    kind: TODO, part: TODO, points: TODO, targets: TODO, weights: TODO, about: TODO, sums: TODO
+) -> TODO:
     """Add constraints of one kind to the sums of their parts.
 
     Args:
@@ -116,7 +118,7 @@ def add_constraints(kind, part, points, targets, weights, about, sums):
 
 
 @njit(cache=True)
-def linearised(sums, R, t, Q):
+def linearised(sums: TODO, R: TODO, t: TODO, Q: TODO) -> TODO:
     """Write Q (parts, MOTION) of each part where it is; returns what its constraints cost."""
     cost, T = 0.0, np.empty((4, 3))
     for p in range(len(sums)):
@@ -165,7 +167,9 @@ def linearised(sums, R, t, Q):
 
 
 @njit(cache=True)
-def expect_root(expected, per_m, per_rad, root, about, R, t, out):
+def expect_root(
+    expected: TODO, per_m: TODO, per_rad: TODO, root: TODO, about: TODO, R: TODO, t: TODO, out: TODO
+) -> TODO:
     """Add to the root's Q (MOTION,) what keeps it to a pose; returns what that costs.
 
     The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: both are the same wherever the
@@ -220,7 +224,7 @@ def expect_root(expected, per_m, per_rad, root, about, R, t, out):
 
 
 @njit(cache=True)
-def path(parents, joint_parts, above):
+def path(parents: TODO, joint_parts: TODO, above: TODO) -> TODO:
     """Write above (dofs,): which degree of freedom is next towards the root, -1 for none."""
     last, j = np.empty(len(parents), dtype=np.int64), 0
     for i in range(ROOT):
@@ -234,7 +238,7 @@ def path(parents, joint_parts, above):
 
 
 @njit(cache=True)
-def normal_equations(parents, joint_parts, above, xi, Q, H, g):
+def normal_equations(parents: TODO, joint_parts: TODO, above: TODO, xi: TODO, Q: TODO, H: TODO, g: TODO) -> TODO:
     """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part with all it carries."""
     for p in range(len(parents) - 1, 0, -1):
         k = parents[p]
@@ -269,7 +273,7 @@ def normal_equations(parents, joint_parts, above, xi, Q, H, g):
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(above, H):
+def factorise(above: TODO, H: TODO) -> TODO:
     """H (n, n) becomes L with LᵀL = H, in place and only along paths; whether there is one. The lower half is used."""
     for k in range(len(H) - 1, -1, -1):
         row = H[k]
@@ -292,7 +296,7 @@ def factorise(above, H):
 
 
 @njit(cache=True, error_model="numpy")
-def substitute(above, L, b):
+def substitute(above: TODO, L: TODO, b: TODO) -> TODO:
     """b (n,) becomes the solution x of LᵀL x = b."""
     for i in range(len(b) - 1, -1, -1):
         b[i] /= L[i, i]
@@ -309,7 +313,9 @@ def substitute(above, L, b):
 
 
 @njit(cache=True)
-def _equations_of_free(above, H, g, damping, floor, held, L, delta):
+def _equations_of_free(
+    above: TODO, H: TODO, g: TODO, damping: TODO, floor: TODO, held: TODO, L: TODO, delta: TODO
+) -> TODO:
     """Write what is to be factorised into L, and into delta the right hand side, that of held angles left as it is."""
     for i in range(len(g)):
         fixed = i >= ROOT and held[i - ROOT]
@@ -328,7 +334,9 @@ def _equations_of_free(above, H, g, damping, floor, held, L, delta):
 
 
 @njit(cache=True)
-def step(above, H, g, damping, angles, limits, L, held, delta):
+def step(
+    above: TODO, H: TODO, g: TODO, damping: TODO, angles: TODO, limits: TODO, L: TODO, held: TODO, delta: TODO
+) -> TODO:
     """Write the step delta (dofs,) that H and g ask for, the angles within their limits; whether there is one.
 
     An angle at a limit beyond which g would push it is held there, and so is one that the step would take beyond: the
@@ -370,9 +378,10 @@ def step(above, H, g, damping, angles, limits, L, held, delta):
 
 @njit(cache=True)
 def measure(
-    parents, joint_parts, twists, root, sums, about, prior_T, prior_root, prior_angles, prior_joints, T, angles,
-    R, t, xi, Q, D, e,
-):  # fmt: skip
+    parents: TODO, joint_parts: TODO, twists: TODO, root: TODO, sums: TODO, about: TODO, prior_T: TODO,
+    prior_root: TODO, prior_angles: TODO, prior_joints: TODO, T: TODO, angles: TODO, R: TODO, t: TODO, xi: TODO,
+    Q: TODO, D: TODO, e: TODO,
+) -> TODO:  # fmt: skip
     """Where the tree is, what it costs there, of the constraints and of the priors, and how that changes.
 
     Args:
@@ -399,7 +408,7 @@ def measure(
 
 
 @njit(cache=True)
-def _moved(T, delta, root, about, new):
+def _moved(T: TODO, delta: TODO, root: TODO, about: TODO, new: TODO) -> TODO:
     """Write T after the root's twist delta: it turns by ω, and its point ``root`` moves by v + ω × x."""
     B, C = np.empty(9), np.empty(9)
     for i in range(3):
@@ -424,9 +433,10 @@ def _moved(T, delta, root, about, new):
 
 @njit(cache=True)
 def fit(
-    parents, joint_parts, twists, limits, root, sums, about, prior_T, prior_root, prior_angles, prior_joints,
-    most_steps, rest_m, rest_rad, T, angles, held,
-):  # fmt: skip
+    parents: TODO, joint_parts: TODO, twists: TODO, limits: TODO, root: TODO, sums: TODO, about: TODO, prior_T: TODO,
+    prior_root: TODO, prior_angles: TODO, prior_joints: TODO, most_steps: TODO, rest_m: TODO, rest_rad: TODO, T: TODO,
+    angles: TODO, held: TODO,
+) -> TODO:  # fmt: skip
     """Gauss–Newton steps, damped where one would cost more (Levenberg and Marquardt), until a step rests.
 
     Steps that are tried and not taken do not count: where limbs are deep in each other, few steps would never begin.

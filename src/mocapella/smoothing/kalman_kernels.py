@@ -7,14 +7,20 @@ Points are (points, 3) positions and velocities, (points, 3) variances, (points,
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
 
 _AXES = 3.0
 
 
 @njit(cache=True)
-def predict(positions, velocities, variances, seen_s, dt, at_s, density, forget_after_s):
+def predict(
+    positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, dt: float, at_s: float,
+    density: float, forget_after_s: float,
+) -> None:  # fmt: skip
     """`kalman.predict` by ``dt``, to the instant ``at_s``."""
     for j in range(len(seen_s)):
         if at_s - seen_s[j] > forget_after_s:
@@ -31,7 +37,10 @@ def predict(positions, velocities, variances, seen_s, dt, at_s, density, forget_
 
 
 @njit(cache=True)
-def correct(positions, velocities, variances, seen_s, at_s, measured, measured_variance, scale, nu, speed_variance):
+def correct(
+    positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, at_s: float, measured: Float64,
+    measured_variance: Float64, scale: float, nu: float, speed_variance: float,
+) -> None:  # fmt: skip
     """`kalman.correct`; the measurements' variances are ``scale`` times those given."""
     for j in range(len(seen_s)):
         if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):

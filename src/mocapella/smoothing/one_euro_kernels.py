@@ -6,19 +6,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 
+Float64 = NDArray[np.float64]
+
 
 @njit(cache=True)
-def gain(cutoff_hz, dt):
+def gain(cutoff_hz: float, dt: float) -> float:
     """The weight α of the new value in a first-order low pass after ``dt`` seconds (the paper's equations 4 and 5)."""
     r = 2.0 * math.pi * cutoff_hz * dt
     return r / (r + 1.0)
 
 
 @njit(cache=True)
-def seen(measured, j):
+def seen(measured: Float64, j: int) -> bool:
     """Whether all of a point is there."""
     there = True
     for k in range(measured.shape[1]):
@@ -27,7 +30,10 @@ def seen(measured, j):
 
 
 @njit(cache=True)
-def smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s):
+def smooth(
+    positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
+    beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
+) -> None:  # fmt: skip
     """`OneEuro.update` of (points, dimensions), by the speed of each point; what is not seen stays as it was."""
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
@@ -50,8 +56,9 @@ def smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_pe
 
 @njit(cache=True)
 def smooth_points(
-    positions, velocities, seen_s, measured, out, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s
-):
+    positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
+    min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
+) -> None:  # fmt: skip
     """`smooth`, and what is seen into ``out``."""
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
@@ -62,8 +69,9 @@ def smooth_points(
 
 @njit(cache=True, error_model="numpy")
 def smooth_components(
-    positions, velocities, seen_s, measured, out, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s
-):
+    positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
+    min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
+) -> None:  # fmt: skip
     """`smooth_points`, by the speed of each coordinate."""
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):
@@ -97,7 +105,9 @@ def smooth_components(
 
 
 @njit(cache=True, error_model="numpy")
-def smooth_all(x, v, m, y, dt, min_cutoff_hz, beta_per_m, part):
+def smooth_all(
+    x: Float64, v: Float64, m: Float64, y: Float64, dt: float, min_cutoff_hz: float, beta_per_m: float, part: float
+) -> None:
     """Numbers x with velocities v towards the measured m, in place and into y; ``part`` is the velocity's gain."""
     rate, turn = 1.0 / dt, 2.0 * math.pi * dt
     for i in range(len(m)):

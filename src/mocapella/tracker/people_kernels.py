@@ -19,6 +19,7 @@ from mocapella.fusion.view_kernels import follow_offsets, fuse
 from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
+from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
 from mocapella.smoothing.one_euro_kernels import smooth
@@ -287,7 +288,7 @@ def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, vi
 @njit(cache=True)
 def pose_people(
     rows: Int64,
-    model: Any,
+    model: BodyArrays,
     body: Float64,
     measured: Float64,
     measured_variances: Float64,
@@ -296,7 +297,6 @@ def pose_people(
     doubts: Float64,
 ) -> None:
     """Fit the articulated bodies of the persons in the frame, and predict the others, into ``steady``, ``doubts``."""
-    layout, dof_kind, dof_values, joint_table, joint_values, order, config = model
     positions, variances = np.empty(steady.shape[1:]), np.empty(steady.shape[1])
     for r in range(len(steady)):
         b = -1
@@ -305,14 +305,10 @@ def pose_people(
                 b = i
         if b >= 0:
             known = articulated_kernels.correct(
-                layout, dof_kind, dof_values, joint_table, joint_values, order, config, body[r], at_s, measured[b],
-                measured_variances[b], positions, variances,
-            )  # fmt: skip
+                model, body[r], at_s, measured[b], measured_variances[b], positions, variances
+            )
         else:
-            known = articulated_kernels.predict(
-                layout, dof_kind, dof_values, joint_table, joint_values, order, config, body[r], at_s, positions,
-                variances,
-            )  # fmt: skip
+            known = articulated_kernels.predict(model, body[r], at_s, positions, variances)
         if known:
             for j in range(len(variances)):
                 doubts[r, j] = variances[j]

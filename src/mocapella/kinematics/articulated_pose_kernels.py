@@ -1,0 +1,145 @@
+"""Kernels that move the pose in a body's memory: over time, to its rest, and within its joint limits.
+
+Importing this module imports numba.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.compiled import njit
+from mocapella.geometry.turn_kernels import orthonormal, turn_between, turned
+from mocapella.kinematics import articulated_memory as at
+from mocapella.kinematics.articulated_memory import MemoryLayout
+from mocapella.kinematics.articulated_model import OF_BALL, ROOT_DOFS, BodyArrays
+from mocapella.kinematics.chain_kernels import limited
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+PINNED = 1e12
+"""Information that holds a degree of freedom at its limit [1/rad²]."""
+CALMING = 3
+"""Power of the surprise with which the densities of acceleration fall."""
+
+
+@njit(cache=True, error_model="numpy")
+def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
+    """Predict a memory row to a later instant, in place: a decaying velocity, driven by white acceleration.
+
+    Every degree of freedom is an integrated Ornstein–Uhlenbeck process, with its exact covariance.
+    """
+    layout, parameters = model.layout, model.parameters
+    dof_kind, dof_values, joint_table = model.dof_kind, model.dof_values, model.joint_table
+    dt = at_s - row[at.AT]
+    if not dt > 0.0:
+        return
+    row[at.AT] = at_s
+    tau = parameters.velocity_memory_s
+    b = dt / tau
+    e = math.exp(-b)
+    f = tau * (1.0 - e)
+    if b > 1e-2:
+        qp = tau * tau * (dt - 2.0 * f + 0.5 * tau * (1.0 - e * e))
+        qv = 0.5 * tau * (1.0 - e * e)
+    else:
+        qp, qv = dt * dt * dt / 3.0, dt
+    qc = 0.5 * f * f
+    scale = min(max((row[at.RESTLESS] / parameters.full_surprise) ** CALMING, parameters.calm), 1.0)
+    for i in range(layout.dofs):
+        q = dof_values[i, 3] * scale
+        p, c, v = row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i]
+        p = min(p + 2.0 * f * c + f * f * v + q * qp, dof_values[i, 4])
+        c = e * (c + f * v) + q * qc
+        v = e * e * v + q * qv
+        c = min(c, math.sqrt(p * v))
+        row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i] = p, c, v
+        if dof_kind[i] < OF_BALL:
+            a = row[layout.angles + i] + f * row[layout.velocities + i]
+            if a < dof_values[i, 0]:
+                a, row[layout.velocities + i] = dof_values[i, 0], 0.0
+            elif a > dof_values[i, 1]:
+                a, row[layout.velocities + i] = dof_values[i, 1], 0.0
+            row[layout.angles + i] = a
+    R = np.empty(9)
+    for j in range(layout.joints):
+        if joint_table[j, 3] >= 0:
+            r, o = layout.rotations + 9 * joint_table[j, 3], layout.velocities + first_of_ball(joint_table, j)
+            turned(row, r, f * row[o], f * row[o + 1], f * row[o + 2], R)
+            for k in range(9):
+                row[r + k] = R[k]
+    for i in range(layout.velocities, layout.velocities + layout.dofs):
+        row[i] *= e
+
+
+@njit(cache=True, error_model="numpy")
+def first_of_ball(joint_table: Int64, j: int) -> int:
+    """Return the first of the three degrees of freedom of the ball joint j."""
+    return int(joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0))
+
+
+@njit(cache=True, error_model="numpy")
+def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64, row: Float64, out: Float64) -> None:
+    """Write the rotation of every degree of freedom back to its rest, (dofs,): 0 for the root, a sine for balls."""
+    for i in range(layout.dofs):
+        out[i] = dof_values[i, 2] - row[layout.angles + i] if i >= ROOT_DOFS else 0.0
+    for j in range(layout.joints):
+        if joint_table[j, 3] > 0:
+            r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
+            out[o] = 0.5 * (row[r + 5] - row[r + 7])
+            out[o + 1] = 0.5 * (row[r + 6] - row[r + 2])
+            out[o + 2] = 0.5 * (row[r + 1] - row[r + 3])
+
+
+@njit(cache=True, error_model="numpy")
+def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64) -> bool:
+    """Hold at their limits what the small motion delta (dofs,) would move beyond them, by D and e (dofs,).
+
+    Returns:
+        Whether any degree of freedom is held.
+    """
+    layout, dof_values, joint_table = model.layout, model.dof_values, model.joint_table
+    pinned = False
+    for i in range(ROOT_DOFS, layout.dofs):
+        if model.dof_kind[i] < OF_BALL:
+            angle = row[layout.angles + i]
+            goal = angle + delta[i]
+            if goal < dof_values[i, 0]:
+                D[i], e[i], pinned = PINNED, dof_values[i, 0] - angle, True
+            elif goal > dof_values[i, 1]:
+                D[i], e[i], pinned = PINNED, dof_values[i, 1] - angle, True
+    R, within = np.empty(9), np.empty(9)
+    for j in range(layout.joints):
+        if joint_table[j, 3] > 0:
+            r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
+            turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
+            if limited(model.joint_values, j, R, within):
+                e[o], e[o + 1], e[o + 2] = turn_between(row, r, within)
+                D[o] = D[o + 1] = D[o + 2] = PINNED
+                pinned = True
+    return pinned
+
+
+@njit(cache=True, error_model="numpy")
+def apply_motion(model: BodyArrays, row: Float64, delta: Float64) -> None:
+    """Apply a small motion (dofs,) to the pose of a memory row, and clamp the pose to its limits."""
+    layout, dof_values, joint_table = model.layout, model.dof_values, model.joint_table
+    r = layout.rotations
+    for k in range(layout.angles, layout.angles + 3):
+        row[k] += row[r] * delta[0] + row[r + 1] * delta[1] + row[r + 2] * delta[2]
+        r += 3
+    for i in range(ROOT_DOFS, layout.dofs):
+        if model.dof_kind[i] < OF_BALL:
+            row[layout.angles + i] = min(max(row[layout.angles + i] + delta[i], dof_values[i, 0]), dof_values[i, 1])
+    R, within = np.empty(9), np.empty(9)
+    for j in range(layout.joints):
+        if joint_table[j, 3] >= 0:
+            r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
+            turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
+            limited(model.joint_values, j, R, within)
+            orthonormal(within)
+            for k in range(9):
+                row[r + k] = within[k]
