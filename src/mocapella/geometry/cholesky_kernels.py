@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(A: TODO, damping: TODO, L: TODO) -> TODO:
+def factorise(A: Float64, damping: float, L: Float64) -> bool:
     """Write the lower factor L of A (n, n), whose diagonal is raised by that part of it; whether there is one.
 
     Of A the lower half is read; of L the upper half is left as it is.
@@ -31,7 +36,7 @@ def factorise(A: TODO, damping: TODO, L: TODO) -> TODO:
 
 
 @njit(cache=True, error_model="numpy")
-def substitute(L: TODO, b: TODO) -> TODO:
+def substitute(L: Float64, b: Float64) -> None:
     """b (n,) becomes the solution x of L Lᵀ x = b."""
     n = len(b)
     for i in range(n):

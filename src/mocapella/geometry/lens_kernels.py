@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
 
 STEPS = 20
 """Newton's method needs about 4; what takes more does not come back."""
 
 
 @njit(cache=True, forceinline=True)  # into its callers' loops, which are vectorised
-def distort(x: TODO, y: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO) -> TODO:
+def distort(
+    x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
     """(x', y') and the derivatives (∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y) of `lens.distort`."""
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
@@ -28,7 +35,9 @@ def distort(x: TODO, y: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO) 
 
 
 @njit(cache=True)
-def undistorted(u: TODO, v: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO) -> TODO:
+def undistorted(
+    u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
     """What `undistort` returns, and the derivatives of `distort` there."""
     x, y = u, v
     for _ in range(STEPS):
@@ -53,8 +62,9 @@ def undistorted(u: TODO, v: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TO
 
 @njit(cache=True, error_model="numpy")
 def undistorted_all(
-    us: TODO, vs: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO, xs: TODO, ys: TODO
-) -> TODO:
+    us: Float64, vs: Float64, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float, xs: Float64,
+    ys: Float64,
+) -> None:  # fmt: skip
     """Write `undistorted` of points, us and vs (n,), to xs and ys (n,): all of them step together, several at once."""
     for i in range(len(us)):
         xs[i], ys[i] = us[i], vs[i]
@@ -80,14 +90,16 @@ def undistorted_all(
 
 
 @njit(cache=True, forceinline=True)
-def undistort(u: TODO, v: TODO, k1: TODO, k2: TODO, p1: TODO, p2: TODO, k3: TODO, farthest_r2: TODO) -> TODO:
+def undistort(
+    u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
+) -> tuple[float, float]:  # fmt: skip
     """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
     x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
     return x, y
 
 
 @njit(cache=True)
-def undistort_points(lens: TODO, farthest_r2: TODO, pixels: TODO, out: TODO) -> TODO:
+def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Float64) -> None:
     """`lens.undistort`, (points, 2)."""
     for i in range(len(pixels)):
         u, v = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]

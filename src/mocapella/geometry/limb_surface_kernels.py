@@ -10,32 +10,36 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 LIMB = 9
 
 
 @njit(cache=True)
-def smooth_min(a: TODO, b: TODO, k: TODO) -> TODO:
+def smooth_min(a: float, b: float, k: float) -> float:
     """The lesser of both, rounded off where they differ by less than ``k`` (quadratic: lower by k/4 where equal)."""
     h = k - abs(a - b)
     return min(a, b) - (h * h / (4.0 * k) if h > 0.0 else 0.0)
 
 
 @njit(cache=True)
-def limb_distance(limb: TODO, x: TODO, y: TODO, z: TODO) -> TODO:
+def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
     """Distance of a point from a tapered limb with round ends [m]; negative inside."""
     ux, uy, uz = limb[3] - limb[0], limb[4] - limb[1], limb[5] - limb[2]
     px, py, pz = x - limb[0], y - limb[1], z - limb[2]
     uu = ux * ux + uy * uy + uz * uz
     t = min(max((px * ux + py * uy + pz * uz) / max(uu, 1e-18), 0.0), 1.0)
     dx, dy, dz = px - t * ux, py - t * uy, pz - t * uz
-    return math.sqrt(dx * dx + dy * dy + dz * dz) - limb[6] - t * (limb[7] - limb[6])
+    return float(math.sqrt(dx * dx + dy * dy + dz * dz) - limb[6] - t * (limb[7] - limb[6]))
 
 
 @njit(cache=True)
-def flesh(limbs: TODO, within: TODO, between: TODO, x: TODO, y: TODO, z: TODO, by_group: TODO) -> TODO:
+def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z: float, by_group: Float64) -> float:
     """The smooth union of all limbs at a point: negative inside; and each group's own, out.
 
     Args:
@@ -47,14 +51,14 @@ def flesh(limbs: TODO, within: TODO, between: TODO, x: TODO, y: TODO, z: TODO, b
     for i in range(len(limbs)):
         g = int(limbs[i, 8])
         by_group[g] = smooth_min(by_group[g], limb_distance(limbs[i], x, y, z), within[g])
-    out = 1e3
+    out: float = 1e3
     for g in range(len(by_group)):
         out = smooth_min(out, by_group[g], between)
     return out
 
 
 @njit(cache=True)
-def sample(limbs: TODO, within: TODO, between: TODO, nodes: TODO, out: TODO) -> TODO:
+def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out: Float64) -> None:
     """Write `flesh` (a, b, c) at the nodes (a, b, c, 3)."""
     by_group = np.empty(len(within))
     for i in range(nodes.shape[0]):
@@ -65,7 +69,7 @@ def sample(limbs: TODO, within: TODO, between: TODO, nodes: TODO, out: TODO) -> 
 
 
 @njit(cache=True)
-def separate(values: TODO) -> TODO:
+def separate(values: Float64) -> bool:
     """Change signs until no face of a cell has inside and outside in its opposite corners; whether none is left.
 
     There the surface would touch itself along an edge. The corner nearest to the surface goes outside.
@@ -107,7 +111,7 @@ def separate(values: TODO) -> TODO:
 
 
 @njit(cache=True)
-def surface_net(values: TODO, nodes: TODO, vertices: TODO, triangles: TODO) -> TODO:
+def surface_net(values: Float64, nodes: Float64, vertices: Float64, triangles: Int64) -> tuple[int, int]:
     """The surface where ``values`` change their sign; (vertices, triangles) that were written, outwards anticlockwise.
 
     S. Gibson, "Constrained elastic surface nets" (MICCAI 1998): a vertex in each cell that the surface crosses, at the
@@ -169,7 +173,7 @@ def surface_net(values: TODO, nodes: TODO, vertices: TODO, triangles: TODO) -> T
 
 
 @njit(cache=True)
-def settle(limbs: TODO, within: TODO, between: TODO, vertices: TODO, most_m: TODO) -> TODO:
+def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, most_m: float) -> None:
     """Move vertices onto the surface, in place, along its gradient and by at most ``most_m`` a step."""
     by_group, e = np.empty(len(within)), 2e-4
     for i in range(len(vertices)):
@@ -185,7 +189,7 @@ def settle(limbs: TODO, within: TODO, between: TODO, vertices: TODO, most_m: TOD
 
 
 @njit(cache=True)
-def group_distances(limbs: TODO, within: TODO, points: TODO, out: TODO) -> TODO:
+def group_distances(limbs: Float64, within: Float64, points: Float64, out: Float64) -> None:
     """Write each group's own distance (n, groups) at points (n, 3)."""
     for i in range(len(points)):
         flesh(limbs, within, 1e-6, points[i, 0], points[i, 1], points[i, 2], out[i])

@@ -9,9 +9,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.lens_kernels import distort
+
+UInt8 = NDArray[np.uint8]
+Int8 = NDArray[np.int8]
+Int32 = NDArray[np.int32]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 NEAREST_M = 0.05
 """What is nearer than this to the camera's plane is not drawn [m]."""
@@ -20,7 +28,9 @@ MOST = 4096
 
 
 @njit(cache=True, error_model="numpy")
-def see(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, pixels: TODO, depth: TODO) -> TODO:
+def see(
+    vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, pixels: Float64, depth: Float64,
+) -> None:  # fmt: skip
     """Write where vertices (n, 3) are seen, (n, 2) [px], and how far before the camera, (n,) [m].
 
     What the lens cannot show, or is too near, has the depth 0.
@@ -52,7 +62,9 @@ def see(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, pix
 
 
 @njit(cache=True)
-def within(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, width: TODO, height: TODO) -> TODO:
+def within(
+    vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, width: int, height: int,
+) -> bool:  # fmt: skip
     """Whether all vertices (n, 3) are seen, and in the image."""
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
@@ -64,7 +76,9 @@ def within(vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, 
 
 
 @njit(cache=True)
-def window(pixels: TODO, depth: TODO, width: TODO, height: TODO, step: TODO, margin: TODO) -> TODO:
+def window(
+    pixels: Float64, depth: Float64, width: int, height: int, step: int, margin: int,
+) -> tuple[int, int, int, int]:  # fmt: skip
     """The part of an image about what is seen: (x, y) of its first sample, columns, rows; none are 0.
 
     It reaches ``margin`` px beyond the body, and so far beyond the image at most.
@@ -83,7 +97,7 @@ def window(pixels: TODO, depth: TODO, width: TODO, height: TODO, step: TODO, mar
 
 
 @njit(cache=True)
-def face_sides(pixels: TODO, depth: TODO, faces: TODO, sides: TODO) -> TODO:
+def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> None:
     """Write which side of each face is seen: 1 the outside, −1 the inside, 0 where a corner is not seen."""
     for k in range(len(faces)):
         i, j, m = np.uint64(faces[k, 0]), np.uint64(faces[k, 1]), np.uint64(faces[k, 2])
@@ -95,7 +109,7 @@ def face_sides(pixels: TODO, depth: TODO, faces: TODO, sides: TODO) -> TODO:
 
 
 @njit(cache=True, error_model="numpy")
-def cover(pixels: TODO, faces: TODO, sides: TODO, x0: TODO, y0: TODO, step: TODO, mask: TODO) -> TODO:
+def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: int, mask: UInt8) -> None:
     """Set mask (rows, columns) to 1 at the samples that faces cover whose outside is seen.
 
     The sample (row, column) is the image's point (x0 + step·column, y0 + step·row). Of a closed surface these faces
@@ -129,7 +143,7 @@ def cover(pixels: TODO, faces: TODO, sides: TODO, x0: TODO, y0: TODO, step: TODO
 
 
 @njit(cache=True)
-def border(faces: TODO, edges: TODO, sides: TODO) -> TODO:
+def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
     """(m, 4) the edges between a face whose outside is seen and none, or one whose outside is not.
 
     Args:
@@ -159,7 +173,7 @@ def border(faces: TODO, edges: TODO, sides: TODO) -> TODO:
 
 
 @njit(cache=True, error_model="numpy")
-def cover_by_edges(pixels: TODO, edges: TODO, x0: TODO, y0: TODO, step: TODO, mask: TODO) -> TODO:
+def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, mask: UInt8) -> None:
     """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
 
     Only the edges of its `border` are drawn: above a sample of a column as many of them lead one way as the other,
@@ -192,7 +206,7 @@ def cover_by_edges(pixels: TODO, edges: TODO, x0: TODO, y0: TODO, step: TODO, ma
 
 
 @njit(cache=True)
-def alike(mask: TODO, phi: TODO) -> TODO:
+def alike(mask: UInt8, phi: Float32) -> float:
     """Intersection over union of a mask (rows, columns), 0 or 1, and of where phi (rows, columns) is above 0; 0 of
     nothing.
     """
@@ -206,7 +220,7 @@ def alike(mask: TODO, phi: TODO) -> TODO:
     return both / either if either > 0 else 0.0
 
 
-def one_way(faces: TODO) -> TODO:
+def one_way(faces: Int32) -> bool:
     """Whether every edge has two faces at most, which run along it in opposite directions."""
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     if not len(along):
@@ -216,9 +230,10 @@ def one_way(faces: TODO) -> TODO:
 
 @njit(cache=True)
 def outline(
-    vertices: TODO, pixels: TODO, depth: TODO, edges: TODO, mask: TODO, x0: TODO, y0: TODO, step: TODO, spacing: TODO,
-    bones: TODO, at: TODO, normals: TODO, points: TODO, bone: TODO, far: TODO,
-) -> TODO:  # fmt: skip
+    vertices: Float64, pixels: Float64, depth: Float64, edges: Int32, mask: UInt8, x0: float, y0: float,
+    step: int, spacing: float, bones: Int32, at: Float64, normals: Float64, points: Float64, bone: Int32,
+    far: Float64,
+) -> int:  # fmt: skip
     """Write points of the outline: of the edges of the border, beside the mask.
 
     Args:
@@ -266,9 +281,9 @@ def outline(
 
 @njit(cache=True)
 def outlined(
-    vertices: TODO, T_camera_world: TODO, lens: TODO, farthest_r2: TODO, size_px: TODO, faces: TODO, edges: TODO,
-    by_edges: TODO, bones: TODO, step: TODO, margin: TODO, spacing: TODO, given: TODO,
-) -> TODO:  # fmt: skip
+    vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, size_px: tuple[int, int], faces: Int32,
+    edges: Int32, by_edges: bool, bones: Int32, step: int, margin: int, spacing: float, given: tuple[int, int, int, int],
+) -> tuple[int, int, UInt8, Float64, Float64, Float64, Int32, Float64]:  # fmt: skip
     """All of this, one after the other.
 
     Args:
@@ -303,7 +318,7 @@ def outlined(
     return x0, y0, mask, at[:m], normals[:m], points[:m], bone[:m], far[:m]
 
 
-def outline_edges(faces: TODO) -> TODO:
+def outline_edges(faces: Int32) -> Int32:
     """(e, 4) each edge once: its two corners, then the faces beside it, −1 for the second where there is one face."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     face = np.tile(np.arange(len(faces)), 3)

@@ -6,16 +6,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.lens_kernels import distort
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 NEAR_M = 0.05
 """A corner nearer than this takes its triangles with it."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def project(vertices: TODO, T: TODO, lens: TODO, farthest_r2: TODO, out: TODO) -> TODO:
+def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, out: Float64) -> None:
     """Write (n, 3): x, y [px] and 1/z of vertices in the world; 1/z is 0 where the lens does not show them.
 
     Args:
@@ -39,7 +43,7 @@ def project(vertices: TODO, T: TODO, lens: TODO, farthest_r2: TODO, out: TODO) -
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bounds(seen: TODO, size_px: TODO, margin_px: TODO, out: TODO) -> TODO:
+def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float64) -> None:
     """Write (x0, y0, x1, y1), whole pixels, the last ones not included: around all that is seen, within the picture."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(seen)):
@@ -57,7 +61,9 @@ def bounds(seen: TODO, size_px: TODO, margin_px: TODO, out: TODO) -> TODO:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover(seen: TODO, triangles: TODO, left: TODO, top: TODO, step: TODO, nearest: TODO, which: TODO) -> TODO:
+def cover(
+    seen: Float64, triangles: Int64, left: float, top: float, step: float, nearest: Float64, which: Int64,
+) -> None:  # fmt: skip
     """Write which triangle is nearest at each sample of a grid; a surface is closed, so only its outside is drawn.
 
     Samples are points: one is covered where it is inside, on an edge included.
@@ -105,7 +111,7 @@ def cover(seen: TODO, triangles: TODO, left: TODO, top: TODO, step: TODO, neares
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def weights(seen: TODO, a: TODO, b: TODO, c: TODO, x: TODO, y: TODO) -> TODO:
+def weights(seen: Float64, a: int, b: int, c: int, x: float, y: float) -> tuple[float, float, float]:
     """The shares of a triangle's corners a, b, c in its point that is seen at x, y [px]; they add up to 1."""
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
@@ -116,7 +122,7 @@ def weights(seen: TODO, a: TODO, b: TODO, c: TODO, x: TODO, y: TODO) -> TODO:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def vertex_normals(vertices: TODO, triangles: TODO, out: TODO) -> TODO:
+def vertex_normals(vertices: Float64, triangles: Int64, out: Float64) -> None:
     """Write (n, 3) unit normals out of the surface: of a corner's triangles, each as much as its area."""
     out[:] = 0.0
     for t in range(len(triangles)):

@@ -81,7 +81,7 @@ def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _down_columns(field: Float32, far: float, border: int, squares: Float32) -> None:
+def _down_columns(field: Float32, far: np.float32, border: int, squares: Float32) -> None:
     """Write the squared distance of every sample to the next crossing above or below, far² where none is near.
 
     Args:
@@ -114,7 +114,7 @@ def _down_columns(field: Float32, far: float, border: int, squares: Float32) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def _along_rows(field: Float32, far: float, border: int, squares: Float32) -> None:
+def _along_rows(field: Float32, far: np.float32, border: int, squares: Float32) -> None:
     """Write the squared distance of every sample to the next crossing left or right, far² where none is near.
 
     Args:

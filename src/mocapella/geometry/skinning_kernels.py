@@ -57,7 +57,7 @@ def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) 
 
 
 @njit(cache=True)
-def farthest_apart(these: TODO, those: TODO) -> TODO:
+def farthest_apart(these: Float64, those: Float64) -> float:
     """The largest distance of points (n, 3) from as many others [m]; 0 of none."""
     most = 0.0
     for i in range(len(these)):

@@ -45,7 +45,8 @@ def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]
         x, y = x + dx, y + dy
     if abs(dx) < 1e-2 and abs(dy) < 1e-2 and x * x + y * y <= views[n, 9]:
         return x, y
-    return undistort_fully(u, v, k1, k2, p1, p2, k3, views[n, 9])
+    x, y = undistort_fully(u, v, k1, k2, p1, p2, k3, views[n, 9])
+    return x, y
 
 
 @njit(**INLINED)

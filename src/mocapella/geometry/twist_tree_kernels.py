@@ -4,15 +4,20 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.turn_kernels import FIRST, turned
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 
 @njit(cache=True)
 def forward(
-    parents: TODO, joint_parts: TODO, twists: TODO, T: TODO, angles: TODO, about: TODO, R: TODO, t: TODO, xi: TODO
-) -> TODO:
+    parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, angles: Float64, about: Float64, R: Float64,
+    t: Float64, xi: Float64,
+) -> None:  # fmt: skip
     """Write the motions R (parts, 9), row by row, and t (parts, 3), and the joints' twists xi (joints, 6).
 
     The product of exponentials along the tree: R. Murray, Z. Li, S. Sastry (1994), section 3.2.

@@ -19,12 +19,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.kinematics.hand_fit_kernels import _penalty, digit_angles, digit_points, within
 from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Picture = tuple[Float64, Int64, Float64]
+"""Front, opposite and lens of `ArmEvidence`."""
 
 # A piece's row of numbers: its axis from FROM along U for LENGTH, radii at both ends, and what is made of them.
 FROM, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
@@ -55,7 +61,9 @@ _TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
 
 
 @njit(cache=True)
-def _piece(row: TODO, ax: TODO, ay: TODO, az: TODO, bx: TODO, by: TODO, bz: TODO, ra: TODO, rb: TODO) -> TODO:
+def _piece(
+    row: Float64, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float,
+) -> None:  # fmt: skip
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)
@@ -69,7 +77,7 @@ def _piece(row: TODO, ax: TODO, ay: TODO, az: TODO, bx: TODO, by: TODO, bz: TODO
 
 
 @njit(cache=True)
-def _digit_pieces(d: TODO, outer: TODO, radii: TODO, thick: TODO, x: TODO, pieces: TODO) -> TODO:
+def _digit_pieces(d: int, outer: float, radii: Float64, thick: float, x: Float64, pieces: Float64) -> None:
     """Write the three pieces of a digit whose joints are x (4, 3), and whose outer bone is so long [m]."""
     for bone in range(3):
         bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
@@ -86,9 +94,9 @@ def _digit_pieces(d: TODO, outer: TODO, radii: TODO, thick: TODO, x: TODO, piece
 
 @njit(cache=True)
 def flesh(
-    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, columns: TODO, gains: TODO, z: TODO, v: TODO, rows: TODO,
-    joints: TODO, axes: TODO, pieces: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, radii: Float64, palm: Float64, columns: Int64, gains: Float64, z: Float64,
+    v: Float64, rows: Float64, joints: Float64, axes: Float64, pieces: Float64,
+) -> None:  # fmt: skip
     """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
 
     Args:
@@ -132,7 +140,7 @@ def flesh(
 
 
 @njit(cache=True)
-def balls(pieces: TODO, owners: TODO, R: TODO, t: TODO, spacing: TODO, out: TODO) -> TODO:
+def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
     """Write balls along the flesh, so far apart, into out (k, 5), camera [m], the arm's with a 0 behind; how many."""
     n = 0
     for i in range(len(pieces)):
@@ -154,8 +162,9 @@ def balls(pieces: TODO, owners: TODO, R: TODO, t: TODO, spacing: TODO, out: TODO
 
 @njit(cache=True)
 def closest(
-    pieces: TODO, few: TODO, first: TODO, x: TODO, y: TODO, z: TODO, vx: TODO, vy: TODO, vz: TODO, out: TODO
-) -> TODO:
+    pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
+    out: Float64,
+) -> int:  # fmt: skip
     """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
 
     On the side that the camera cannot see, the distance is that from the front, along the view (vx, vy, vz): this is
@@ -193,7 +202,7 @@ def closest(
 
 
 @njit(cache=True)
-def _across(x: TODO, y: TODO, z: TODO) -> TODO:
+def _across(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A unit vector across a unit vector."""
     if abs(x) < 0.8:
         f = 1.0 / math.sqrt(y * y + z * z)
@@ -203,16 +212,16 @@ def _across(x: TODO, y: TODO, z: TODO) -> TODO:
 
 
 @njit(cache=True)
-def _group(owner: TODO, bone: TODO) -> TODO:
+def _group(owner: int, bone: int) -> int:
     """Which dofs move a piece: those of a digit as far as its bone, of the palm, of the forearm, of the upper arm."""
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 
 @njit(cache=True)
 def _movers(
-    joints: TODO, axes: TODO, columns: TODO, gains: TODO, rising: TODO, v: TODO, nz_free: TODO, A: TODO, at: TODO,
-    counts: TODO,
-) -> TODO:  # fmt: skip
+    joints: Float64, axes: Float64, columns: Int64, gains: Float64, rising: Int64, v: Float64, nz_free: int,
+    A: Float64, at: Int64, counts: Int64,
+) -> None:  # fmt: skip
     """Write the dofs of each group but the palm's six, for these are the same of all.
 
     A residual whose normal n is at a point p + r·n of the flesh is moved by each dof as a linear function of a few
@@ -280,8 +289,8 @@ def _movers(
 
 @njit(cache=True)
 def _numbers(
-    group: TODO, nx: TODO, ny: TODO, nz: TODO, px: TODO, py: TODO, pz: TODO, r: TODO, v: TODO, q: TODO
-) -> TODO:
+    group: int, nx: float, ny: float, nz: float, px: float, py: float, pz: float, r: float, v: Float64, q: Float64,
+) -> None:  # fmt: skip
     """Write the numbers (ROW,) of a residual of a group that `_movers` speaks of."""
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
@@ -299,7 +308,7 @@ def _numbers(
 
 
 @njit(cache=True)
-def _add(q: TODO, w: TODO, e: TODO, Q: TODO, b: TODO) -> TODO:
+def _add(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
     """Add a residual to what is kept of its group: Q (ROW, ROW) and b (ROW,)."""
     for i in range(ROW):
         a = w * q[i]
@@ -309,7 +318,7 @@ def _add(q: TODO, w: TODO, e: TODO, Q: TODO, b: TODO) -> TODO:
 
 
 @njit(cache=True)
-def _tell(A: TODO, at: TODO, counts: TODO, Q: TODO, b: TODO, H: TODO, g: TODO) -> TODO:
+def _tell(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float64, g: Float64) -> None:
     """Add what is kept of all groups to the lower triangle of H and to g."""
     T = np.empty(ROW)
     for group in range(GROUPS):
@@ -337,7 +346,7 @@ def _tell(A: TODO, at: TODO, counts: TODO, Q: TODO, b: TODO, H: TODO, g: TODO) -
 
 
 @njit(cache=True)
-def _nearest_opposite(front: TODO, opposite: TODO, line: TODO, column: TODO) -> TODO:
+def _nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) -> tuple[int, int]:
     """The nearest pixel that is the arm's where this is not, or the other way round; itself where none is near."""
     height = front.shape[0]
     arm = front[line, column] > 0.0
@@ -359,7 +368,7 @@ def _nearest_opposite(front: TODO, opposite: TODO, line: TODO, column: TODO) -> 
 
 
 @njit(cache=True)
-def _robust(e: TODO, scale: TODO) -> TODO:
+def _robust(e: float, scale: float) -> tuple[float, float]:
     """Weight of Geman's and McClure's estimator, and its cost from 0 to 1."""
     s = (e / scale) ** 2
     f = 1.0 / (1.0 + s)
@@ -368,8 +377,9 @@ def _robust(e: TODO, scale: TODO) -> TODO:
 
 @njit(cache=True)
 def _beside(
-    front: TODO, opposite: TODO, lens: TODO, X: TODO, Y: TODO, Z: TODO, r: TODO, numbers: TODO, out: TODO
-) -> TODO:
+    front: Float64, opposite: Int64, lens: Float64, X: float, Y: float, Z: float, r: float, numbers: Float64,
+    out: Float64,
+) -> int:  # fmt: skip
     """How a ball of flesh at (X, Y, Z) in the camera's space stands out of the silhouette or before the surface.
 
     Args:
@@ -415,10 +425,11 @@ def _beside(
 
 @njit(cache=True)
 def system(
-    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, rising: TODO,
-    points: TODO, weights: TODO, which: TODO, picture: TODO, R: TODO, t: TODO, z: TODO, v: TODO, numbers: TODO,
-    H: TODO, g: TODO, costs: TODO, targets: TODO, only_costs: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, radii: Float64, palm: Float64, owners: Int64, columns: Int64, gains: Float64,
+    rising: Int64, points: Float64, weights: Float64, which: Int64, picture: Picture, R: Float64, t: Float64,
+    z: Float64, v: Float64, numbers: Float64, H: Float64, g: Float64, costs: Float64, targets: Float64,
+    only_costs: bool,
+) -> None:  # fmt: skip
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
     Args:
@@ -536,7 +547,7 @@ def system(
 
 
 @njit(cache=True)
-def _ball(pieces: TODO, digit: TODO, i: TODO, out: TODO) -> TODO:
+def _ball(pieces: Float64, digit: int, i: int, out: Float64) -> None:
     """Write the middle and the radius of the i-th of six balls along a digit's two outer bones into out (4,)."""
     p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
     c = f * p[LENGTH]
@@ -546,9 +557,9 @@ def _ball(pieces: TODO, digit: TODO, i: TODO, out: TODO) -> TODO:
 
 @njit(cache=True)
 def _collisions(
-    pieces: TODO, A: TODO, at: TODO, counts: TODO, v: TODO, numbers: TODO, only_costs: TODO, H: TODO, g: TODO,
-    costs: TODO,
-) -> TODO:  # fmt: skip
+    pieces: Float64, A: Float64, at: Int64, counts: Int64, v: Float64, numbers: Float64, only_costs: bool,
+    H: Float64, g: Float64, costs: Float64,
+) -> None:  # fmt: skip
     """Digits push one another apart where balls along their two outer bones overlap."""
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)
@@ -589,10 +600,10 @@ def _collisions(
 
 @njit(cache=True)
 def swept(
-    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, c_max: TODO,
-    points: TODO, weights: TODO, picture: TODO, prior_mean: TODO, prior: TODO, R: TODO, t: TODO, z: TODO, v: TODO,
-    numbers: TODO, digit: TODO, tries: TODO, out: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, radii: Float64, palm: Float64, owners: Int64, columns: Int64, gains: Float64,
+    c_max: float, points: Float64, weights: Float64, picture: Picture, prior_mean: Float64, prior: Float64, R: Float64,
+    t: Float64, z: Float64, v: Float64, numbers: Float64, digit: int, tries: Float64, out: Float64,
+) -> None:  # fmt: skip
     """Write into out (k,) what a fit costs with a digit held in each of some ways, but for what all have in common.
 
     Only what depends on the digit is looked at: points that nothing else explains, its own flesh, and what it overlaps.
@@ -696,7 +707,9 @@ def swept(
 
 
 @njit(cache=True)
-def relevance(points: TODO, R: TODO, t: TODO, v: TODO, length: TODO, forearm: TODO, beyond: TODO, out: TODO) -> TODO:
+def relevance(
+    points: Float64, R: Float64, t: Float64, v: Float64, length: float, forearm: float, beyond: float, out: Float64,
+) -> None:  # fmt: skip
     """Write how much each point (m, 3) counts into out (m,); as `ArmModel.relevance` says."""
     for i in range(len(points)):
         X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
@@ -714,7 +727,7 @@ def relevance(points: TODO, R: TODO, t: TODO, v: TODO, length: TODO, forearm: TO
 
 
 @njit(cache=True)
-def _shows(front: TODO, lens: TODO, X: TODO, Y: TODO, Z: TODO, near: TODO) -> TODO:
+def _shows(front: Float64, lens: Float64, X: float, Y: float, Z: float, near: float) -> bool:
     """Whether an image's surface is near a point in its place, or a pixel beside it."""
     column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
     for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
@@ -725,7 +738,10 @@ def _shows(front: TODO, lens: TODO, X: TODO, Y: TODO, Z: TODO, near: TODO) -> TO
 
 
 @njit(cache=True)
-def visible(pieces: TODO, places: TODO, R: TODO, t: TODO, front: TODO, lens: TODO, near: TODO, out: TODO) -> TODO:
+def visible(
+    pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
+    out: Float64,
+) -> None:  # fmt: skip
     """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
 
     The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger
@@ -773,7 +789,7 @@ def visible(pieces: TODO, places: TODO, R: TODO, t: TODO, front: TODO, lens: TOD
 
 
 @njit(cache=True)
-def _turn(v: TODO, first: TODO, d1: TODO, d2: TODO) -> TODO:
+def _turn(v: Float64, first: int, d1: float, d2: float) -> None:
     """Turn a unit vector of v by small motions across it."""
     x, y, z = v[first], v[first + 1], v[first + 2]
     ax, ay, az = _across(x, y, z)
@@ -784,7 +800,7 @@ def _turn(v: TODO, first: TODO, d1: TODO, d2: TODO) -> TODO:
 
 
 @njit(cache=True)
-def _expected_body(expected: TODO, information: TODO, v: TODO, first: TODO, H: TODO, g: TODO) -> TODO:
+def _expected_body(expected: Float64, information: Float64, v: Float64, first: int, H: Float64, g: Float64) -> None:
     """Add what is expected of directions and sizes."""
     for k in range(2):
         at = FOREARM if k == 0 else UPPER
@@ -823,11 +839,12 @@ def _expected_body(expected: TODO, information: TODO, v: TODO, first: TODO, H: T
 
 @njit(cache=True)
 def fit(
-    digits: TODO, mirror: TODO, radii: TODO, palm: TODO, owners: TODO, columns: TODO, gains: TODO, rising: TODO,
-    c_max: TODO, points: TODO, weights: TODO, picture: TODO, prior_mean: TODO, prior: TODO, predicted_R: TODO,
-    predicted_t: TODO, predicted_z: TODO, certainty: TODO, expected: TODO, information: TODO, R: TODO, t: TODO,
-    z: TODO, v: TODO, numbers: TODO, loose: TODO, iterations: TODO, costs: TODO, targets: TODO, keep: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, radii: Float64, palm: Float64, owners: Int64, columns: Int64, gains: Float64,
+    rising: Int64, c_max: float, points: Float64, weights: Float64, picture: Picture, prior_mean: Float64,
+    prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64, certainty: Float64,
+    expected: Float64, information: Float64, R: Float64, t: Float64, z: Float64, v: Float64, numbers: Float64,
+    loose: float, iterations: int, costs: Float64, targets: Float64, keep: float,
+) -> None:  # fmt: skip
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
     Args:
@@ -911,9 +928,9 @@ def fit(
 
 @njit(cache=True)
 def _usual(
-    prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO, certainty: TODO, R: TODO,
-    t: TODO, z: TODO, H: TODO, g: TODO,
-) -> TODO:  # fmt: skip
+    prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64,
+    certainty: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
+) -> None:  # fmt: skip
     """Add what is usual of angles, and what was predicted."""
     n = len(z)
     for i in range(n):

@@ -131,7 +131,7 @@ def correct(
     if not known:
         dt = 0.0
         if not initialise(model, row, at_s, measured, measured_variances):
-            return predict(model, row, at_s, positions, variances)
+            return bool(predict(model, row, at_s, positions, variances))
     advance(model, row, at_s)
     frame = Measurements(measured, measured_variances, np.empty((joints, 3)), np.zeros(joints), np.zeros(joints))
     R, total, posterior = np.empty((joints, 9)), np.zeros(layout.dofs), np.empty(layout.dofs)

@@ -6,15 +6,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 _NEAR_M = 1e-6
 """Axes that meet have no direction in which limbs are parted."""
 
 
 @njit(cache=True)
-def between(one: TODO, other: TODO, nearest: TODO) -> TODO:
+def between(one: Float64, other: Float64, nearest: Float64) -> float:
     """The distance of two segments, (2, 3) each; their nearest points are written to (2, 3).
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
@@ -40,7 +44,7 @@ def between(one: TODO, other: TODO, nearest: TODO) -> TODO:
 
 
 @njit(cache=True, forceinline=True)
-def _beyond(one: TODO, other: TODO, reach: TODO) -> TODO:
+def _beyond(one: Float64, other: Float64, reach: float) -> bool:
     """Whether two segments are farther than that from each other, as those are whose middles are farther than that and
     half their lengths.
     """
@@ -53,7 +57,7 @@ def _beyond(one: TODO, other: TODO, reach: TODO) -> TODO:
 
 
 @njit(cache=True)
-def depth(ends: TODO, radii: TODO, pairs: TODO) -> TODO:
+def depth(ends: Float64, radii: Float64, pairs: Int64) -> float:
     """How deep pairs (q, 2) of capsules are in each other, all together [m]."""
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
@@ -66,9 +70,9 @@ def depth(ends: TODO, radii: TODO, pairs: TODO) -> TODO:
 
 @njit(cache=True)
 def apart(
-    ends: TODO, radii: TODO, pairs: TODO, part: TODO, R: TODO, t: TODO, touching: TODO, weight: TODO, parts: TODO,
-    rest: TODO, planes: TODO, weights: TODO,
-) -> TODO:  # fmt: skip
+    ends: Float64, radii: Float64, pairs: Int64, part: Int64, R: Float64, t: Float64, touching: float,
+    weight: float, parts: Int64, rest: Float64, planes: Float64, weights: Float64,
+) -> int:  # fmt: skip
     """Write two planes for each pair of limbs that is in each other; returns how many planes.
 
     Args:

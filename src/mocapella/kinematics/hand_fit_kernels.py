@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
@@ -32,12 +33,15 @@ from mocapella.kinematics.hand_kernels import (
     limit,
 )
 
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
 _WEAK = 0.01  # part of the information of what is usual that counts for the markers alone
 _LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over its half axes
 
 
 @njit(cache=True)
-def digit_points(row: TODO, mirror: TODO, q: TODO, x: TODO, axes: TODO) -> TODO:
+def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Float64) -> None:
     """Write a digit's joints x (4, 3) and axes (5, 3) in the palm's frame, of angles q (5,): f, a, m, b, c.
 
     The axes of f and a go through the first joint, of m and c through the second, of b through the third.
@@ -60,7 +64,7 @@ def digit_points(row: TODO, mirror: TODO, q: TODO, x: TODO, axes: TODO) -> TODO:
 
 
 @njit(cache=True)
-def digit_angles(z: TODO, columns: TODO, gains: TODO, digit: TODO, q: TODO) -> TODO:
+def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Float64) -> None:
     """Write a digit's angles f, a, m, b, c (5,) of the free ones z."""
     for k in range(5):
         column = columns[digit, k]
@@ -68,7 +72,9 @@ def digit_angles(z: TODO, columns: TODO, gains: TODO, digit: TODO, q: TODO) -> T
 
 
 @njit(cache=True)
-def _columns_of(digit: TODO, joint: TODO, x: TODO, axes: TODO, columns: TODO, gains: TODO, J: TODO, at: TODO) -> TODO:
+def _columns_of(
+    digit: int, joint: int, x: Float64, axes: Float64, columns: Int64, gains: Float64, J: Float64, at: Int64,
+) -> int:  # fmt: skip
     """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then angles'."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
     for k in range(6):
@@ -97,7 +103,7 @@ def _columns_of(digit: TODO, joint: TODO, x: TODO, axes: TODO, columns: TODO, ga
 
 
 @njit(cache=True)
-def _add(J: TODO, at: TODO, n: TODO, W: TODO, rx: TODO, ry: TODO, rz: TODO, H: TODO, g: TODO) -> TODO:
+def _add(J: Float64, at: Int64, n: int, W: Float64, rx: float, ry: float, rz: float, H: Float64, g: Float64) -> float:
     """Add a point's JᵀWJ and JᵀWr; its rᵀWr."""
     for i in range(n):
         vx = J[i, 0] * W[0] + J[i, 1] * W[3] + J[i, 2] * W[6]
@@ -106,18 +112,15 @@ def _add(J: TODO, at: TODO, n: TODO, W: TODO, rx: TODO, ry: TODO, rz: TODO, H: T
         g[at[i]] += vx * rx + vy * ry + vz * rz
         for k in range(n):
             H[at[i], at[k]] += vx * J[k, 0] + vy * J[k, 1] + vz * J[k, 2]
-    return (
-        rx * (W[0] * rx + W[1] * ry + W[2] * rz)
-        + ry * (W[3] * rx + W[4] * ry + W[5] * rz)
-        + rz * (W[6] * rx + W[7] * ry + W[8] * rz)
-    )
+    cost = rx * (W[0] * rx + W[1] * ry + W[2] * rz) + ry * (W[3] * rx + W[4] * ry + W[5] * rz)
+    return float(cost + rz * (W[6] * rx + W[7] * ry + W[8] * rz))
 
 
 @njit(cache=True)
 def _measured(
-    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO, R: TODO,
-    t: TODO, z: TODO, H: TODO, g: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
+    gains: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
+) -> float:  # fmt: skip
     """Add what the markers say to H and g; the sum of their squared weighted residuals."""
     q, x, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
     W, at = np.empty(9), np.empty(11, dtype=np.int64)
@@ -148,9 +151,9 @@ def _measured(
 
 @njit(cache=True)
 def _expected(
-    prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO, certainty: TODO, R: TODO,
-    t: TODO, z: TODO, H: TODO, g: TODO,
-) -> TODO:  # fmt: skip
+    prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64,
+    certainty: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
+) -> float:  # fmt: skip
     """Add what is known beforehand to H and g; its cost."""
     n, cost = len(z), 0.0
     for i in range(n):
@@ -178,7 +181,9 @@ def _expected(
 
 
 @njit(cache=True)
-def _penalty(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO, H: TODO, g: TODO) -> TODO:
+def _penalty(
+    digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float, H: Float64, g: Float64,
+) -> float:  # fmt: skip
     """Add the penalty outside the limits to H and g; its cost."""
     cost, w, q = 0.0, 1.0 / _LIMIT_SD**2, np.empty(5)
     for i in range(5):
@@ -213,7 +218,7 @@ def _penalty(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO, H: 
 
 
 @njit(cache=True)
-def within(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO) -> TODO:
+def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float) -> None:
     """Bring the free angles within the limits, in place."""
     q, out = np.empty(5), np.empty(4)
     for i in range(5):
@@ -226,7 +231,7 @@ def within(digits: TODO, columns: TODO, gains: TODO, z: TODO, c_max: TODO) -> TO
 
 
 @njit(cache=True)
-def _copy(one: TODO, other: TODO) -> TODO:
+def _copy(one: Float64, other: Float64) -> None:
     """Write a vector into another; a slice takes numba longer to compile."""
     for k in range(len(one)):
         other[k] = one[k]
@@ -234,10 +239,10 @@ def _copy(one: TODO, other: TODO) -> TODO:
 
 @njit(cache=True)
 def fit(
-    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO,
-    c_max: TODO, prior_mean: TODO, prior: TODO, predicted_R: TODO, predicted_t: TODO, predicted_z: TODO,
-    certainty: TODO, R: TODO, t: TODO, z: TODO, iterations: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
+    gains: Float64, c_max: float, prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64,
+    predicted_z: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, iterations: int,
+) -> float:  # fmt: skip
     """Fit a hand from R (9,), t (3,), z (n,), in place; the cost.
 
     Args:
@@ -308,10 +313,10 @@ def fit(
 
 @njit(cache=True)
 def describe(
-    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO,
-    prior: TODO, certainty: TODO, R: TODO, t: TODO, z: TODO, x: TODO, sd: TODO, alone: TODO, variances: TODO,
-    residuals: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
+    gains: Float64, prior: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64, sd: Float64,
+    alone: Float64, variances: Float64, residuals: Float64,
+) -> bool:  # fmt: skip
     """Where the landmarks are, how sure, and how sure the markers of this instant alone would be.
 
     Alone: with what is usual weakened to a hundredth of its information, and without the prediction.
@@ -382,9 +387,9 @@ def describe(
 
 @njit(cache=True)
 def misfits(
-    digits: TODO, mirror: TODO, layout: TODO, points: TODO, information: TODO, columns: TODO, gains: TODO, R: TODO,
-    t: TODO, z: TODO, squared: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
+    gains: Float64, R: Float64, t: Float64, z: Float64, squared: Float64,
+) -> None:  # fmt: skip
     """Write the squared distances of the markers from a hand, in their standard deviations, into squared (5 + k,)."""
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)

@@ -15,8 +15,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+Bool = NDArray[np.bool_]
 
 # A digit's row of numbers.
 L1, L2, L3 = 0, 1, 2
@@ -38,7 +44,7 @@ _DIRECTIONS = 8
 
 
 @njit(cache=True)
-def to_digit(row: TODO, x: TODO, y: TODO, z: TODO) -> TODO:
+def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point of the palm's frame [m] in the digit's."""
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
@@ -49,7 +55,7 @@ def to_digit(row: TODO, x: TODO, y: TODO, z: TODO) -> TODO:
 
 
 @njit(cache=True)
-def tip(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO) -> TODO:
+def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, float, float]:
     """Where the tip is, in the digit's frame [m]."""
     u = row[L1] * math.cos(f) + row[L2] * math.cos(f + m) + row[L3] * math.cos(f + m + b)
     w = row[L1] * math.sin(f) + row[L2] * math.sin(f + m) + row[L3] * math.sin(f + m + b)
@@ -57,14 +63,14 @@ def tip(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO) -> TODO:
 
 
 @njit(cache=True)
-def missed(row: TODO, x: TODO, y: TODO, z: TODO, f: TODO, a: TODO, m: TODO, b: TODO) -> TODO:
+def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
     """How far the tip is from a point [m]."""
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
 
 @njit(cache=True)
-def in_cone(row: TODO, f: TODO, a: TODO) -> TODO:
+def in_cone(row: Float64, f: float, a: float) -> bool:
     """Whether flexion and abduction are within the elliptic cone, to a rounding error."""
     if f < row[FMIN] - _TOLERANCE:
         return False
@@ -73,11 +79,11 @@ def in_cone(row: TODO, f: TODO, a: TODO) -> TODO:
         s += ((a - row[A0]) / row[AX]) ** 2
     elif abs(a - row[A0]) > 1e-7:
         return False
-    return s <= 1.0 + _TOLERANCE
+    return bool(s <= 1.0 + _TOLERANCE)
 
 
 @njit(cache=True)
-def limit(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO, out: TODO) -> TODO:
+def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) -> None:
     """Write the angles brought within the limits into out (4,)."""
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
@@ -92,7 +98,7 @@ def limit(row: TODO, f: TODO, a: TODO, m: TODO, b: TODO, out: TODO) -> TODO:
 
 
 @njit(cache=True)
-def wrapped(angle: TODO) -> TODO:
+def wrapped(angle: float) -> float:
     """The angle within ±π."""
     if angle > math.pi:
         return angle - 2.0 * math.pi
@@ -102,7 +108,7 @@ def wrapped(angle: TODO) -> TODO:
 
 
 @njit(cache=True)
-def _second_flexion(row: TODO, squared: TODO) -> TODO:
+def _second_flexion(row: Float64, squared: float) -> float:
     """The flexion of the second joint at which a coupled digit's tip has that squared distance; NaN where none has.
 
     The squared distance is a polynomial of c = cos(m/3), convex and rising between the limits: Newton's method from
@@ -128,7 +134,7 @@ def _second_flexion(row: TODO, squared: TODO) -> TODO:
 
 
 @njit(cache=True)
-def closed_form(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO) -> TODO:
+def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> bool:
     """Write f, a, m, b (4,) that put the tip at a point of the digit's frame within the limits; whether there are any.
 
     For a digit that does not abduct: as near to it as its plane is.
@@ -181,17 +187,17 @@ def closed_form(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO) -> TODO:
 
 
 @njit(cache=True)
-def _energy(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO) -> TODO:
+def _energy(row: Float64, x: float, y: float, z: float, v: Float64) -> float:
     """Half the squared distance of the tip from a point, at v = (s, φ, m, b): see `_derivatives`."""
     f = row[F0] + row[FX] * v[0] * math.sin(v[1])
     a = row[A0] + row[AX] * v[0] * math.cos(v[1])
     b = row[RATIO] * v[2] if row[COUPLED] > 0.0 else v[3]
     tx, ty, tz = tip(row, f, a, v[2], b)
-    return 0.5 * ((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
+    return float(0.5 * ((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2))
 
 
 @njit(cache=True)
-def _derivatives(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, g: TODO, H: TODO) -> TODO:
+def _derivatives(row: Float64, x: float, y: float, z: float, v: Float64, g: Float64, H: Float64) -> None:
     """Write gradient (4,) and Hessian (4, 4) of `_energy`.
 
     The cone is f = f₀ + F·s·sin φ, a = a₀ + A·s·cos φ with s ≤ 1, so that all limits are those of single variables.
@@ -234,7 +240,9 @@ def _derivatives(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, g: TODO, H: TODO
 
 
 @njit(cache=True)
-def _descend(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, low: TODO, high: TODO, work: TODO) -> TODO:
+def _descend(
+    row: Float64, x: float, y: float, z: float, v: Float64, low: Float64, high: Float64, work: Float64,
+) -> float:  # fmt: skip
     """Go down from v (4,) to a local best between the bounds, in place: Newton's method, damped until it falls."""
     g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
     n = 3 if row[COUPLED] > 0.0 else 4
@@ -287,11 +295,11 @@ def _descend(row: TODO, x: TODO, y: TODO, z: TODO, v: TODO, low: TODO, high: TOD
             v[i] = d[i]
         if gained < 1e-12 * value + 1e-18:
             break
-    return value
+    return float(value)
 
 
 @njit(cache=True)
-def limited_search(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, work: TODO) -> TODO:
+def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, work: Float64) -> None:
     """Write f, a, m, b (4,) within the limits that bring the tip as near to a point as they can.
 
     Newton's method from the best points of a coarse grid, one for each direction in the cone
@@ -352,7 +360,7 @@ def limited_search(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, work: TODO) 
 
 
 @njit(cache=True)
-def hand_closed_form(digits: TODO, targets: TODO, angles: TODO, errors: TODO, reached: TODO) -> TODO:
+def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors: Float64, reached: Bool) -> None:
     """Bring five tips to targets in the palm's frame.
 
     Args:
@@ -383,7 +391,7 @@ def hand_closed_form(digits: TODO, targets: TODO, angles: TODO, errors: TODO, re
 
 
 @njit(cache=True)
-def fabrik(row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, tolerance: TODO, iterations: TODO) -> TODO:
+def fabrik(row: Float64, x: float, y: float, z: float, out: Float64, tolerance: float, iterations: int) -> int:
     """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; how many iterations.
 
     Aristidou and Lasenby 2011, algorithm 1 and section 4: the limits are imposed in every backward pass. The digit's
@@ -424,9 +432,9 @@ TRANSPOSE, PSEUDO_INVERSE, DAMPED = 0, 1, 2
 
 @njit(cache=True)
 def follow_jacobian(
-    row: TODO, x: TODO, y: TODO, z: TODO, out: TODO, kind: TODO, tolerance: TODO, iterations: TODO, damping_m: TODO,
-    work: TODO,
-) -> TODO:  # fmt: skip
+    row: Float64, x: float, y: float, z: float, out: Float64, kind: int, tolerance: float, iterations: int,
+    damping_m: float, work: Float64,
+) -> int:  # fmt: skip
     """The Jacobian's methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; how many iterations.
 
     Args:
@@ -484,7 +492,7 @@ def follow_jacobian(
 
 
 @njit(cache=True)
-def _solve_three(A: TODO, e: TODO, d: TODO) -> TODO:
+def _solve_three(A: Float64, e: Float64, d: Float64) -> None:
     """Write the solution of A d = e for a symmetric (3, 3) matrix, by its adjugate."""
     c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
     c01 = A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2]
@@ -504,9 +512,9 @@ FABRIK = 3
 
 @njit(cache=True)
 def hand_iterative(
-    digits: TODO, targets: TODO, angles: TODO, errors: TODO, iterations: TODO, kind: TODO, tolerance: TODO,
-    most: TODO, damping_m: TODO,
-) -> TODO:  # fmt: skip
+    digits: Float64, targets: Float64, angles: Float64, errors: Float64, iterations: Int64, kind: int,
+    tolerance: float, most: int, damping_m: float,
+) -> None:  # fmt: skip
     """As `hand_closed_form`, by an iterative method.
 
     Args:

@@ -12,9 +12,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.lens_kernels import distort, undistorted_all
+
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 BIN_PX = 8.0
 """Points of an outline are looked up by rows so high."""
@@ -26,7 +32,7 @@ HIT = 6
 
 # Small functions go into their callers' loops: handed on, an array's references are counted.
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _level(phi: TODO, x0: TODO, y0: TODO, per_px: TODO, x: TODO, y: TODO) -> TODO:
+def _level(phi: Float32, x0: float, y0: float, per_px: float, x: float, y: float) -> tuple[float, float, float]:
     """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside.
 
     ``per_px`` is 1 / step: divisions take long.
@@ -44,9 +50,9 @@ def _level(phi: TODO, x0: TODO, y0: TODO, per_px: TODO, x: TODO, y: TODO) -> TOD
 
 @njit(cache=True, error_model="numpy")
 def _constraints(
-    hits: TODO, which: TODO, k: TODO, points: TODO, bone: TODO, far: TODO, soft_px: TODO, sd_px: TODO, R: TODO,
-    t: TODO, lens: TODO, farthest_r2: TODO, T: TODO,
-) -> TODO:  # fmt: skip
+    hits: Float64, which: Int64, k: int, points: Float64, bone: Int32, far: Float64, soft_px: float, sd_px: float,
+    R: Float64, t: Float64, lens: Float64, farthest_r2: float, T: Float64,
+) -> tuple[Int64, Float64, Float64, Float64]:  # fmt: skip
     """What `touching` returns: the surface's point ``which`` is to be seen on the line through (x, y) across the slope.
 
     That is the plane n·x = d in the world through the eye and that line; none where the lens shows no such direction.
@@ -87,9 +93,9 @@ def _constraints(
 
 @njit(cache=True, error_model="numpy")
 def _to_image(
-    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, reach_px: TODO, at: TODO, normals: TODO, full: TODO,
-    hits: TODO, which: TODO,
-) -> TODO:  # fmt: skip
+    phi: Float32, surety: Float32, x0: int, y0: int, step: int, reach_px: float, at: Float64, normals: Float64,
+    full: float, hits: Float64, which: Int64,
+) -> int:  # fmt: skip
     """From the body's outline to the nearest of the image's, along the slope of its level set.
 
     Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
@@ -126,7 +132,7 @@ def _to_image(
 
 
 @njit(cache=True, error_model="numpy")
-def _by_rows(at: TODO) -> TODO:
+def _by_rows(at: Float64) -> tuple[float, int, Int64, Int64]:
     """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (n,)."""
     count = len(at)
     if count == 0:
@@ -148,9 +154,9 @@ def _by_rows(at: TODO) -> TODO:
 
 @njit(cache=True, error_model="numpy")
 def _to_body(
-    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, every: TODO, reach_px: TODO, at: TODO, normals: TODO,
-    full: TODO, hits: TODO, which: TODO, k: TODO,
-) -> TODO:  # fmt: skip
+    phi: Float32, surety: Float32, x0: int, y0: int, step: int, every: int, reach_px: float, at: Float64,
+    normals: Float64, full: float, hits: Float64, which: Int64, k: int,
+) -> int:  # fmt: skip
     """From the image's outline, at every so many samples, to the nearest of the body's with a similar direction.
 
     Arguments are those of `touching`; ``hits`` and ``which`` are written from ``k`` on. Returns up to where.
@@ -207,10 +213,10 @@ def _to_body(
 
 @njit(cache=True, error_model="numpy")
 def touching(
-    phi: TODO, surety: TODO, x0: TODO, y0: TODO, step: TODO, every: TODO, reach_px: TODO, at: TODO, normals: TODO,
-    points: TODO, bone: TODO, far: TODO, soft_px: TODO, sd_px: TODO, full: TODO, R: TODO, t: TODO, lens: TODO,
-    farthest_r2: TODO, T: TODO,
-) -> TODO:  # fmt: skip
+    phi: Float32, surety: Float32, x0: int, y0: int, step: int, every: int, reach_px: float, at: Float64,
+    normals: Float64, points: Float64, bone: Int32, far: Float64, soft_px: float, sd_px: float, full: float,
+    R: Float64, t: Float64, lens: Float64, farthest_r2: float, T: Float64,
+) -> tuple[Int64, Float64, Float64, Float64]:  # fmt: skip
     """The planes that an image's outline wants a body's points to lie in: both ways, one after the other.
 
     Args:
@@ -230,4 +236,7 @@ def touching(
     hits, which = np.empty((room, HIT)), np.empty(room, np.int64)
     k = _to_image(phi, surety, x0, y0, step, reach_px, at, normals, full, hits, which)
     k = _to_body(phi, surety, x0, y0, step, every, reach_px, at, normals, full, hits, which, k)
-    return _constraints(hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, farthest_r2, T)
+    part, rest, planes, weight = _constraints(
+        hits, which, k, points, bone, far, soft_px, sd_px, R, t, lens, farthest_r2, T
+    )
+    return part, rest, planes, weight

@@ -24,10 +24,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.geometry.twist_tree_kernels import forward
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+Bool = NDArray[np.bool_]
 
 ROOT = 6
 """Degrees of freedom of the root."""
@@ -43,7 +49,7 @@ _ROUNDING = 1e-13  # of the constant term: costs that differ by less are equal
 
 
 @njit(cache=True)
-def _add_weight(S: TODO, o: TODO, a: TODO, s0: TODO, s1: TODO, s2: TODO, s3: TODO, s4: TODO, s5: TODO) -> TODO:
+def _add_weight(S: Float64, o: int, a: float, s0: float, s1: float, s2: float, s3: float, s4: float, s5: float) -> None:
     S[o] += a * s0
     S[o + 1] += a * s1
     S[o + 2] += a * s2
@@ -53,7 +59,7 @@ def _add_weight(S: TODO, o: TODO, a: TODO, s0: TODO, s1: TODO, s2: TODO, s3: TOD
 
 
 @njit(cache=True)
-def _add_target(S: TODO, o: TODO, a: TODO, t0: TODO, t1: TODO, t2: TODO) -> TODO:
+def _add_target(S: Float64, o: int, a: float, t0: float, t1: float, t2: float) -> None:
     S[o] += a * t0
     S[o + 1] += a * t1
     S[o + 2] += a * t2
@@ -61,8 +67,8 @@ def _add_target(S: TODO, o: TODO, a: TODO, t0: TODO, t1: TODO, t2: TODO) -> TODO
 
 @njit(cache=True)
 def add_constraints(
-    kind: TODO, part: TODO, points: TODO, targets: TODO, weights: TODO, about: TODO, sums: TODO
-) -> TODO:
+    kind: int, part: Int64, points: Float64, targets: Float64, weights: Float64, about: Float64, sums: Float64,
+) -> int:  # fmt: skip
     """Add constraints of one kind to the sums of their parts.
 
     Args:
@@ -118,7 +124,7 @@ def add_constraints(
 
 
 @njit(cache=True)
-def linearised(sums: TODO, R: TODO, t: TODO, Q: TODO) -> TODO:
+def linearised(sums: Float64, R: Float64, t: Float64, Q: Float64) -> float:
     """Write Q (parts, MOTION) of each part where it is; returns what its constraints cost."""
     cost, T = 0.0, np.empty((4, 3))
     for p in range(len(sums)):
@@ -168,8 +174,9 @@ def linearised(sums: TODO, R: TODO, t: TODO, Q: TODO) -> TODO:
 
 @njit(cache=True)
 def expect_root(
-    expected: TODO, per_m: TODO, per_rad: TODO, root: TODO, about: TODO, R: TODO, t: TODO, out: TODO
-) -> TODO:
+    expected: Float64, per_m: float, per_rad: float, root: Float64, about: Float64, R: Float64, t: Float64,
+    out: Float64,
+) -> float:  # fmt: skip
     """Add to the root's Q (MOTION,) what keeps it to a pose; returns what that costs.
 
     The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: both are the same wherever the
@@ -220,11 +227,11 @@ def expect_root(
     out[24] += y * f[2] - z * f[1] + u * (R[0] * a + R[1] * b + R[2] * c)
     out[25] += z * f[0] - x * f[2] + u * (R[3] * a + R[4] * b + R[5] * c)
     out[26] += x * f[1] - y * f[0] + u * (R[6] * a + R[7] * b + R[8] * c)
-    return cost
+    return float(cost)
 
 
 @njit(cache=True)
-def path(parents: TODO, joint_parts: TODO, above: TODO) -> TODO:
+def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
     """Write above (dofs,): which degree of freedom is next towards the root, -1 for none."""
     last, j = np.empty(len(parents), dtype=np.int64), 0
     for i in range(ROOT):
@@ -238,7 +245,9 @@ def path(parents: TODO, joint_parts: TODO, above: TODO) -> TODO:
 
 
 @njit(cache=True)
-def normal_equations(parents: TODO, joint_parts: TODO, above: TODO, xi: TODO, Q: TODO, H: TODO, g: TODO) -> TODO:
+def normal_equations(
+    parents: Int64, joint_parts: Int64, above: Int64, xi: Float64, Q: Float64, H: Float64, g: Float64,
+) -> None:  # fmt: skip
     """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part with all it carries."""
     for p in range(len(parents) - 1, 0, -1):
         k = parents[p]
@@ -273,7 +282,7 @@ def normal_equations(parents: TODO, joint_parts: TODO, above: TODO, xi: TODO, Q:
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(above: TODO, H: TODO) -> TODO:
+def factorise(above: Int64, H: Float64) -> bool:
     """H (n, n) becomes L with LᵀL = H, in place and only along paths; whether there is one. The lower half is used."""
     for k in range(len(H) - 1, -1, -1):
         row = H[k]
@@ -296,7 +305,7 @@ def factorise(above: TODO, H: TODO) -> TODO:
 
 
 @njit(cache=True, error_model="numpy")
-def substitute(above: TODO, L: TODO, b: TODO) -> TODO:
+def substitute(above: Int64, L: Float64, b: Float64) -> None:
     """b (n,) becomes the solution x of LᵀL x = b."""
     for i in range(len(b) - 1, -1, -1):
         b[i] /= L[i, i]
@@ -314,8 +323,8 @@ def substitute(above: TODO, L: TODO, b: TODO) -> TODO:
 
 @njit(cache=True)
 def _equations_of_free(
-    above: TODO, H: TODO, g: TODO, damping: TODO, floor: TODO, held: TODO, L: TODO, delta: TODO
-) -> TODO:
+    above: Int64, H: Float64, g: Float64, damping: float, floor: float, held: Bool, L: Float64, delta: Float64,
+) -> None:  # fmt: skip
     """Write what is to be factorised into L, and into delta the right hand side, that of held angles left as it is."""
     for i in range(len(g)):
         fixed = i >= ROOT and held[i - ROOT]
@@ -335,8 +344,9 @@ def _equations_of_free(
 
 @njit(cache=True)
 def step(
-    above: TODO, H: TODO, g: TODO, damping: TODO, angles: TODO, limits: TODO, L: TODO, held: TODO, delta: TODO
-) -> TODO:
+    above: Int64, H: Float64, g: Float64, damping: float, angles: Float64, limits: Float64, L: Float64, held: Bool,
+    delta: Float64,
+) -> bool:  # fmt: skip
     """Write the step delta (dofs,) that H and g ask for, the angles within their limits; whether there is one.
 
     An angle at a limit beyond which g would push it is held there, and so is one that the step would take beyond: the
@@ -378,10 +388,10 @@ def step(
 
 @njit(cache=True)
 def measure(
-    parents: TODO, joint_parts: TODO, twists: TODO, root: TODO, sums: TODO, about: TODO, prior_T: TODO,
-    prior_root: TODO, prior_angles: TODO, prior_joints: TODO, T: TODO, angles: TODO, R: TODO, t: TODO, xi: TODO,
-    Q: TODO, D: TODO, e: TODO,
-) -> TODO:  # fmt: skip
+    parents: Int64, joint_parts: Int64, twists: Float64, root: Float64, sums: Float64, about: Float64,
+    prior_T: Float64, prior_root: Float64, prior_angles: Float64, prior_joints: Float64, T: Float64, angles: Float64,
+    R: Float64, t: Float64, xi: Float64, Q: Float64, D: Float64, e: Float64,
+) -> tuple[float, float]:  # fmt: skip
     """Where the tree is, what it costs there, of the constraints and of the priors, and how that changes.
 
     Args:
@@ -408,7 +418,7 @@ def measure(
 
 
 @njit(cache=True)
-def _moved(T: TODO, delta: TODO, root: TODO, about: TODO, new: TODO) -> TODO:
+def _moved(T: Float64, delta: Float64, root: Float64, about: Float64, new: Float64) -> float:
     """Write T after the root's twist delta: it turns by ω, and its point ``root`` moves by v + ω × x."""
     B, C = np.empty(9), np.empty(9)
     for i in range(3):
@@ -433,10 +443,10 @@ def _moved(T: TODO, delta: TODO, root: TODO, about: TODO, new: TODO) -> TODO:
 
 @njit(cache=True)
 def fit(
-    parents: TODO, joint_parts: TODO, twists: TODO, limits: TODO, root: TODO, sums: TODO, about: TODO, prior_T: TODO,
-    prior_root: TODO, prior_angles: TODO, prior_joints: TODO, most_steps: TODO, rest_m: TODO, rest_rad: TODO, T: TODO,
-    angles: TODO, held: TODO,
-) -> TODO:  # fmt: skip
+    parents: Int64, joint_parts: Int64, twists: Float64, limits: Float64, root: Float64, sums: Float64,
+    about: Float64, prior_T: Float64, prior_root: Float64, prior_angles: Float64, prior_joints: Float64,
+    most_steps: int, rest_m: float, rest_rad: float, T: Float64, angles: Float64, held: Bool,
+) -> tuple[int, bool, float, float]:  # fmt: skip
     """Gauss–Newton steps, damped where one would cost more (Levenberg and Marquardt), until a step rests.
 
     Steps that are tried and not taken do not count: where limbs are deep in each other, few steps would never begin.
