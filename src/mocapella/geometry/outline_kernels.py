@@ -281,8 +281,10 @@ def outline(
 
 @njit(cache=True)
 def outlined(
-    vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, size_px: tuple[int, int], faces: Int32,
-    edges: Int32, by_edges: bool, bones: Int32, step: int, margin: int, spacing: float, given: tuple[int, int, int, int],
+    vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, size_px: tuple[int, int],
+    faces: Int32,
+    edges: Int32, by_edges: bool, bones: Int32, step: int, margin: int, spacing: float, given: tuple[int, int, int,
+    int],
 ) -> tuple[int, int, UInt8, Float64, Float64, Float64, Int32, Float64]:  # fmt: skip
     """All of this, one after the other.
 
