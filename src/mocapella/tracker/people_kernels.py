@@ -7,8 +7,6 @@ The arrays are those of `mocapella.tracker.people_memory`; body ``b`` of a frame
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
