@@ -75,10 +75,14 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
 
 
 def _contradiction(name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
+    """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does.
+
+    A pair whose estimate is still a hypothesis speaks against nothing: the sensor's pose comes from other pairs.
+    """
     for key, pair in pairs.items():
         if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
             return f"it stands where {_other(key, name)} stands, and sees no more"
-        if pair.calibration is not None and pair.trying:
+        if pair.calibration is not None and pair.trying and not pair.unproven:
             where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
             return f"it does not see people {where}: walk a few steps where both see you"
     return ""
