@@ -1,5 +1,8 @@
 """The ROOM stage's drawing and title of a scene; any error of a drawing fails the test."""
 
+import numpy as np
+
+from mocapella.viewer.palette import FILLED, FUSED, INFERRED
 from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.stage import StageView, TrackingDrawing
 from mocapella.viewer.stages import ROOM
@@ -19,3 +22,9 @@ def tracking_drawing(scene, perspective, seen, floors) -> TrackingDrawing:
 
 def tracking_title(drawing, perspective):
     return title_of(ROOM, drawing, perspective)
+
+
+def is_fused(drawing: TrackingDrawing) -> np.ndarray:
+    """(bones,) which strokes are of fused skeletons."""
+    fused = [FUSED, FILLED.paint, INFERRED.paint]
+    return np.any([(drawing.bones.colours == colour).all(axis=1) for colour in fused], axis=0)

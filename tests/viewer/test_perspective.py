@@ -5,15 +5,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.drawings import tracking_drawing, tracking_title
+from support.drawings import is_fused, tracking_drawing, tracking_title
 from support.walkers import HEIGHT_M, KINECT, Room
 
 from mocapella.geometry.rigid import apply
-from mocapella.model.observations import body_frame
+from mocapella.model.observations import JointState, body_frame
 from mocapella.model.session import SensorPose
 from mocapella.viewer.lanes import LaneSpace, lane_bones
-from mocapella.viewer.palette import SENSORS, SensorColours, person_colour
+from mocapella.viewer.palette import FILLED, FUSED, INFERRED, SENSORS, SensorColours, person_colour
 from mocapella.viewer.perspective import FREE, Floors, Perspectives, level
+from mocapella.viewer.room_people import joint_colours
 
 ANGLE = st.floats(-1.5, 1.5)
 
@@ -91,7 +92,7 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     drawing = tracking_drawing(blind, "front", fresh, floors)
     assert drawing.unseen == ("person 1", "person 2")
     assert len(drawing.bones) == 0
-    assert tracking_title(drawing, "front").text == "Tracking · seen from front (never saw person 1, person 2)"
+    assert tracking_title(drawing, "front").text == "Tracking · camera frame of front (never saw person 1, person 2)"
 
 
 def test_who_is_gone_is_forgotten():
@@ -103,13 +104,12 @@ def test_who_is_gone_is_forgotten():
     assert seen.from_world(scene.people[0], "front") is None
 
 
-def test_a_drawing_has_the_fused_skeleton_white_and_every_view_in_the_persons_colour():
+def test_a_drawing_has_the_fused_skeleton_and_every_view_in_the_persons_colour():
     room = Room(people=2, sensors=3)
     frames = room.frames(0.5)
     scene = room.scene(0.5, frames)
     drawing = tracking_drawing(scene, "front", *learned(scene, frames))
-    white = (drawing.bones.colours == 255).all(axis=1)
-    assert white.sum() == 2 * 24
+    assert is_fused(drawing).sum() == 2 * 24
     for person in scene.people:
         own = (drawing.bones.colours == person_colour(person.id).paint).all(axis=1)
         assert own.sum() == 3 * 24
@@ -117,11 +117,39 @@ def test_a_drawing_has_the_fused_skeleton_white_and_every_view_in_the_persons_co
     assert drawing.sensors["front"].T[:3, 3] == pytest.approx([0, HEIGHT_M, 0])
 
 
+def test_joints_that_the_perspectives_sensor_misses_are_green_where_another_measures_them_and_grey_where_none_does():
+    room = Room(people=1, sensors=2)
+    frames = room.frames(0.5)
+    (person,) = room.scene(0.5, frames).people
+    wrist, thumb = KINECT.index("WristLeft"), KINECT.index("ThumbRight")
+    views = {view.sensor: view.states.copy() for view in person.views}
+    for states in views.values():
+        states[:] = JointState.TRACKED
+    views["front"][wrist], views["front"][thumb], views["left"][thumb] = (JointState.INFERRED,) * 3
+    states = np.full(25, JointState.TRACKED, np.uint8)
+    states[thumb] = JointState.INFERRED
+    person = msgspec.structs.replace(
+        person, states=states, views=tuple(msgspec.structs.replace(v, states=views[v.sensor]) for v in person.views)
+    )
+
+    def colours(perspective, who=person):
+        return [tuple(joint_colours(who, perspective, KINECT)[k]) for k in (wrist, thumb, KINECT.index("Head"))]
+
+    assert colours("front") == [FILLED.paint, INFERRED.paint, FUSED]
+    assert colours("left") == colours(FREE) == [FUSED, INFERRED.paint, FUSED]
+    assert colours("unknown") == [FILLED.paint, INFERRED.paint, FILLED.paint]
+    swapped = msgspec.structs.replace(
+        person, views=tuple(msgspec.structs.replace(v, mirrored=v.sensor == "front") for v in person.views)
+    )
+    assert colours("front", swapped)[0] == FUSED
+    assert tuple(joint_colours(swapped, "front", KINECT)[KINECT.mirror[wrist]]) == FILLED.paint
+
+
 def test_without_a_scene_the_stage_is_empty():
     drawing = tracking_drawing(None, FREE, Perspectives(), Floors())
     assert len(drawing.bones) == 0
     assert drawing.tags == []
-    assert tracking_title(drawing, FREE).text == "Tracking · free"
+    assert tracking_title(drawing, FREE).text == "Tracking · world frame"
 
 
 def test_a_known_height_is_taken_and_an_unknown_one_is_the_lowest_joint():
@@ -146,7 +174,10 @@ def test_a_lane_shows_the_sensors_own_skeletons_in_its_colour():
     frame = Room().frames(0.0)["front"]
     strokes = lane_bones(frame, LaneSpace(np.zeros(3), np.eye(4), SENSORS[0]))
     assert len(strokes) == 2 * 24
-    assert (strokes.colours == SENSORS[0].paint).all()
+    inferred = (np.asarray(frame.states)[:, np.array(KINECT.bones)] == JointState.INFERRED).any(axis=-1).ravel()
+    assert inferred.any()
+    assert (strokes.colours[~inferred] == SENSORS[0].paint).all()
+    assert (strokes.colours[inferred] == SENSORS[0].faint).all()
 
 
 @given(st.permutations(["front", "left", "right", "back"]))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.drawings import tracking_drawing, tracking_title
+from support.drawings import is_fused, tracking_drawing, tracking_title
 from support.unsure_scene import MOVED, WALK, placed
 from support.walkers import HEIGHT_M, KINECT, Room, rigid
 
@@ -68,7 +68,7 @@ def test_sensors_and_people_stand_as_in_the_room_from_every_perspective(perspect
     scene = placed(room)
     drawing = tracking_drawing(scene, perspective, *learned(scene))
     assert drawing.unseen == ()
-    fused = drawing.bones.positions[(drawing.bones.colours == 255).all(axis=1)]
+    fused = drawing.bones.positions[is_fused(drawing)]
     eyes = np.array([positions(drawing)[name] for name in room.names])
     true_eyes = np.array([T[:3, 3] for T in room.T_world])
     parents = np.array([bone[0] for bone in KINECT.bones])

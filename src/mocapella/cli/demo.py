@@ -175,7 +175,7 @@ def _people_show(wish: Wish) -> Show:
     words = ["--scene", scene, "--seed", str(seed)]
     nodes = [["simulate", "--sensor", name, *words] for name in names]
     said = f"simulating {scene}: sensors {', '.join(names)}"
-    return Show(Setup(method=wish.method, sensors_expected=len(names)), {}, nodes, said)
+    return Show(Setup(method=wish.method, sensors_expected=len(names)), {}, nodes, said, ("--scenery", scene))
 
 
 def _hands_show(wish: Wish) -> Show:

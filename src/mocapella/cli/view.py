@@ -18,6 +18,10 @@ def view(
         str, typer.Option(help="Interface of the page; others than 127.0.0.1 are open to your network.")
     ] = "127.0.0.1",
     cloth: Annotated[bool, typer.Option("--cloth", help="Hang a cloth before the first hand that is tracked.")] = False,
+    scenery: Annotated[
+        str | None,
+        typer.Option("--scenery", metavar="SCENE", help="Draw the obstacles of this simulated scene."),
+    ] = None,
 ) -> None:
     """Show a server's session in the browser, and wait for the server if none is there yet.
 
@@ -36,6 +40,7 @@ def view(
             port,
             stop,
             cloth=cloth,
+            scenery=scenery,
             on_ready=lambda url: say(f"view: {url}"),
             on_waiting=lambda address: say(
                 f"no server at {address} yet: start one with `mocapella serve`; waiting for it (Ctrl-C ends)"

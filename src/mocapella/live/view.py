@@ -9,6 +9,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -20,8 +21,10 @@ from mocapella.live.board_service import BoardService
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
+from mocapella.sources.simulate.scenery import scenery_of
 from mocapella.tracker import METHODS, warm_up
 from mocapella.viewer import Viewer
+from mocapella.viewer.stages import Prop
 from mocapella.wire.questions import NodeAnswer, Question, ask_node
 from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.session import check_address, open_reader
@@ -154,13 +157,14 @@ def run_view(
     stop: threading.Event,
     *,
     cloth: bool = False,
+    scenery: str | None = None,
     on_ready: Callable[[str], None] = lambda url: None,
     on_waiting: Callable[[str], None] = lambda address: None,
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
-    ``cloth`` hangs a cloth before the first tracked hand. ``on_ready`` is called with the page's URL, ``on_waiting``
-    with the address if no server answers there yet.
+    ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose obstacles are drawn.
+    ``on_ready`` is called with the page's URL, ``on_waiting`` with the address if no server answers there yet.
 
     Raises:
         AddressInUseError: the port is in use.
@@ -172,7 +176,9 @@ def run_view(
     boards = BoardService(link.ask, link.command, Path.cwd(), warm_up=warm_up)
     try:
         stages = {name: method.stages for name, method in METHODS.items()}
-        props = {"cloth": CLOTH} if cloth else {}
+        props: dict[str, Prop] = {"cloth": CLOTH} if cloth else {}
+        if scenery is not None:
+            props["scenery"] = partial(scenery_of, scenery)
         viewer = Viewer(host, port, command=boards.command, methods=stages, props=props, ask=link.ask)
         try:
             on_ready(viewer.url)

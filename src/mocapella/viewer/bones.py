@@ -108,7 +108,7 @@ def doubt(sd: Any) -> Float32:
 def bone_strokes(
     positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = None
 ) -> Strokes:
-    """A stroke along +y of the mesh for every bone whose two joints are there.
+    """Make a stroke along +y of the mesh for every bone whose two joints are there.
 
     A bone is inferred, and thin, where one of its joints is; it is not there where a joint is not tracked, has a NaN
     coordinate, or both joints are in one place.
@@ -117,7 +117,7 @@ def bone_strokes(
         positions: (skeletons, joints, 3) [m].
         states: (skeletons, joints), `JointState`.
         topology: of all the skeletons.
-        colours: (skeletons, 3), red, green and blue.
+        colours: (skeletons, 3) or (skeletons, bones, 3), red, green and blue.
         radii: (skeletons,), of a tracked bone [m].
         doubts: (skeletons, joints) of `doubt`, or None for no doubt: a bone is as thin as its less sure joint makes it.
     """
@@ -137,7 +137,7 @@ def bone_strokes(
         positions=start[there],
         wxyzs=from_up_to(direction),
         scales=np.stack([radius, length[there], radius], axis=-1).astype(np.float32),
-        colours=np.asarray(colours, np.uint8).reshape(-1, 3)[skeleton],
+        colours=_colour_of_each(colours, there),
         opacities=np.ones(len(skeleton), np.float32),
     )
 
@@ -164,7 +164,7 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
     Args:
         positions: (skeletons, joints, 3) [m].
         states: (skeletons, joints), `JointState`.
-        colours: (skeletons, 3), red, green and blue.
+        colours: (skeletons, 3) or (skeletons, joints, 3), red, green and blue.
         radii: (joints,), of a tracked joint [m]; a radius of 0 leaves the joint out.
         doubts: (skeletons, joints) of `doubt`, or None for no doubt.
     """
@@ -174,7 +174,7 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
     radius = size[there] * _thickness(s[there])
     if doubts is not None:
         radius = np.minimum(radius, size[there] * _by_doubt(doubts[there]))
-    return _balls(p[there], radius, np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]])
+    return _balls(p[there], radius, _colour_of_each(colours, there))
 
 
 def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes:
@@ -192,6 +192,13 @@ def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes
     radius = np.minimum(sd[there], LARGEST_HALO_M)
     colour = np.asarray(colours, np.uint8).reshape(-1, 3)[np.nonzero(there)[0]]
     return replace(_balls(p[there], radius, colour), opacities=HALO_OPACITY * unsure[there])
+
+
+def _colour_of_each(colours: Any, there: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(n, 3) colours of the bones or joints that are ``there`` (skeletons, bones or joints)."""
+    one = np.asarray(colours, np.uint8)
+    each = one if one.ndim == 3 else one.reshape(-1, 1, 3)
+    return np.asarray(np.broadcast_to(each, (*there.shape, 3))[there])
 
 
 def _is_there(positions: Float32, states: NDArray[Any]) -> NDArray[np.bool_]:

@@ -16,8 +16,9 @@ from mocapella.viewer.browser_camera import BrowserCamera
 from mocapella.viewer.camera_feed import CameraFeed
 from mocapella.viewer.commands import Commander
 from mocapella.viewer.framing import Framing
-from mocapella.viewer.gallery import SensorsStage
+from mocapella.viewer.gallery import LANE_TAG_SIZE, GalleryDrawing, SensorsStage, lane_tags
 from mocapella.viewer.layout import Look
+from mocapella.viewer.legend import Legend
 from mocapella.viewer.panel import Aim, Panel, PanelNews
 from mocapella.viewer.perspective import FREE, StageSpace
 from mocapella.viewer.picture_plane import Plane
@@ -34,7 +35,7 @@ from mocapella.viewer.view_state import Known
 Float64 = NDArray[np.float64]
 
 FOV: Final = float(np.radians(36.0))
-_ELEVATION: Final = float(np.radians(13.0))
+_ELEVATION: Final = float(np.radians(17.0))
 ROUND: Final = 1.2
 """How much wider than the large picture the browser's own is, which has words over it."""
 ASPECT: Final = 1.4
@@ -111,6 +112,7 @@ class Browser:
         self._gallery = SensorsStage(client.scene, known.fields)
         self._boards = BoardNodes(client.scene)
         self._pictures = PictureStage(client.scene)
+        self._legend = Legend(client.gui)
         self._sight: Framing | None = None
         self._sight_of: tuple[object, ...] = ()
         self._picture_before = ""
@@ -139,7 +141,7 @@ class Browser:
             drawing = now.drawings.tracking(moment, perspective)
             gallery = now.drawings.gallery(moment, tuple(boards.planes))
             self._go_along(stage, drawing, perspective, now.now_s)
-            self._draw_stage(now, moment, drawing, perspective)
+            self._draw_stage(now, moment, drawing, perspective, gallery)
             self._draw_boards(boards, now.now_s)
             self._gallery.draw(gallery)
             self._draw_pictures()
@@ -154,7 +156,9 @@ class Browser:
         if self._wish in (None, Aim.BOTH) and (first or not self.camera.touched):
             self._wish = Aim.BOTH if stage.box_with_sensors else Aim.TRACKING
 
-    def _draw_stage(self, now: ViewNow, moment: Moment, drawing: TrackingDrawing, perspective: str) -> None:
+    def _draw_stage(
+        self, now: ViewNow, moment: Moment, drawing: TrackingDrawing, perspective: str, gallery: GalleryDrawing
+    ) -> None:
         conditions = condition_lines(now.status) if self.live else self._behind()
         self._stage.draw(
             moment.stage,
@@ -167,7 +171,12 @@ class Browser:
             named=not self._panel.picture,
             along=None if self._sight is None else self._sight.middle,
             eye=None if now.home is None or self._sight is None else np.asarray(now.home.position),
+            camera=self.camera.labels,
+            lanes=[(LANE_TAG_SIZE, lane_tags(gallery))],
         )
+        people = moment.scene is not None and bool(moment.scene.people) and moment.stage.perspectives
+        obstacle = self._known.scenery is not None and bool(self._known.scenery.solids)
+        self._legend.show(perspective, people=people, obstacle=obstacle)
 
     def _empty_text(self, now: ViewNow, moment: Moment) -> str:
         if self._served:

@@ -10,6 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from mocapella.viewer.label_layout import LabelCamera
 from mocapella.viewer.layout import Look
 
 Float64 = NDArray[np.float64]
@@ -59,6 +60,17 @@ class BrowserCamera:
     def ready(self) -> bool:
         """Whether the browser has said how large its picture is."""
         return bool(self._camera.image_width)
+
+    @property
+    def labels(self) -> LabelCamera | None:
+        """The camera as the browser reported it last, for the layout of labels; None before the first report."""
+        if not self.ready:
+            return None
+        camera = self._camera
+        return LabelCamera.looking(
+            np.asarray(camera.position), np.asarray(camera.look_at), np.asarray(camera.up_direction),
+            float(camera.fov), camera.image_height,
+        )  # fmt: skip
 
     @property
     def touched(self) -> bool:

@@ -90,6 +90,7 @@ class SurfaceNode:
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
         self._made_of: tuple[object, ...] = ()
+        self._vertices: NDArray[np.float32] | None = None
         self._handle: viser.MeshHandle | None = None
 
     def draw(self, mesh: Mesh, colour: Rgb, opacity: float) -> None:
@@ -109,7 +110,8 @@ class SurfaceNode:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        self._handle.vertices = mesh.vertices
+        if mesh.vertices is not self._vertices:
+            self._vertices = self._handle.vertices = mesh.vertices
         if not self._handle.visible:
             self._handle.visible = True
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
@@ -17,11 +17,15 @@ from mocapella.viewer.drawing import FloorNode, SensorNode, StrokeNode, Tag, Tag
 from mocapella.viewer.lanes import LaneSpace, draw_lane
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.meshes import ball_mesh, bone_mesh
+from mocapella.viewer.scenery import lane_surfaces
+from mocapella.viewer.stage import Surface
+from mocapella.viewer.surface_nodes import SurfaceNodes
 from mocapella.viewer.view_state import Known
 
 Float64 = NDArray[np.float64]
 
 _TITLE_SIZE = 1.2
+LANE_TAG_SIZE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +35,13 @@ class GalleryDrawing:
     Attributes:
         spaces: of the lanes, by sensor, in their order.
         lines, balls: of all lanes.
+        surfaces: obstacles of a simulated room, in every lane.
     """
 
     spaces: Mapping[str, LaneSpace]
     lines: Strokes
     balls: Strokes
+    surfaces: Mapping[str, Surface] = field(default_factory=dict)
 
 
 def gallery_drawing(frames: Mapping[str, SensorFrame], known: Known, without: Collection[str] = ()) -> GalleryDrawing:
@@ -52,7 +58,18 @@ def gallery_drawing(frames: Mapping[str, SensorFrame], known: Known, without: Co
         for sensor, origin in zip(sensors, layout.lane_origins(len(sensors)), strict=True)
     }
     drawn = [draw_lane(frames[name], space, known.troubles) for name, space in spaces.items() if name in frames]
-    return GalleryDrawing(spaces, join([lane.lines for lane in drawn]), join([lane.balls for lane in drawn]))
+    surfaces = {
+        f"{sensor}/{name}": surface
+        for sensor, space in spaces.items()
+        if known.scenery is not None
+        for name, surface in lane_surfaces(known.scenery, sensor, _view_sensor(space)).items()
+    }
+    return GalleryDrawing(spaces, join([lane.lines for lane in drawn]), join([lane.balls for lane in drawn]), surfaces)
+
+
+def lane_tags(drawing: GalleryDrawing) -> list[Tag]:
+    """The names of the sensors before their lanes."""
+    return [Tag(sensor, _at(space.origin)) for sensor, space in drawing.spaces.items()]
 
 
 class SensorsStage:
@@ -62,8 +79,9 @@ class SensorsStage:
         self._scene, self._fields = scene, fields
         self._lines = StrokeNode(scene, "/sensors/bones", bone_mesh(), shadow=False)
         self._balls = StrokeNode(scene, "/sensors/markers", ball_mesh(), shadow=False)
-        self._tags = TagNodes(scene, "/sensors/names", size=0.9)
+        self._tags = TagNodes(scene, "/sensors/names", size=LANE_TAG_SIZE)
         self._title = TagNodes(scene, "/sensors/title", size=_TITLE_SIZE, anchor="bottom-left")
+        self._surfaces = SurfaceNodes(scene, "/sensors/surfaces")
         self._floors: list[FloorNode] = []
         self._sensors: dict[str, SensorNode] = {}
         self._drawn: GalleryDrawing | None = None
@@ -80,9 +98,10 @@ class SensorsStage:
         for sensor, node in self._sensors.items():
             if sensor not in drawing.spaces:
                 node.hide()
+        self._surfaces.draw(drawing.surfaces)
         self._lines.draw(drawing.lines)
         self._balls.draw(drawing.balls)
-        self._tags.draw([Tag(sensor, _at(space.origin)) for sensor, space in drawing.spaces.items()])
+        self._tags.draw(lane_tags(drawing))
         box = layout.sensors_box(len(drawing.spaces))
         self._title.draw([Tag("Sensors", layout.title_place(box))] if drawing.spaces else [])
 
@@ -98,12 +117,20 @@ class SensorsStage:
                 )
             )
         if sensor not in self._sensors:
-            self._sensors[sensor] = SensorNode(self._scene, f"/sensors/{sensor}", scale=0.09)
+            self._sensors[sensor] = SensorNode(self._scene, f"/sensors/{sensor}", scale=0.055, thickness=0.008)
         self._floors[lane].place(space.origin + np.array([0.0, 0.0, layout.LANE_DEPTH_M / 2 * SENSORS_SCALE]))
         T = space.T_level.copy()
         T[:3, 3] = space.origin + space.T_level[:3, 3] * SENSORS_SCALE
         field = self._fields.get(sensor, UNKNOWN_FIELD_OF_VIEW_DEG)
         self._sensors[sensor].place(T, space.colour, field)
+
+
+def _view_sensor(space: LaneSpace) -> Float64:
+    """(4, 4) from a sensor's camera frame to its lane in the view."""
+    T = space.T_level.copy()
+    T[:3] *= SENSORS_SCALE
+    T[:3, 3] += space.origin
+    return T
 
 
 def _at(origin: Float64) -> tuple[float, float, float]:

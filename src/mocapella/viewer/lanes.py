@@ -20,7 +20,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.frame_types import frame_type_of, what_it_sends
 from mocapella.model.images import ImageFrame
 from mocapella.model.markers import MarkerFrame
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import BodyFrame, JointState
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.registry import load
 from mocapella.viewer.arm_strokes import lane_arms
@@ -114,9 +114,12 @@ def _image_size(frame: ImageFrame) -> tuple[int, int] | None:
 
 
 def lane_bones(frame: BodyFrame, space: LaneSpace) -> Strokes:
-    """The frame's skeletons in the gallery's scale."""
+    """The frame's skeletons in the gallery's scale; bones that the sensor only infers are faint."""
     positions = apply(space.T_level, frame.positions) * SENSORS_SCALE + space.origin
-    colours, radii = [space.colour.paint] * frame.bodies, [SENSOR_RADIUS_M * SENSORS_SCALE] * frame.bodies
+    ends = np.asarray(frame.states)[:, np.array(frame.topology.bones)]
+    measured = (ends == JointState.TRACKED).all(axis=-1)
+    colours = np.where(measured[..., None], space.colour.paint, space.colour.faint)
+    radii = [SENSOR_RADIUS_M * SENSORS_SCALE] * frame.bodies
     return bone_strokes(positions, frame.states, frame.topology, colours, radii)
 
 

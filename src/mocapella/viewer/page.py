@@ -7,12 +7,17 @@ import errno
 import io
 import socket
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import viser
+import viser.infra
 
 from mocapella.errors import AddressInUseError, SettingsError
 
+_THEIR_TITLE: Final = b"<title>Viser</title>"
+_TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 """The ground's colours, from the top of the picture to its bottom."""
 
@@ -64,7 +69,7 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
         SettingsError: an address that this machine cannot listen at.
     """
     _check_free(host, port)
-    with unprinted():
+    with unprinted(), _own_index():
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
     if port not in (0, server.get_port()):
         server.stop()
@@ -77,6 +82,48 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     shade = np.linspace(_TOP, _BOTTOM, 256)[:, None, :].repeat(8, axis=1)
     server.scene.set_background_image(shade.round().astype(np.uint8), format="png")
     return server
+
+
+class _Page:
+    """The library's page under our title: the part of `pathlib.Path` that its web server uses."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __truediv__(self, name: str) -> _Page:
+        return _Page(self._path / name)
+
+    def __hash__(self) -> int:
+        return hash(self._path)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Page) and other._path == self._path
+
+    def is_file(self) -> bool:
+        return self._path.is_file()
+
+    def read_bytes(self) -> bytes:
+        content = self._path.read_bytes()
+        return content.replace(_THEIR_TITLE, _TITLE, 1) if self._path.name == "index.html" else content
+
+
+class _PageSocket(viser.infra.WebsockServer):
+    """The library's web server, which serves its page under our title."""
+
+    def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
+        root: Any = _Page(http_server_root)
+        super().__init__(*args, http_server_root=root, **keywords)
+
+
+@contextlib.contextmanager
+def _own_index() -> Iterator[None]:
+    """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for the page."""
+    usual = viser.infra.WebsockServer
+    viser.infra.WebsockServer = _PageSocket
+    try:
+        yield
+    finally:
+        viser.infra.WebsockServer = usual
 
 
 def _check_free(host: str, port: int) -> None:

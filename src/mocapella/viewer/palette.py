@@ -27,12 +27,18 @@ class Rgb(NamedTuple):
 
     @property
     def faint(self) -> Rgb:
-        """What a line has to look like that is there to be looked past."""
+        """The colour of lines and bones of the background."""
         return Rgb(*(round(0.35 * channel) for channel in self.paint))
 
 
 FUSED = Rgb(255, 255, 255)
 """The fused skeleton."""
+FILLED = Rgb(40, 235, 110)
+"""A joint of the fused skeleton that the perspective's sensor does not measure and another sensor does."""
+INFERRED = Rgb(128, 140, 164)
+"""A joint of the fused skeleton that no sensor measures."""
+OBSTACLE = Rgb(186, 194, 214)
+EYE = Rgb(24, 40, 84)
 FLOOR = Rgb(20, 27, 40)
 CLOTH = Rgb(90, 130, 255), Rgb(225, 232, 255)
 """Its checks."""
@@ -46,21 +52,22 @@ GREEN, AMBER, BLUE, RED, GREY = (
 """Of states: all is well; not yet, or in doubt; under way; wrong; off."""
 
 PEOPLE = (
-    Rgb(255, 159, 28),
     Rgb(46, 196, 255),
     Rgb(255, 92, 168),
-    Rgb(154, 230, 72),
-    Rgb(176, 132, 255),
     Rgb(255, 226, 64),
+    Rgb(176, 132, 255),
+    Rgb(255, 159, 28),
+    Rgb(154, 230, 72),
 )
 SENSORS = (
     Rgb(64, 150, 255),
     Rgb(0, 212, 170),
-    Rgb(255, 120, 90),
-    Rgb(206, 147, 255),
-    Rgb(240, 200, 80),
-    Rgb(130, 220, 110),
+    Rgb(196, 120, 255),
+    Rgb(176, 226, 70),
+    Rgb(255, 130, 200),
+    Rgb(240, 232, 190),
 )
+"""None is like amber or red, in which a sensor is drawn that something is wrong with."""
 
 
 def person_colour(person: int) -> Rgb:

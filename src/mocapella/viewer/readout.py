@@ -26,6 +26,8 @@ _NEWEST_NOTICES = 4
 _MOST_LINES, _LONGEST_LINE = 3, 110
 _SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
+DROPPED_SHARE = 0.05
+"""From this share of the live frames on, dropped ones are amber."""
 NO_SENSOR = "No sensor delivers"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
 
@@ -211,7 +213,7 @@ def people_html(people: tuple[Person, ...]) -> str:
 
 
 def _seen_by(person: Person) -> str:
-    sign = f' <span style="color:{_AMBER}">{_SWAPPED}</span>'
+    sign = f" {_SWAPPED}"
     return " · ".join(escape(view.sensor) + (sign if view.mirrored else "") for view in person.views)
 
 
@@ -227,7 +229,8 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
     facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
-    losses = [f'<span style="color:{_AMBER if dropped else "inherit"}">{dropped} dropped</span>']
+    many = row.rejected > 0 or dropped > DROPPED_SHARE * (row.frames + dropped)
+    losses = [f'<span style="color:{_AMBER if many else "inherit"}">{dropped} dropped</span>']
     if row.clock_offset is not None:
         bound = "" if row.clock_bound is None else f" ± {row.clock_bound * 1000:.1f}"
         losses.append(f"clock {row.clock_offset * 1000:+z.1f}{bound} ms")

@@ -1,4 +1,8 @@
-"""People in the room: the fused skeleton in white, and each sensor's view of it in the person's colour."""
+"""People in the room: the fused skeleton, and each sensor's view of it in the person's colour.
+
+In a sensor's perspective the fused skeleton shows what the other sensors add: joints that this sensor measures are
+white, those that it does not measure and another sensor does are green, and those that no sensor measures are grey.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import apply
+from mocapella.model.observations import JointState
 from mocapella.model.scene import Person, Scene
-from mocapella.viewer.bones import NO_STROKES, Float32, bone_strokes, doubt, halo_strokes, joint_strokes
+from mocapella.model.topology import Topology
+from mocapella.viewer.bones import NO_STROKES, Float32, bone_strokes, doubt, halo_strokes, join, joint_strokes
 from mocapella.viewer.drawing import Tag
-from mocapella.viewer.palette import FUSED, person_colour
+from mocapella.viewer.faces import face_strokes, facings
+from mocapella.viewer.palette import FILLED, FUSED, INFERRED, person_colour
 from mocapella.viewer.people_panel import PeoplePanel
+from mocapella.viewer.perspective import FREE
 from mocapella.viewer.room import DrawPart, PartDrawing, RoomView
 
 Float64 = NDArray[np.float64]
@@ -23,8 +31,10 @@ _OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
 
 
 def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """What people show from a perspective."""
-    positions, states, sds, colours, radii = [], [], [], [], []
+    """Draw people in a perspective."""
+    positions, states, sds, radii = [], [], [], []
+    colours: list[NDArray[np.uint8]] = []
+    fused_colours: list[NDArray[np.uint8]] = []
     fused: list[int] = []
     tags: list[Tag] = []
     unseen = []
@@ -40,7 +50,12 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
         positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
         states += [person.states, *(view.states for view in views)]
         sds.append(person.sd)
-        colours += [FUSED, *([person_colour(person.id).paint] * len(views))]
+        fused_colours.append(joint_colours(person, room.perspective, scene.topology))
+        own = np.array(person_colour(person.id).paint, np.uint8)
+        colours += [
+            _bone_colours(fused_colours[-1], scene.topology),
+            *[np.broadcast_to(own, (len(scene.topology.bones), 3))] * len(views),
+        ]
         radii += [FUSED_RADIUS_M, *([POTENTIAL_RADIUS_M] * len(views))]
         tags += _person_tag(person, positions[-1][0], len(views))
         for view in views:
@@ -57,14 +72,49 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
         halos = halo_strokes(p[fused], s[fused], said, white)
         doubts, of_fused = np.zeros(s.shape, np.float32), doubt(said)
         doubts[fused] = of_fused
-    bones = bone_strokes(p, s, scene.topology, colours, radii, doubts=doubts)
-    joints = joint_strokes(p[fused], s[fused], white, _joint_radii(scene), doubts=of_fused)
+    each = np.stack(fused_colours)
+    bones = bone_strokes(p, s, scene.topology, np.stack(colours), radii, doubts=doubts)
+    joints = joint_strokes(p[fused], s[fused], each, _joint_radii(scene), doubts=of_fused)
+    head = scene.topology.parts["head"]
+    forward = facings(p[fused], scene.topology)
+    forward[s[fused][:, head] == JointState.NOT_TRACKED] = np.nan
+    joints = join([joints, face_strokes(p[fused][:, head], forward, HEAD_RADIUS_M, each[:, head])])
     return PartDrawing(bones, joints, halos, tuple(tags), unseen=tuple(unseen), sensors=views_from)
 
 
 def called(person: Person) -> str:
     """The person's name, or number."""
     return person.name or f"person {person.id}"
+
+
+def joint_colours(person: Person, perspective: str, topology: Topology) -> NDArray[np.uint8]:
+    """(joints, 3) colours of a fused skeleton: who measures each joint, as seen from a perspective.
+
+    In the `FREE` perspective no sensor is singled out, and every measured joint is white.
+    """
+    colours = np.tile(np.array(FUSED, np.uint8), (len(topology), 1))
+    measured = np.asarray(person.states) == JointState.TRACKED
+    if perspective != FREE:
+        colours[measured & ~_measured_by(person, perspective, topology)] = FILLED.paint
+    colours[~measured] = INFERRED.paint
+    return colours
+
+
+def _measured_by(person: Person, sensor: str, topology: Topology) -> NDArray[np.bool_]:
+    view = person.view_of(sensor)
+    if view is None:
+        return np.zeros(len(topology), np.bool_)
+    states = np.asarray(view.states)
+    return np.asarray((states[list(topology.mirror)] if view.mirrored else states) == JointState.TRACKED)
+
+
+def _bone_colours(joints: NDArray[np.uint8], topology: Topology) -> NDArray[np.uint8]:
+    """(bones, 3): a bone is white only between two white joints; grey goes before green."""
+    bones = np.array(topology.bones)
+    a, b = joints[bones[:, 0]], joints[bones[:, 1]]
+    white, grey = np.array(FUSED, np.uint8), np.array(INFERRED.paint, np.uint8)
+    of_b = (a == white).all(axis=-1) | ((b == grey).all(axis=-1) & ~(a == grey).all(axis=-1))
+    return np.where(of_b[:, None], b, a)
 
 
 def _joint_radii(scene: Scene) -> Float32:

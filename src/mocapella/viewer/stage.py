@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.scene import Scene
+from mocapella.model.scenery import Scenery
 from mocapella.viewer.bones import NO_STROKES, Strokes
 from mocapella.viewer.drawing import Tag
 from mocapella.viewer.layout import BoundingBox
@@ -93,12 +94,14 @@ class StageView:
         seen: from where each person was seen; has learnt the scene.
         floors: how high the perspective is over the floor.
         troubles: is told what cannot be drawn.
+        scenery: the obstacles of a simulated room, if there is one.
     """
 
     perspective: str
     seen: Perspectives
     floors: Floors
     troubles: PluginErrors
+    scenery: Scenery | None = None
 
 
 class StageMemory(Protocol):

@@ -14,6 +14,7 @@ from mocapella.viewer import layout
 from mocapella.viewer.bones import join
 from mocapella.viewer.perspective import FREE, Perspectives
 from mocapella.viewer.room import PartDrawing, RoomView, draw_parts
+from mocapella.viewer.scenery import room_surfaces
 from mocapella.viewer.sensor_marks import PlaceState, SensorMark, marks
 from mocapella.viewer.stage import Stage, StageView, TrackingDrawing
 
@@ -41,7 +42,8 @@ def draw_room(scene: Scene | None, shown: Any, view: StageView) -> TrackingDrawi
         sensors=sensors,
         unseen=tuple(name for one in parts_of for name in one.unseen),
         there=any(one.there for one in parts_of),
-        surfaces={f"{name}/{key}": part for name, one in drawn.items() for key, part in one.surfaces.items()},
+        surfaces={f"{name}/{key}": part for name, one in drawn.items() for key, part in one.surfaces.items()}
+        | ({} if view.scenery is None else room_surfaces(view.scenery, room)),
         skins={f"{name}/{key}": part for name, one in drawn.items() for key, part in one.skins.items()},
         extent=_around(extents),
     )
@@ -67,8 +69,8 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
 
 
 def room_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Whose perspective it is, and who cannot be shown in it."""
-    title = "Tracking · free" if perspective == FREE else f"Tracking · seen from {perspective}"
+    """The frame that people are shown in, and who cannot be shown in it."""
+    title = "Tracking · world frame" if perspective == FREE else f"Tracking · camera frame of {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"
     return f"{title} (never saw {', '.join(drawing.unseen)})" if drawing.unseen else title

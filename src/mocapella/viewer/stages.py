@@ -18,7 +18,10 @@ from mocapella.viewer.stage_arms import ARMS
 from mocapella.viewer.stage_hands import HANDS
 from mocapella.viewer.stage_room import ROOM
 
-__all__ = ["ARMS", "HANDS", "ROOM", "StageChoice"]
+__all__ = ["ARMS", "HANDS", "ROOM", "Prop", "StageChoice"]
+
+Prop = str | Callable[[], Any]
+"""A function without arguments that makes an object to be shown, or a reference to one."""
 
 _ROOM_REFERENCE: Final = "mocapella.viewer.stages:ROOM"
 
@@ -28,13 +31,15 @@ class StageChoice:
 
     Args:
         methods: by name of a method, references to its stages; a method that is not there has the ROOM.
-        props: by name, references to what makes things that stages may show beside a scene.
+        props: by name, what makes objects that stages may show beside a scene.
         troubles: is told of a stage that cannot be used; it is then passed over.
     """
 
-    def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, str], troubles: PluginErrors) -> None:
+    def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, Prop], troubles: PluginErrors) -> None:
         self._methods, self._troubles = methods, troubles
-        self._props: dict[str, Callable[[], Any]] = {name: load(reference) for name, reference in props.items()}
+        self._props: dict[str, Callable[[], Any]] = {
+            name: load(prop) if isinstance(prop, str) else prop for name, prop in props.items()
+        }
         self._memories: dict[str, StageMemory] = {}
 
     def update(self, scene: Scene | None, method: str) -> tuple[Stage, Any]:

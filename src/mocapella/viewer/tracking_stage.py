@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 from mocapella.viewer import layout
-from mocapella.viewer.drawing import FloorNode, LineNode, SensorNode, SkinNode, StrokeNode, SurfaceNode, Tag, TagNodes
+from mocapella.viewer.drawing import FloorNode, LineNode, SensorNode, SkinNode, StrokeNode, Tag, TagNodes
+from mocapella.viewer.label_layout import LabelCamera, apart
 from mocapella.viewer.meshes import ball_mesh, bone_mesh
 from mocapella.viewer.palette import SensorColours
 from mocapella.viewer.perspective import Float64
 from mocapella.viewer.sensor_marks import PlaceState, SensorMark, field_lines
 from mocapella.viewer.stage import Stage, TrackingDrawing
+from mocapella.viewer.surface_nodes import SurfaceNodes
 
 Fields = Mapping[str, tuple[float, float]]
 """Each sensor's field of view, across and high [°]."""
 
-_TITLE_SIZE = 1.2
+_TITLE_SIZE, _PEOPLE_SIZE, _NAME_SIZE = 1.2, 0.9, 0.8
 _OVER_SENSOR_M = 0.2
 _OVER_TITLE = np.array([0.0, 0.16, 0.0])
-SENSOR_M, SENSOR_LINE_M = 0.15, 0.012
+SENSOR_M, SENSOR_LINE_M = 0.12, 0.01
 _OF_DISTANCE, _LINE_OF_SIZE = 0.012, 0.09
 """Of a sensor that is as large on the screen wherever it stands: over its distance from the viewer; over its size."""
 FLOOR_STEP_M = 1.0
@@ -47,14 +49,14 @@ class TrackingStage:
         self._bones = StrokeNode(scene, "/tracking/bones", bone_mesh())
         self._joints = StrokeNode(scene, "/tracking/joints", ball_mesh())
         self._halos = StrokeNode(scene, "/tracking/halos", ball_mesh(), shadow=False, translucent=True)
-        self._surfaces: dict[str, SurfaceNode] = {}
+        self._surfaces = SurfaceNodes(scene, "/tracking/surfaces")
         self._skins: dict[str, SkinNode] = {}
         self._trails = LineNode(scene, "/tracking/trails", thickness=0.02)
         self._field_lines = LineNode(scene, "/tracking/fields", thickness=0.008)
         self._trails_of: tuple[object, ...] = ()
         self._fields_of: tuple[object, ...] = ()
-        self._tags = TagNodes(scene, "/tracking/people", size=0.9)
-        self._names = TagNodes(scene, "/tracking/names", size=0.8)
+        self._tags = TagNodes(scene, "/tracking/people", size=_PEOPLE_SIZE)
+        self._names = TagNodes(scene, "/tracking/names", size=_NAME_SIZE)
         self._conditions = TagNodes(scene, "/tracking/conditions", size=0.9, anchor="bottom-left")
         self._title = TagNodes(scene, "/tracking/title", size=_TITLE_SIZE, anchor="bottom-left")
         self._empty = TagNodes(scene, "/tracking/empty", size=_TITLE_SIZE)
@@ -76,6 +78,8 @@ class TrackingStage:
         named: bool = True,
         along: Float64 | None = None,
         eye: Float64 | None = None,
+        camera: LabelCamera | None = None,
+        lanes: Sequence[tuple[float, Sequence[Tag]]] = (),
     ) -> None:
         """Show it.
 
@@ -90,6 +94,8 @@ class TrackingStage:
             named: whether the sensors' names stand beside them.
             along: (3,) what the camera goes along with: the floor and title do, too; None where they stay.
             eye: (3,) where the viewer is: sensors are as large from there wherever they stand; None: as usual.
+            camera: by which labels are kept apart on the screen; None where it is not known yet.
+            lanes: font scale and labels of the gallery, which the labels of this stage must not cover.
         """
         self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
         title = tracking_title(stage, drawing, perspective)
@@ -110,9 +116,13 @@ class TrackingStage:
             self._joints.draw(drawing.joints)
             self._halos.draw(drawing.halos)
             self._draw_meshes(drawing)
-            self._tags.draw(drawing.tags)
         shown = {name: mark for name, mark in drawing.sensors.items() if not (eyes and name == perspective)}
-        self._draw_sensors(shown, fields=fields, named=named, eye=eye)
+        names = self._draw_sensors(shown, fields=fields, named=named, eye=eye)
+        people = drawing.tags
+        if camera is not None:
+            *_, names, people = apart([*lanes, (_NAME_SIZE, names), (_PEOPLE_SIZE, people)], camera)
+        self._names.draw(names)
+        self._tags.draw(people)
 
     def draw_trails(self, key: tuple[object, ...], lines: Any) -> None:
         """Show the trails, ``lines()``: points and colours (n, 2, 3); nothing where the key is the last one."""
@@ -121,24 +131,19 @@ class TrackingStage:
             self._trails.draw(*lines())
 
     def _draw_meshes(self, drawing: TrackingDrawing) -> None:
-        for k, (name, surface) in enumerate(drawing.surfaces.items()):
-            if name not in self._surfaces:
-                self._surfaces[name] = SurfaceNode(self._scene, f"/tracking/surfaces/{len(self._surfaces)}-{k}")
-            self._surfaces[name].draw(surface.mesh, surface.colour, surface.opacity)
+        self._surfaces.draw(drawing.surfaces)
         for name, skin in drawing.skins.items():
             if name not in self._skins:
                 self._skins[name] = SkinNode(self._scene, f"/tracking/skins/{len(self._skins)}")
             self._skins[name].draw(skin.mesh, skin.T_stage_parts, skin.colour, skin.opacity)
-        for name, node in self._surfaces.items():
-            if name not in drawing.surfaces:
-                node.hide()
         for name, skin_node in self._skins.items():
             if name not in drawing.skins:
                 skin_node.hide()
 
     def _draw_sensors(
         self, marked: Mapping[str, SensorMark], *, fields: bool, named: bool, eye: Float64 | None
-    ) -> None:
+    ) -> list[Tag]:
+        """Draw the sensors and what they can see; the labels of their names are returned."""
         sizes = {}
         for sensor, mark in marked.items():
             if sensor not in self._sensors:
@@ -153,7 +158,6 @@ class TrackingStage:
                 node.hide()
         over = {sensor: _OVER_SENSOR_M if eye is None else 1.3 * size for sensor, size in sizes.items()}
         places = {sensor: (mark.T[:3, 3] + [0.0, over[sensor], 0.0]).round(2) for sensor, mark in marked.items()}
-        self._names.draw([Tag(mark.words, _place(places[sensor]), named) for sensor, mark in marked.items()])
         looking = [s for s, mark in marked.items() if fields and mark.standing in (PlaceState.GOOD, PlaceState.DOUBTED)]
         drawn = [(s, marked[s].T.round(2), self._field(s)) for s in looking]
         if (key := tuple((s, T.tobytes(), field) for s, T, field in drawn)) != self._fields_of:
@@ -161,6 +165,7 @@ class TrackingStage:
             lines = [field_lines(T, field) for _, T, field in drawn]
             colours = [np.full((8, 2, 3), self._colours.of(s).faint, np.uint8) for s in looking]
             self._field_lines.draw(_joined(lines, np.float32), _joined(colours, np.uint8))
+        return [Tag(mark.words, _place(places[sensor]), named) for sensor, mark in marked.items()]
 
     def _field(self, sensor: str) -> tuple[float, float]:
         return self._fields.get(sensor, UNKNOWN_FIELD_OF_VIEW_DEG)

@@ -59,7 +59,7 @@ class Drawings:
     def tracking(self, moment: Moment, perspective: str) -> TrackingDrawing:
         """The stage of a moment from a perspective; an empty one where drawing it raises, which is told once."""
         known, stage = self._known, moment.stage
-        view = StageView(perspective, moment.seen, known.floors, known.troubles)
+        view = StageView(perspective, moment.seen, known.floors, known.troubles, known.scenery)
 
         def make() -> TrackingDrawing:
             return known.troubles.attempt(

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from mocapella.model.scene import Scene
+from mocapella.model.scenery import Scenery
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
@@ -51,6 +52,7 @@ class Known:
     Attributes:
         fields: each sensor's field of view, across and high [°].
         sizes_px: (width, height) of the images that sensors send, by sensor.
+        scenery: the obstacles of a simulated room; None where the view was not given any.
     """
 
     troubles: PluginErrors = field(default_factory=PluginErrors)
@@ -61,6 +63,7 @@ class Known:
     seen: Perspectives = field(default_factory=Perspectives)
     ground: Ground = field(default_factory=Ground)
     trails: Trails = field(default_factory=Trails)
+    scenery: Scenery | None = None
 
     def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
         """Take up the newest."""

@@ -14,6 +14,7 @@ from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
+from mocapella.registry import load
 from mocapella.viewer.browser import ASPECT, Browser, look_along, new_sight
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed, FeedMode
 from mocapella.viewer.commands import Commander, SendCommand
@@ -22,7 +23,8 @@ from mocapella.viewer.layout import Look
 from mocapella.viewer.page import open_page, tolerated, unprinted
 from mocapella.viewer.panel import WIDTH_PX
 from mocapella.viewer.picture_plane import SizedPicture
-from mocapella.viewer.stages import StageChoice
+from mocapella.viewer.scenery import PROP as SCENERY
+from mocapella.viewer.stages import Prop, StageChoice
 from mocapella.viewer.timeline import LATEST_S, Moment, ShownPicture, Timeline
 from mocapella.viewer.view_frame import Drawings, ViewNow
 from mocapella.viewer.view_state import Known
@@ -47,7 +49,8 @@ class Viewer:
             what commands it is not shown, and a ``status`` of None means nothing.
         methods: the tracker's methods that the Setup form offers, and references to the stages of each; a method that
             is not among them has the ROOM.
-        props: by name, references to what makes things that a stage may show beside a scene, such as a cloth.
+        props: by name, functions, or references to functions, that make objects to be shown beside a scene, such as a
+            cloth; ``scenery`` makes a `mocapella.model.scenery.Scenery`.
         ask: asks a camera's node; may block. Without it no picture of a camera is shown.
 
     Attributes:
@@ -66,12 +69,16 @@ class Viewer:
         *,
         command: SendCommand | None,
         methods: Mapping[str, Sequence[str]] | None = None,
-        props: Mapping[str, str] | None = None,
+        props: Mapping[str, Prop] | None = None,
         ask: Ask | None = None,
     ) -> None:
         methods = {Setup.method: (ROOM,)} if methods is None else methods
+        made = dict(props or {})
+        scenery = made.pop(SCENERY, None)
         self._known = Known()
-        self._stages = StageChoice(methods, props or {}, self._known.troubles)
+        if scenery is not None:
+            self._known = Known(scenery=load(scenery)() if isinstance(scenery, str) else scenery())
+        self._stages = StageChoice(methods, made, self._known.troubles)
         self._server = open_page(host, port, WIDTH_PX)
         self._methods = tuple(methods)
         self._commander = None if command is None else Commander(command)

@@ -1,0 +1,81 @@
+"""Faces: eyes and a nose on the ball of a head, on the side that the person faces."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.topology import Topology
+from mocapella.viewer.bones import NO_STROKES, Float32, Strokes, from_up_to, join
+from mocapella.viewer.palette import EYE
+
+_SHOULDERS: Final = "shoulder_left", "shoulder_right"
+_EYE_RIGHT, _EYE_UP, _EYE_M = 0.42, 0.2, 0.24
+"""Of the head's radius: how far an eye is from the middle of the face to the side and upwards, and its radius."""
+_NOSE_LONG, _NOSE_WIDE = 0.32, 0.2
+"""Of the head's radius: half the length of the nose, and half its width."""
+_SHORTEST: Final = 1e-3
+
+
+def facings(positions: Any, topology: Topology) -> Float32:
+    """(skeletons, 3) level unit vectors to where each person's shoulders face; NaN where the shoulders are unknown.
+
+    A skeleton has no direction of the head itself, so that of the shoulders stands for it.
+
+    Args:
+        positions: (skeletons, joints, 3), y up [m].
+        topology: of all the skeletons.
+    """
+    p = np.asarray(positions, np.float32)
+    if any(part not in topology.parts for part in _SHOULDERS):
+        return np.full((len(p), 3), np.nan, np.float32)
+    left, right = (p[:, topology.parts[part]] for part in _SHOULDERS)
+    across = right - left
+    forward = np.stack([across[:, 2], np.zeros(len(p), np.float32), -across[:, 0]], axis=-1)
+    length = np.linalg.norm(forward, axis=-1, keepdims=True)
+    unit: Float32 = forward / np.where(length > _SHORTEST, length, np.nan)
+    return unit
+
+
+def face_strokes(heads: Any, forward: Any, radius: float, colours: Any) -> Strokes:
+    """Make the noses and the eyes as stretched balls.
+
+    Args:
+        heads: (n, 3) centres of the heads [m].
+        forward: (n, 3) of `facings`; a row with NaN gets no face.
+        radius: of a head [m].
+        colours: (n, 3) of the noses.
+    """
+    at, ahead = np.asarray(heads, np.float32), np.asarray(forward, np.float32)
+    there = np.isfinite(at).all(axis=-1) & np.isfinite(ahead).all(axis=-1)
+    if not there.any():
+        return NO_STROKES
+    at, ahead = at[there], ahead[there]
+    up = np.array([0.0, 1.0, 0.0], np.float32)
+    aside = np.cross(up, ahead)
+    depth = np.sqrt(1.0 - _EYE_RIGHT**2 - _EYE_UP**2)
+    eyes = [
+        _strokes(
+            at + radius * (depth * ahead + _EYE_UP * up + side * _EYE_RIGHT * aside),
+            np.broadcast_to(up, at.shape),
+            np.array([_EYE_M, _EYE_M, _EYE_M]) * radius,
+            np.broadcast_to(np.array(EYE.paint, np.uint8), at.shape),
+        )
+        for side in (-1.0, 1.0)
+    ]
+    size = np.array([_NOSE_WIDE, _NOSE_LONG, _NOSE_WIDE]) * radius
+    noses = _strokes(at + radius * ahead, ahead, size, np.asarray(colours, np.uint8).reshape(-1, 3)[there])
+    return join([noses, *eyes])
+
+
+def _strokes(positions: Float32, direction: Float32, scale: NDArray[Any], colours: NDArray[np.uint8]) -> Strokes:
+    count = len(positions)
+    return Strokes(
+        positions=positions.astype(np.float32),
+        wxyzs=from_up_to(direction),
+        scales=np.tile(scale.astype(np.float32), (count, 1)),
+        colours=np.ascontiguousarray(colours),
+        opacities=np.ones(count, np.float32),
+    )

@@ -1,0 +1,68 @@
+"""Obstacles of a simulated room on the stages of the view."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.scenery import Scenery
+from mocapella.viewer.meshes import Mesh
+from mocapella.viewer.palette import OBSTACLE
+from mocapella.viewer.perspective import FREE
+from mocapella.viewer.room import RoomView
+from mocapella.viewer.stage import Surface
+
+Float64 = NDArray[np.float64]
+
+PROP: Final = "scenery"
+"""Name of the prop that returns a `Scenery`."""
+_OPACITY: Final = 0.5
+"""On the Tracking stage, where the people behind an obstacle are to be seen."""
+_DECIMALS: Final = 3
+"""An obstacle stays where it is drawn while its pose changes by less than this many decimals [m]."""
+
+
+def room_surfaces(scenery: Scenery, room: RoomView) -> dict[str, Surface]:
+    """The obstacles in a perspective; none while no pose of a simulated sensor is known in it."""
+    T = _stage_room(scenery, room)
+    return {} if T is None else _surfaces(scenery, T, _OPACITY)
+
+
+def lane_surfaces(scenery: Scenery, sensor: str, T_view_sensor: Float64) -> dict[str, Surface]:
+    """The obstacles in one sensor's lane; none for a sensor that is not of the simulated room.
+
+    Args:
+        scenery: of the room.
+        sensor: whose lane it is.
+        T_view_sensor: (4, 4) from its camera frame to its lane in the view, which has a scale of its own.
+    """
+    if sensor not in scenery.T_room_sensor:
+        return {}
+    return _surfaces(scenery, T_view_sensor @ inverse(scenery.T_room_sensor[sensor]), 1.0)
+
+
+def _stage_room(scenery: Scenery, room: RoomView) -> Float64 | None:
+    perspective, known = room.perspective, scenery.T_room_sensor
+    if perspective in known:
+        return room.T_stage_perspective @ inverse(known[perspective])
+    places = room.seen.places
+    for sensor, T_room_sensor in known.items():
+        if sensor in places and (perspective == FREE or perspective in places):
+            return room.T_stage_world @ places[sensor] @ inverse(T_room_sensor)
+    return None
+
+
+def _surfaces(scenery: Scenery, T: Float64, opacity: float) -> dict[str, Surface]:
+    meshes = _meshes(scenery, (T[:3].round(_DECIMALS) + 0.0).tobytes())
+    return {f"solid {k}": Surface(mesh, OBSTACLE, opacity) for k, mesh in enumerate(meshes)}
+
+
+@lru_cache(maxsize=64)
+def _meshes(scenery: Scenery, rows: bytes) -> tuple[Mesh, ...]:
+    """The solids moved by the (3, 4) ``rows`` of a matrix: the same objects as long as that is the same."""
+    T = np.vstack([np.frombuffer(rows).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+    return tuple(Mesh(apply(T, solid.vertices).astype(np.float32), solid.faces) for solid in scenery.solids)

@@ -1,0 +1,28 @@
+"""Surfaces of one stage by name: made when they first appear, and hidden while they are not drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import viser
+
+from mocapella.viewer.drawing import SurfaceNode
+from mocapella.viewer.stage import Surface
+
+
+class SurfaceNodes:
+    """The surfaces of a stage below one name of the 3D scene."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._nodes: dict[str, SurfaceNode] = {}
+
+    def draw(self, surfaces: Mapping[str, Surface]) -> None:
+        """Show exactly these surfaces."""
+        for name, surface in surfaces.items():
+            if name not in self._nodes:
+                self._nodes[name] = SurfaceNode(self._scene, f"{self._name}/{len(self._nodes)}")
+            self._nodes[name].draw(surface.mesh, surface.colour, surface.opacity)
+        for name, node in self._nodes.items():
+            if name not in surfaces:
+                node.hide()
