@@ -26,6 +26,7 @@ from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
 from mocapella.viewer.panel import Aim
 from mocapella.viewer.perspective import Floors, Perspectives
+from mocapella.viewer.room_people import HEAD_RADIUS_M
 from mocapella.viewer.setup_form import PoseField, SetupFields
 from mocapella.viewer.setup_panel import HEIGHT_LABEL, TILT_LABEL
 
@@ -210,13 +211,14 @@ def figures(server, pixels):
 
 
 def heads(server, pixels):
-    """(people, 3), the mean colour of the page where the fused heads are, seen from the first browser's camera."""
+    """(people, 3), the mean colour of the fused heads' tops on the page, from the first browser's camera."""
     seen, floors = Perspectives(), Floors()
     seen.learn(server.scene)
     floors.learn_frame(server.frames["front"])
     joints = tracking_drawing(server.scene, "front", seen, floors).joints
     centres = joints.positions[joints.scales[:, 0] > 0.9 * joints.scales[:, 0].max()]
-    return np.array([pixels[y - 2 : y + 3, x - 2 : x + 3].mean(axis=(0, 1)) for x, y in on_page(server, centres)])
+    tops = centres + np.array([0.0, 0.65 * HEAD_RADIUS_M, 0.0])  # over the eyes
+    return np.array([pixels[y - 1 : y + 2, x - 2 : x + 3].mean(axis=(0, 1)) for x, y in on_page(server, tops)])
 
 
 def lane_points(server):

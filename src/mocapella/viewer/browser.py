@@ -35,7 +35,7 @@ from mocapella.viewer.view_state import Known
 Float64 = NDArray[np.float64]
 
 FOV: Final = float(np.radians(36.0))
-_ELEVATION: Final = float(np.radians(17.0))
+_ELEVATION: Final = float(np.radians(13.0))
 ROUND: Final = 1.2
 """How much wider than the large picture the browser's own is, which has words over it."""
 ASPECT: Final = 1.4

@@ -21,6 +21,8 @@ from mocapella.viewer.palette import FLOOR, Rgb
 Anchor = Literal["bottom-center", "bottom-left"]
 
 _FIRST_CAPACITY = 64
+_MORE_STROKES = 64
+"""A set of strokes grows by this many; strokes of no size also cost a browser time."""
 _NEGLIGIBLE = 5e-4
 """A frustum that has moved by less [m], or turned by less [rad], stays where it is drawn."""
 _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
@@ -67,7 +69,7 @@ class StrokeNode:
     def _grow(self, count: int) -> None:
         if self._handle is not None:
             self._handle.remove()
-        self._capacity = max(_FIRST_CAPACITY, 1 << (count - 1).bit_length() if count else 0)
+        self._capacity = _MORE_STROKES * max(1, -(-count // _MORE_STROKES))
         blank = np.zeros((self._capacity, 3), np.float32)
         self._handle = self._scene.add_batched_meshes_simple(
             self._name,

@@ -13,8 +13,9 @@ from mocapella.viewer.perspective import FREE
 
 _STYLE: Final = f"""
 .mocapella-legend {{
-  position: fixed; right: {WIDTH_PX + 14}px; bottom: 12px; z-index: 5; pointer-events: none; padding: 8px 12px; border-radius: 8px;
-  background: rgba(9, 12, 19, 0.72); color: #c6cfdd; font-size: 12.5px; line-height: 1.55;
+  position: fixed; right: {WIDTH_PX + 14}px; bottom: 12px; z-index: 5; pointer-events: none;
+  padding: 8px 12px; border-radius: 8px; background: rgba(9, 12, 19, 0.72); color: #c6cfdd;
+  font-size: 12.5px; line-height: 1.55;
 }}
 .mocapella-legend i {{
   display: inline-block; width: 20px; margin-right: 8px; vertical-align: middle; border-radius: 3px;

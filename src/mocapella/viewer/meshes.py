@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+BONE_SIDES, BALL_RINGS, BALL_SIDES = 6, 7, 9
+"""As few as a bone and a joint still look round with: a browser without a GPU spends most of its time on triangles."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -42,12 +45,15 @@ def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int
 
 def bone_mesh() -> Mesh:
     """From the origin to (0, 1, 0), at most 1 wide: slightly thicker at the parent, rounded at both ends."""
-    heights = np.array([0.0, 0.02, 0.12, 0.9, 0.98, 1.0])
-    radii = np.array([0.0, 0.75, 1.0, 0.8, 0.6, 0.0])
-    return revolve(heights, radii, 7)
+    heights = np.array([0.0, 0.05, 1.0 - 0.05, 1.0])
+    radii = np.array([0.0, 1.0, 0.8, 0.0])
+    return revolve(heights, radii, BONE_SIDES)
 
 
 def ball_mesh() -> Mesh:
-    """A ball of radius 1 about the origin."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
-    return revolve(np.sin(angle), np.cos(angle).round(9), 12)
+    """Return a polyhedron with the volume of a ball of radius 1 about the origin."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, BALL_RINGS)
+    mesh = revolve(np.sin(angle), np.cos(angle).round(9), BALL_SIDES)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
+    return Mesh(mesh.vertices * np.float32((4 / 3 * np.pi / volume) ** (1 / 3)), mesh.faces)
