@@ -163,8 +163,9 @@ def run_view(
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
-    ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose obstacles are drawn.
-    ``on_ready`` is called with the page's URL, ``on_waiting`` with the address if no server answers there yet.
+    ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
+    obstacles are drawn. ``on_ready`` is called with the page's URL, ``on_waiting`` with the
+    address if no server answers there yet.
 
     Raises:
         AddressInUseError: the port is in use.
