@@ -1,7 +1,7 @@
-"""What every number in this house means.
+"""Conventions for units, times, frames and rotations.
 
 Units        metres, seconds, radians. A name carries its unit when it is not one of these (``_px``, ``_ns``, ``_hz``).
-Time         ``_ns`` is an integer count of nanoseconds on the clock that the name or docstring says: exact, so that a
+Time         ``_ns`` is an integer number of nanoseconds on the clock given by the name or docstring: exact, so that a
              recording can be compared to the bit. Durations and settings are seconds as floats.
 Frames       right-handed. A sensor's *camera space* is the Kinect's: x to the sensor's left, y up, z out of the lens.
              The world has y up.
@@ -17,4 +17,4 @@ from typing import Final
 
 NS_PER_S: Final = 1_000_000_000
 NOT_AVAILABLE: Final = -9999
-"""What the study log writes where there is no value."""
+"""Code of a missing value in the study log."""

@@ -1,19 +1,19 @@
-"""One family of errors, so that a user's program can catch the house or a room of it.
+"""The errors that Mocapella raises on purpose, as one family of exceptions.
 
-MocapellaError                what we raise on purpose; the message says what would have worked
+MocapellaError                base class; the message says what would have worked
 ├── InputError                a file's content: names file, row, field, value and the fix
 │   └── DamagedTakeError      a recording that ends early or has a bad part
 ├── SettingsError             a setting out of range, unknown, or of the wrong type
 ├── PluginError               a registered descriptor that cannot be used
-├── WireError                 bytes that are not a message of ours
-│   └── SchemaVersionError    a message of a schema version that this program does not speak
-├── BusError                  the bus could not do it
-│   ├── AddressInUseError     another program listens there
+├── WireError                 bytes that are no valid message
+│   └── SchemaVersionError    a message of an unsupported schema version
+├── BusError                  an operation of the bus failed
+│   ├── AddressInUseError     another program listens at the address
 │   ├── NameTakenError        another node serves a sensor of this name
 │   └── NoServerError         no server answers at that address
 ├── RecordingError            a take could not be started or went wrong
-│   ├── TakeExistsError       the name is taken; nothing is ever overwritten
-│   └── DiskFullError         less room than the reserve
+│   ├── TakeExistsError       the name is in use; takes are never overwritten
+│   └── DiskFullError         less free space than the reserve
 ├── CalibrationError          observations do not determine the cameras' poses or lenses
 ├── EvaluationError           a method's result cannot be scored
 └── NotNowError               a command that cannot be used in the present state
@@ -26,13 +26,13 @@ from collections.abc import Iterable
 
 
 class MocapellaError(Exception):
-    """Base of everything raised on purpose. One line, and it says what to do."""
+    """Base class of all errors raised on purpose. The message is one line, and says what to do."""
 
 
 class InputError(MocapellaError):
     """A file that cannot be used.
 
-    The message is one line of the parts that are known: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``.
+    The message is one line with the known parts: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``.
     Rows count from 1 and the header is row 1, as a text editor counts lines.
     """
 
@@ -71,23 +71,23 @@ class WireError(MocapellaError):
 
 
 class SchemaVersionError(WireError):
-    """A message of a schema version that this program does not speak; names both versions."""
+    """A message of an unsupported schema version; names both versions."""
 
 
 class BusError(MocapellaError):
-    """The bus could not do what was asked."""
+    """An operation of the bus failed."""
 
 
 class AddressInUseError(BusError):
-    """Another program already listens at the address that is named."""
+    """Another program listens at the address."""
 
 
 class NameTakenError(BusError):
-    """Another node already serves a sensor of this name."""
+    """Another node serves a sensor of this name."""
 
 
 class NoServerError(BusError):
-    """Nobody answers at the address that is named."""
+    """No server answers at the address."""
 
 
 class RecordingError(MocapellaError):
@@ -95,7 +95,7 @@ class RecordingError(MocapellaError):
 
 
 class TakeExistsError(RecordingError):
-    """The take's name is in use; nothing is ever overwritten."""
+    """The take's name is in use; takes are never overwritten."""
 
 
 class DiskFullError(RecordingError):
@@ -103,11 +103,11 @@ class DiskFullError(RecordingError):
 
 
 class CalibrationError(MocapellaError):
-    """What was seen does not say where cameras are or how they see; the message says what to film."""
+    """Observations do not determine the cameras' poses or lenses; the message says what to film."""
 
 
 class EvaluationError(MocapellaError):
-    """What a tracking method says cannot be scored; the message says what can."""
+    """A method's result cannot be scored; the message says what can."""
 
 
 class NotNowError(MocapellaError):
@@ -115,7 +115,7 @@ class NotNowError(MocapellaError):
 
 
 def one_of(value: str, choices: Iterable[str]) -> str:
-    """``'kinect_v2, kinect_v1 (did you mean kinect_v2?)'``: what would have worked, for an error's message."""
+    """Return ``'kinect_v2, kinect_v1 (did you mean kinect_v2?)'``: the valid values, for an error's message."""
     names = list(choices)
     close = difflib.get_close_matches(value, names, n=1)
     return ", ".join(names) + (f" (did you mean {close[0]}?)" if close else "")

@@ -1,10 +1,10 @@
-"""Tables of descriptors that packages register by entry points; the program's own are registered likewise.
+"""Tables of descriptors that packages register by entry points; Mocapella's own are registered in the same way.
 
     METHODS = Table("mocapella.methods", Method, "tracking method")
     METHODS.find("default").make(...)
 
-A table maps a name to one kind of frozen descriptor. A descriptor is imported when it is first wanted. One that cannot
-be used is skipped, and `Table.skipped` has its name, its package and the reason; everything else runs.
+A table maps names to frozen descriptors of one class. A descriptor is imported on first use. One that is unusable is
+skipped, and `Table.skipped` has its name, its package and the reason; all others work.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OURS: Final = "mocapella"
 
 
 class Descriptor(Protocol):
-    """What every descriptor says.
+    """Fields of every descriptor.
 
     Attributes:
         interface: the version of the interface it was written for.
@@ -45,11 +45,11 @@ D = TypeVar("D", bound=Descriptor)
 
 @dataclass(frozen=True)
 class Skipped:
-    """An entry point that cannot be used.
+    """An unusable entry point.
 
     Attributes:
         group, name: as registered.
-        package: that registered it, with its version.
+        package: its package, with the version.
         why: the fault and its remedy.
     """
 
@@ -63,14 +63,14 @@ class Skipped:
 
 
 class Table(MutableMapping[str, D], Generic[D]):
-    """The descriptors of one entry point group by name, ours first, then by package and name.
+    """The descriptors of one entry point group by name: Mocapella's first, then by package and name.
 
-    A descriptor can be set by name, too, for this process alone: in a notebook, or in a test.
+    A descriptor can also be set by name for this process alone, for example in a notebook or a test.
 
     Args:
         group: of the entry points, such as ``mocapella.methods``.
         kind: class of the descriptors.
-        what: one of them in words, for errors.
+        what: noun for a descriptor in errors.
 
     Attributes:
         group, what: as given.
@@ -89,21 +89,21 @@ class Table(MutableMapping[str, D], Generic[D]):
         return tuple(self._skipped)
 
     def plugins(self) -> dict[str, str]:
-        """Load what other packages registered; returns, by name, the package of each descriptor that can be used."""
+        """Load the descriptors of other packages; return the package of each usable one by name."""
         points = tuple(self._points().items())
         return {n: _package(p) for n, p in points if p is not None and _distribution(p) != OURS and n in self}
 
     def package(self, name: str) -> str:
-        """The package that registers a name, with its version; empty where none does."""
+        """Return the package that registers a name, with its version; empty if none does."""
         point = self._points().get(name)
         return "" if point is None else _package(point)
 
     def find(self, name: str) -> D:
-        """The descriptor of that name.
+        """Return the descriptor of a name.
 
         Raises:
-            SettingsError: there is none; says which there are.
-            PluginError: it is registered and cannot be used; names the package and the fault.
+            SettingsError: the name is unknown; lists the known ones.
+            PluginError: the descriptor is unusable; names its package and the fault.
         """
         if name in self:
             return self[name]
@@ -185,13 +185,13 @@ def _order(point: EntryPoint) -> tuple[bool, str, str]:
 
 
 def plugin_points() -> list[EntryPoint]:
-    """All that other packages registered, in whatever group of ours; nothing is imported."""
+    """Return all entry points of other packages in Mocapella's groups, without importing them."""
     groups = [group for group in entry_points().groups if group.startswith(f"{OURS}.")]
     return sorted((p for group in groups for p in entry_points(group=group) if _distribution(p) != OURS), key=_order)
 
 
 def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
-    """Other packages' entry points in groups that do not exist; ``groups`` are the existing ones."""
+    """Return other packages' entry points in groups that do not exist; ``groups`` are the existing ones."""
     known = sorted(groups)
     return [
         Skipped(p.group, p.name, _package(p), f"there is no such group; known: {one_of(p.group, known)}")
@@ -202,12 +202,13 @@ def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
 
 @cache
 def load(reference: str) -> Any:
-    """What ``module:name`` refers to, imported now.
+    """Import the object of a reference ``module:name``.
 
-    A descriptor refers so to what another room has, such as a stage of the view, which most processes never need.
+    Descriptors refer in this way to objects of other packages, such as a stage of the view, that most processes never
+    need.
 
     Raises:
-        PluginError: there is no such module or name, or importing it fails.
+        PluginError: the module or name does not exist, or its import fails.
     """
     module, _, name = reference.partition(":")
     return _imported(lambda: getattr(import_module(module), name), reference)
@@ -216,6 +217,6 @@ def load(reference: str) -> Any:
 def _imported(get: Callable[[], Any], reference: str) -> Any:
     try:
         return get()
-    except (Exception, SystemExit) as error:  # a stranger's module may raise anything
+    except (Exception, SystemExit) as error:  # a plug-in's module may raise anything
         what = f"{type(error).__name__}: {error}".partition("\n")[0]
         raise PluginError(f"{reference} cannot be imported ({what}); update or uninstall its package") from error

@@ -1,4 +1,4 @@
-"""From a file's or a message's mapping to a frozen settings value: once, at the door.
+"""Convert mappings of files and messages to frozen settings values, once, on input.
 
 A settings value is a frozen dataclass whose ``__post_init__`` checks its ranges. An unknown key is an error with a
 suggestion, because a misspelt setting that is silently ignored costs a study.
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") -> T:
-    """Make a ``kind`` of a mapping.
+    """Convert a mapping to a settings value of class ``kind``.
 
     Raises:
         SettingsError: an unknown key (with a suggestion), a wrong type, or a value out of range; names ``where``.
@@ -38,13 +38,13 @@ def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") ->
 
 
 def check(condition: bool, name: str, value: object, wanted: str) -> None:
-    """Raise a `SettingsError` that says what ``name`` may be, unless ``condition`` holds."""
+    """Raise a `SettingsError` with the valid values of ``name``, unless ``condition`` holds."""
     if not condition:
         raise SettingsError(f"{name} is {value!r}; it must be {wanted}")
 
 
 def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
-    """Refuse a key, at any depth, that did not become part of the value."""
+    """Refuse a key, at any depth, that is not part of the value."""
     if isinstance(given, Mapping) and isinstance(taken, Mapping):
         for key, inner in given.items():
             if key not in taken:
@@ -56,7 +56,7 @@ def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Both mappings in one, and mappings in them likewise; where both have a value, the other's."""
+    """Merge two mappings recursively; values of ``other`` replace those of ``one``."""
     out = dict(one)
     for key, value in other.items():
         mine = out.get(key)
@@ -65,11 +65,10 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
-    """``["frames=60", "people.smoothing=kalman"]`` as a mapping, a dot leading into another; the method checks names
-    and ranges.
+    """Convert ``["frames=60", "people.smoothing=kalman"]`` to a nested mapping; the method checks names and ranges.
 
     Raises:
-        SettingsError: one is not of the form NAME=VALUE, or is a number that a take could not keep.
+        SettingsError: a pair is not of the form NAME=VALUE, or is a number that a take cannot store.
     """
     found: dict[str, Any] = {}
     for pair in pairs or []:
@@ -94,5 +93,5 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise SettingsError(f"setting: {text} cannot be kept in a take; leave the setting out where it has no limit")
+        raise SettingsError(f"setting: {text} cannot be stored in a take; leave the setting out if it has no limit")
     return value

@@ -1,4 +1,4 @@
-"""Work that can be done a little at a time, so that an image does not wait for what takes longer than it may."""
+"""Divide long computations into steps, so that they do not delay the next image."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TypeVar
 
 T = TypeVar("T")
 Steps = Generator[int, None, T]
-"""Yields how much was done since it last did, in microseconds of a processor of today: told, not measured, so that the
-same images always come to the same."""
+"""A generator that yields the nominal cost of each step [µs of a present-day processor]: fixed, not measured, so that
+equal images always give equal results."""
 
 
 def at_once(steps: Steps[T]) -> T:
-    """Do all of it; what comes out."""
+    """Run all steps; return the result."""
     while True:
         try:
             next(steps)

@@ -67,7 +67,7 @@ def test_it_goes_on_while_it_is_not_known_well_and_takes_what_will_do_at_the_end
     assert bus.now >= 7
     assert fit.position_sd_m > 1e-7
     assert "could be more precise" in bus.said[-1]
-    assert any("known to" in line and "good are" in line for line in bus.shown)
+    assert any("precise to" in line and "good are" in line for line in bus.shown)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""The messages as bytes: the schema, and the one place that writes and reads it.
+"""The message schema, and the only package that encodes and decodes it.
 
-It is a room of its own because two others need it, the bus and the recording, and neither may know the other.
+It is a package of its own because the bus and the recording need it, and neither may import the other.
 """
 
 from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION

@@ -1,4 +1,4 @@
-"""Arms of one depth camera and of a scene to bytes and back, with everything that is not ours refused at the door."""
+"""Encode and decode arms of a depth camera and of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ UInt8 = NDArray[np.uint8]
 MAX_ARMS: Final = 64
 MAX_CAMERAS: Final = 64
 MAX_REASON: Final = 1000
-"""Characters."""
+"""Longest text, in characters."""
 
 
 def encode_arm_frame(frame: ArmFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes."""
+    """Encode a frame; equal frames give equal bytes."""
     return pb.ArmFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -53,10 +53,10 @@ def encode_arm_frame(frame: ArmFrame) -> bytes:
 
 
 def arm_frame_of(m: pb.ArmFrame) -> ArmFrame:
-    """Check a message and make a frame of it.
+    """Check a message, and decode it as a frame.
 
     Raises:
-        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     size = image_size(m.width_px, m.height_px, "ArmFrame")
     if not 0 < len(m.method) <= MAX_NAME:
@@ -112,7 +112,7 @@ def _decode_arm(m: pb.SeenArm) -> SeenArm:
 
 
 def encode_arm(arm: TrackedArm) -> pb.Arm:
-    """An arm of a scene as a message."""
+    """Encode an arm of a scene."""
     T = arm.T_world_palm
     return pb.Arm(
         id=arm.id,
@@ -131,10 +131,10 @@ def encode_arm(arm: TrackedArm) -> pb.Arm:
 
 
 def decode_arm(m: pb.Arm) -> TrackedArm:
-    """An arm of a scene, of a message.
+    """Decode an arm of a scene.
 
     Raises:
-        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     places, states, sd, angles = _points_of(m, "Arm")
     if len(m.cameras) > MAX_CAMERAS:
@@ -160,7 +160,7 @@ def decode_arm(m: pb.Arm) -> TrackedArm:
 
 
 def _points_of(m: pb.SeenArm | pb.Arm, kind: str) -> tuple[Float64, UInt8, Float32, Float64]:
-    """Points, states, standard deviations and angles of an arm; ``kind`` is whose fields they are."""
+    """Decode points, states, standard deviations and angles of an arm; ``kind`` is the message's name for errors."""
     n = len(ARM_POINTS)
     places = points(m.points_m, (n, 3), f"{kind}.points_m")
     states = choices(m.point_states, STATES, n, f"{kind}.point_states")

@@ -1,4 +1,4 @@
-"""Fitted bodies of a scene to protobuf and back, with everything that is not ours refused at the door."""
+"""Encode and decode fitted bodies of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import F4, F8, MAX_NAME, STATES, array, choices, names, points, sensor_name, transform
 
 MAX_VIEWS: Final = 64
-"""Cameras of one body."""
+"""Largest number of cameras of a body."""
 MAX_LINE: Final = 8192
-"""Points of an outline."""
+"""Largest number of points of an outline."""
 MAX_BUILD: Final = 8192
 MAX_REASON: Final = 1000
-"""Characters."""
+"""Longest text, in characters."""
 _FARTHEST_RAD: Final = 100.0
 
 
 def encode_body(body: TrackedBody) -> Any:
-    """As a message."""
+    """Encode a body."""
     return pb.Body(
         id=body.id,
         name=body.name,
@@ -42,10 +42,10 @@ def encode_body(body: TrackedBody) -> Any:
 
 
 def decode_body(m: Any) -> TrackedBody:
-    """Of a message.
+    """Decode a body.
 
     Raises:
-        WireError: a field of the wrong length, or a value that cannot be; names the field.
+        WireError: a field has the wrong length or an impossible value; names the field.
     """
     if len(m.name) > MAX_NAME:
         raise WireError(f"Body.name has {len(m.name)} characters; at most {MAX_NAME} are read")

@@ -1,8 +1,8 @@
-"""Frames of skeletons to bytes and back, with everything that is not ours refused at the door.
+"""Encode and decode frames of skeletons; invalid messages are refused.
 
-A frame is on the hot path of every process, so the checks are arranged to cost little when nothing is wrong: one dot
-product tells whether an array is finite and in range, and only where it does not is the culprit looked for (vdot, not
-dot, which warns of an overflow that is only the answer here).
+Frames are on the hot path of every process, so the checks of valid frames are cheap: one dot product shows whether an
+array is finite and in range, and only otherwise the invalid value is searched (vdot, because dot warns of overflow,
+which is a valid answer here).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _BOOL: Final = np.dtype("?")
 _EDGES: Final = bytes(range(16))
 _FLOATS: Final = {"positions_m": 3, "depth_px": 2, "orientations": 4}
 _JOINT: Final = {width: np.dtype(("V", 4 * width)) for width in _FLOATS.values()}
-"""A joint's floats taken as one item, which is written several times faster than a row of them."""
+"""A joint's floats as one item, which is written several times faster than a row."""
 _ZERO: Final = {width: np.zeros(width, F4).view(item) for width, item in _JOINT.items()}
 _NAN: Final = {width: np.full(width, np.nan, F4).view(item) for width, item in _JOINT.items()}
 _FURTHEST: Final = MAX_COORDINATE**2
@@ -48,7 +48,7 @@ _MESSAGE: Final = pb.BodyFrame
 
 
 def encode_body_frame(frame: BodyFrame) -> bytes:
-    """Write a frame. What is not tracked is written as 0 and read back as NaN."""
+    """Encode a frame. Joints that are not tracked are written as 0 and read back as NaN."""
     states = frame.states.tobytes()
     gone = logical_not(frame.states.reshape(-1)).nonzero()[0] if 0 in states else None
     message = _MESSAGE(
@@ -75,16 +75,16 @@ def encode_body_frame(frame: BodyFrame) -> bytes:
 
 
 def decode_body_frame(data: bytes) -> BodyFrame:
-    """Read a frame and check it.
+    """Decode and check a frame.
 
     Raises:
-        SchemaVersionError, WireError: as `mocapella.schema.decode_frame`.
+        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
     """
     return body_frame_of(parse(_MESSAGE, data, MAX_MESSAGE_BYTES))
 
 
 def body_frame_of(m: Any) -> BodyFrame:
-    """Check a message and make a frame of it.
+    """Check a message, and decode it as a frame.
 
     Raises:
         WireError: a field is missing, too long, of the wrong length, not finite or out of range; names it.
@@ -139,7 +139,7 @@ def body_frame_of(m: Any) -> BodyFrame:
 
 
 def _packed(values: NDArray[np.float32] | None, width: int, gone: NDArray[np.intp] | None) -> bytes:
-    """The floats as they travel: 0 for the joints at ``gone``, which are not tracked."""
+    """Return the floats for the message, with 0 for the untracked joints ``gone``."""
     if values is None:
         return b""
     packed = values.astype(F4, copy=False).tobytes()
@@ -151,14 +151,14 @@ def _packed(values: NDArray[np.float32] | None, width: int, gone: NDArray[np.int
 
 
 def _blanked(values: NDArray[np.float32], width: int, gone: NDArray[np.intp]) -> NDArray[np.float32]:
-    """The flat floats, with NaN for the joints at ``gone``, which are not tracked."""
+    """Return the flat floats, with NaN for the untracked joints ``gone``."""
     values = values.copy()
     values.view(_JOINT[width]).put(gone, _NAN[width])
     return values
 
 
 def _optional(data: bytes, field: str, gone: NDArray[np.intp] | None) -> NDArray[np.float32]:
-    """The floats of a field that may be empty, where NaN says that a joint has none."""
+    """Return the floats of an optional field; NaN for joints without a value."""
     values = frombuffer(data, F4)
     if not float(vdot(values, values)) < _INFINITE and np.isinf(values).any():
         raise WireError(f"BodyFrame.{field} has an infinite value; write NaN where a joint has none")
@@ -166,7 +166,7 @@ def _optional(data: bytes, field: str, gone: NDArray[np.intp] | None) -> NDArray
 
 
 def _refuse_bad_positions(values: NDArray[np.float32], kind: Topology) -> None:
-    """Refuse the first coordinate that is not finite or out of range, where there is one and not only many bodies."""
+    """Refuse the first coordinate that is not finite or out of range; many bodies alone are no fault."""
     positions = values.reshape(-1, len(kind), 3)
     bad = np.argwhere(~(np.abs(positions) <= MAX_COORDINATE))
     if len(bad):

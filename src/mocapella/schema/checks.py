@@ -1,4 +1,4 @@
-"""What every message is checked for at the door, and the errors that say what was wrong.
+"""Checks of all decoded messages.
 
 Each function raises a `WireError` that names the field, what it has and what it wants.
 A stranger's text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
@@ -21,16 +21,16 @@ from mocapella.model.topology import Topology, topology, topology_names
 
 SCHEMA_VERSION: Final = 1
 MAX_BODIES: Final = 1024
-"""A frame that claims more is refused before anything is allocated for it."""
+"""Largest number of bodies; a frame with more is refused before memory is allocated for it."""
 MAX_POINTS: Final = 1024
-"""Markers of a camera, or points of a scene."""
+"""Largest number of markers of a camera, or points of a scene."""
 MAX_NAME: Final = 80
-"""Characters of a marker's or an object's name."""
+"""Longest name of a marker or an object, in characters."""
 MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
 MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
-"""A scene nests messages, each of which takes some forty times its bytes in memory."""
+"""Largest scene; its nested messages take about forty times their bytes in memory."""
 MAX_COORDINATE: Final = 1000.0
-"""Metres; a skeleton that is a kilometre away is not one."""
+"""Largest coordinate [m]; there is no skeleton at a distance of a kilometre."""
 
 F4: Final = np.dtype("<f4")
 F8: Final = np.dtype("<f8")
@@ -41,15 +41,15 @@ STATES: Final = bytes((0, 1, 2))
 FLAGS: Final = bytes((0, 1))
 
 _RIGID: Final = 1e-4
-"""How far a rotation's columns may be from orthonormal."""
+"""Tolerance of the orthonormality of a rotation's columns."""
 
 
 def parse(kind: Any, data: bytes, limit: int) -> Any:
-    """The protobuf message of that kind.
+    """Parse a protobuf message of a class.
 
     Raises:
-        WireError: more than ``limit`` bytes, or no such message.
-        SchemaVersionError: of a version that this program does not speak.
+        WireError: it has more than ``limit`` bytes, or is no such message.
+        SchemaVersionError: this program does not support its version.
     """
     if len(data) > limit:
         raise WireError(f"{kind.DESCRIPTOR.name} of {len(data)} bytes; at most {limit} are read")
@@ -69,7 +69,7 @@ def parse(kind: Any, data: bytes, limit: int) -> Any:
 
 @lru_cache(maxsize=64)
 def known_topology(name: str) -> Topology:
-    """The topology of that name, or a `WireError` that lists those there are."""
+    """Return a topology by name, or raise a `WireError` with the known names."""
     try:
         return topology(name[:80])
     except SettingsError:
@@ -78,7 +78,7 @@ def known_topology(name: str) -> Topology:
 
 @lru_cache(maxsize=4096)
 def sensor_name(name: str) -> str:
-    """The name itself, or a `WireError` that says which names can be used."""
+    """Return a valid sensor name, or raise a `WireError` that describes valid names."""
     try:
         return check_sensor_name(name[:80])
     except SettingsError as error:
@@ -86,7 +86,7 @@ def sensor_name(name: str) -> str:
 
 
 def identity(frame: SensorFrame) -> dict[str, Any]:
-    """The fields of a message that say which frame it is."""
+    """Return the fields of a message that identify its frame."""
     return {
         "schema_version": SCHEMA_VERSION,
         "sensor": frame.sensor,
@@ -98,12 +98,12 @@ def identity(frame: SensorFrame) -> dict[str, Any]:
 
 
 def identity_of(m: Any) -> tuple[str, int, int, int, int]:
-    """What a `SensorFrame` begins with, of a message; a `WireError` where its sensor's name cannot be used."""
+    """Return the first fields of a `SensorFrame` from a message; raise `WireError` if the sensor's name is invalid."""
     return sensor_name(m.sensor), m.node_id, m.sequence, m.time_ns, m.sent_ns
 
 
 def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str) -> NDArray[Any]:
-    """The packed values of a field, read-only, where they have the length that ``shape`` wants."""
+    """Return the packed values of a field, read-only, after checking their length against ``shape``."""
     wanted = dtype.itemsize * math.prod(shape)
     if len(data) != wanted:
         raise WireError(f"{field} has {len(data)} bytes; {shape} {dtype.name} want {wanted}")
@@ -111,7 +111,7 @@ def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str)
 
 
 def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.uint8]:
-    """``count`` bytes, each one of ``allowed``."""
+    """Return ``count`` bytes, each in ``allowed``."""
     values = array(data, U1, (count,), field)
     strange = data.translate(None, allowed)
     if strange:
@@ -120,7 +120,7 @@ def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.u
 
 
 def points(data: bytes, shape: tuple[int, ...], field: str) -> NDArray[np.float64]:
-    """float64 coordinates [m]: each NaN, which is not seen, or within ±`MAX_COORDINATE`."""
+    """Return float64 coordinates [m], each NaN (not seen) or within ±`MAX_COORDINATE`."""
     values = array(data, F8, shape, field)
     far = values[np.abs(values) > MAX_COORDINATE]
     if far.size:
@@ -129,7 +129,7 @@ def points(data: bytes, shape: tuple[int, ...], field: str) -> NDArray[np.float6
 
 
 def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
-    """float32 standard deviations: each NaN, which is not known, or 0 or more."""
+    """Return float32 standard deviations, each NaN (unknown), or 0 or more."""
     sd = array(data, F4, (count,), field)
     if (sd < 0).any() or np.isinf(sd).any():
         raise WireError(f"{field} has a value that is no standard deviation; 0 or more is wanted, or NaN")
@@ -137,7 +137,7 @@ def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
 
 
 def names(given: Any, field: str) -> tuple[str, ...]:
-    """Names of points: each once, none empty or longer than `MAX_NAME`, and not more than `MAX_POINTS`."""
+    """Return the names of points: unique, not empty or longer than `MAX_NAME`, at most `MAX_POINTS`."""
     if len(given) > MAX_POINTS:
         raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
     told = tuple(given)
@@ -150,7 +150,7 @@ def names(given: Any, field: str) -> tuple[str, ...]:
 
 
 def transform(data: bytes, field: str) -> NDArray[np.float64]:
-    """A rigid motion (4, 4) of its upper three rows."""
+    """Return a rigid motion (4, 4) from its upper three rows."""
     T = np.eye(4)
     T[:3] = array(data, F8, (3, 4), field)
     R = T[:3, :3]
@@ -167,7 +167,7 @@ def transform(data: bytes, field: str) -> NDArray[np.float64]:
 
 
 def sensor_pose(tilt: float, height: float, message: str) -> None:
-    """Refuse a sensor's tilt [rad] or height [m] that no sensor has; ``message`` is whose fields they are."""
+    """Refuse an impossible tilt [rad] or height [m] of a sensor; ``message`` is the message's name for errors."""
     if not (-math.pi <= tilt <= math.pi and -MAX_COORDINATE <= height <= MAX_COORDINATE):
         raise WireError(
             f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "

@@ -1,4 +1,4 @@
-"""Messages in a row on a stream, each after its length as a varint: protobuf's ``writeDelimitedTo``."""
+"""Length-delimited messages on a stream, each after its length as a varint: protobuf's ``writeDelimitedTo``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from mocapella.errors import WireError
 from mocapella.schema.checks import MAX_MESSAGE_BYTES
 
 _LONGEST_VARINT = 5
-"""Bytes; four hold every length that is allowed, and some writers always take five."""
+"""Longest varint in bytes; four hold every valid length, and some writers always use five."""
 
 
 def delimited(message: bytes) -> bytes:
-    """The message after its length, as it goes onto a stream."""
+    """Return a message with its length before it."""
     length, prefix = len(message), bytearray()
     while length > 0x7F:
         prefix.append(length & 0x7F | 0x80)
@@ -22,9 +22,9 @@ def delimited(message: bytes) -> bytes:
 
 
 class DelimitedReader:
-    """Cuts a stream that arrives in pieces of any size into messages.
+    """Splits a stream, received in chunks of any size, into messages.
 
-    A length is checked as soon as it is complete, before the message that it announces is waited for.
+    A length is checked as soon as it is complete, before its message has arrived.
     """
 
     def __init__(self, limit: int = MAX_MESSAGE_BYTES) -> None:
@@ -33,14 +33,14 @@ class DelimitedReader:
 
     @property
     def pending(self) -> int:
-        """Bytes of a message that has begun and is not complete."""
+        """Number of bytes of an incomplete message."""
         return len(self._buffer)
 
     def feed(self, piece: bytes) -> Iterator[bytes]:
-        """The messages that are complete with this piece.
+        """Return the messages completed by this chunk.
 
         Raises:
-            WireError: a length is no varint or above the limit; what follows cannot be made sense of.
+            WireError: a length is no varint or above the limit; the rest of the stream is unusable.
         """
         self._buffer += piece
         while (found := self._length()) is not None:
@@ -52,7 +52,7 @@ class DelimitedReader:
             yield message
 
     def _length(self) -> tuple[int, int] | None:
-        """Where the first message begins and how long it is; None where its length is not complete."""
+        """Return the offset and length of the first message; None if its length is incomplete."""
         length = 0
         for place, byte in enumerate(self._buffer[:_LONGEST_VARINT]):
             length |= (byte & 0x7F) << 7 * place

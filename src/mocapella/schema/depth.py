@@ -1,9 +1,9 @@
-"""Depth images to bytes and back, without loss, with everything that is not ours refused at the door.
+"""Encode and decode depth images without loss; invalid messages are refused.
 
-A pixel is written as its difference to the neighbours on its left, above, and above left (the planar predictor, the
-fourth of the lossless mode of ITU-T T.81, table H.1), modulo 2^16: where a surface is smooth, that is little. Small
-differences of both signs become small numbers, the low bytes of all stand before the high ones, and Zstandard
-(RFC 8878) packs them.
+A pixel is written as its residual to a prediction from its left, upper, and upper left neighbours (the planar
+predictor, the fourth of the lossless mode of ITU-T T.81, table H.1), modulo 2^16, which is small on smooth surfaces.
+Residuals of both signs become small numbers, all low bytes precede the high ones, and Zstandard (RFC 8878) compresses
+them.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ Float64 = NDArray[np.float64]
 
 MAX_DEPTH_SIDE_PX: Final = 4096
 MAX_DEPTH_PX: Final = 1 << 22
-"""Pixels of an image: what a message may unpack to is known before anything is unpacked."""
+"""Largest number of pixels; the unpacked size of a message is checked before unpacking."""
 UNITS_M: Final = (1e-6, 0.1)
-"""Metres a unit, from and to."""
+"""Smallest and largest metres per unit."""
 _LEVEL: Final = 1
 _MAX_LENS: Final = 1e6
 
 
 def encode_depth_frame(frame: DepthFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes, with one version of Zstandard."""
+    """Encode a frame; equal frames give equal bytes with the same version of Zstandard."""
     return pb.DepthFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -44,10 +44,10 @@ def encode_depth_frame(frame: DepthFrame) -> bytes:
 
 
 def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
-    """Check a message and make a frame of it.
+    """Check a message, and decode it as a frame.
 
     Raises:
-        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     size = image_size(m.width_px, m.height_px, "DepthFrame")
     if not UNITS_M[0] <= m.unit_m <= UNITS_M[1]:  # NaN compares false
@@ -63,7 +63,7 @@ def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
 
 
 def pack_depth(depth: UInt16) -> bytes:
-    """(height, width) as it travels."""
+    """Compress an image (height, width)."""
     along = depth.copy()
     along[:, 1:] -= depth[:, :-1]
     both = along.copy()
@@ -75,10 +75,10 @@ def pack_depth(depth: UInt16) -> bytes:
 
 
 def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
-    """(height, width), the inverse of `pack_depth`.
+    """Return the image (height, width) that `pack_depth` compressed.
 
     Raises:
-        WireError: it is not packed so, or does not unpack to an image of this size.
+        WireError: the data are invalid, or of an image of another size.
     """
     width, height = size_px
     wanted = 2 * width * height
@@ -102,7 +102,7 @@ def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
 
 
 def image_size(width: int, height: int, message: str) -> tuple[int, int]:
-    """(width, height) of a depth image, or a `WireError` that says which there are."""
+    """Return the size (width, height) of a depth image, or raise a `WireError` with the valid sizes."""
     sides = 0 < width <= MAX_DEPTH_SIDE_PX and 0 < height <= MAX_DEPTH_SIDE_PX
     if not (sides and width * height <= MAX_DEPTH_PX):
         wanted = f"1 to {MAX_DEPTH_SIDE_PX} pixels each, and at most {MAX_DEPTH_PX} in all"
@@ -111,7 +111,7 @@ def image_size(width: int, height: int, message: str) -> tuple[int, int]:
 
 
 def lens_of(data: bytes, field: str) -> Float64:
-    """(9,) a lens, or a `WireError` that says what is wrong with it."""
+    """Return a lens (9,), or raise a `WireError` with its fault."""
     lens = array(data, F8, (9,), field)
     if not ((np.abs(lens) <= _MAX_LENS).all() and (lens[:2] > 0).all()):  # NaN compares false
         wanted = f"nine numbers within ±{_MAX_LENS:g}, of which the first two, fx and fy, are above 0, are wanted"

@@ -1,4 +1,4 @@
-"""Frames of types that plug-ins bring: the common fields, the type's name, and the content as the plug-in writes it."""
+"""Envelope of plug-ins' frames: the common fields, the type's name, and the content encoded by the plug-in."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocapella.schema.checks import MAX_MESSAGE_BYTES, MAX_NAME, identity, ident
 
 @cache
 def protobuf_format(message: str) -> MessageFormat:
-    """How a take says that a message of ours is written; Foxglove and other MCAP tools can read it then."""
+    """Return the format of a protobuf message for a take, which Foxglove and other MCAP tools can read."""
     file = FileDescriptorProto()
     pb.DESCRIPTOR.CopyToProto(file)
     schema = FileDescriptorSet(file=[file]).SerializeToString()
@@ -24,41 +24,41 @@ def protobuf_format(message: str) -> MessageFormat:
 
 
 ENVELOPE: Final = protobuf_format("OtherFrame")
-"""The format of all frames of plug-ins."""
+"""Format of all plug-ins' frames."""
 
 
 def seal(frame: SensorFrame, kind: str, content: bytes) -> bytes:
-    """A plug-in's frame as a message.
+    """Encode a plug-in's frame as a message.
 
     Args:
-        frame: whose sensor, number and times the message has.
+        frame: with the sensor, sequence number and times of the message.
         kind: name of its type.
-        content: the rest, as the plug-in writes it.
+        content: the other fields, encoded by the plug-in.
     """
     return pb.OtherFrame(**identity(frame), kind=kind, content=content).SerializeToString()
 
 
 def unseal(data: bytes) -> tuple[tuple[str, int, int, int, int], bytes]:
-    """What a `SensorFrame` begins with, and the content, of a message that `seal` wrote.
+    """Return the first fields of a `SensorFrame`, and the content, of a message made by `seal`.
 
     Raises:
-        SchemaVersionError, WireError: as `mocapella.schema.decode_frame`.
+        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
     """
     message = _parsed(data)
     return identity_of(message), message.content
 
 
 def kind_of(data: bytes) -> str:
-    """Name of the frame type of a message that `seal` wrote.
+    """Return the frame type's name of a message made by `seal`.
 
     Raises:
-        WireError: it has none that can be.
+        WireError: the name is invalid.
     """
     return str(_parsed(data).kind)
 
 
 def open_unknown(data: bytes) -> UnknownFrame:
-    """A frame whose type no installed package has."""
+    """Decode a frame whose type no installed package has."""
     message = _parsed(data)
     return UnknownFrame(*identity_of(message), message.kind, message.content)
 

@@ -1,4 +1,4 @@
-"""Frames to bytes and back, whatever their type: its descriptor writes and reads it."""
+"""Encode and decode frames of any type by its descriptor."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from mocapella.schema.envelope import ENVELOPE, kind_of, open_unknown, seal
 
 
 def encode_frame(frame: SensorFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes."""
+    """Encode a frame; equal frames give equal bytes."""
     if isinstance(frame, UnknownFrame):
         return seal(frame, frame.kind, frame.content)
     return by_class()[type(frame)].encode(frame)
 
 
 def decode_frame(data: bytes) -> Any:
-    """Read a frame of any type, and check it; an `UnknownFrame` where no installed package has its type.
+    """Decode and check a frame of any type; return an `UnknownFrame` if no installed package has its type.
 
     Raises:
-        SchemaVersionError: it is of another schema version; names both.
+        SchemaVersionError: it has another schema version; names both.
         WireError: it is no frame, or a field is missing, too long, of the wrong length, not finite or out of range;
             names the field and the expected value.
     """
@@ -43,7 +43,7 @@ def decode_frame(data: bytes) -> Any:
 
 
 def format_of(data: bytes) -> MessageFormat:
-    """How a take says that a frame's message is written.
+    """Return the format of a frame's message for a take.
 
     Raises:
         WireError: the bytes are no frame.
@@ -59,7 +59,7 @@ def format_of(data: bytes) -> MessageFormat:
 
 
 def _other_type(message: Any, data: bytes) -> FrameType | None:
-    """Of a message that is of no skeletons."""
+    """Return the type of a message other than skeletons."""
     for number in _numbers(message):
         if number == ENVELOPE_FIELD:
             return FRAME_TYPES.get(kind_of(data))

@@ -1,4 +1,4 @@
-"""What a scene has of hands, points and objects, to protobuf and back, with everything that is not ours refused."""
+"""Encode and decode hands, points and objects of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from mocapella.schema.checks import (
 
 
 def encode_hand(hand: TrackedHand) -> Any:
-    """As a message."""
+    """Encode a part."""
     return pb.Hand(
         id=hand.id,
         left=hand.left,
@@ -43,10 +43,10 @@ def encode_hand(hand: TrackedHand) -> Any:
 
 
 def decode_hand(m: Any) -> TrackedHand:
-    """Of a message.
+    """Decode a part.
 
     Raises:
-        WireError: a field of the wrong length, or a value that cannot be; names the field.
+        WireError: a field has the wrong length or an impossible value; names the field.
     """
     n = len(LANDMARKS)
     angles = array(m.angles_rad, F8, (len(ANGLES),), "Hand.angles_rad")
@@ -65,7 +65,7 @@ def decode_hand(m: Any) -> TrackedHand:
 
 
 def encode_points(found: TrackedPoints) -> Any:
-    """As a message."""
+    """Encode a part."""
     return pb.Points(
         names=found.names,
         positions_m=found.positions.astype(F8, copy=False).tobytes(),
@@ -75,10 +75,10 @@ def encode_points(found: TrackedPoints) -> Any:
 
 
 def decode_points(m: Any) -> TrackedPoints:
-    """Of a message.
+    """Decode a part.
 
     Raises:
-        WireError: as `decode_hand`.
+        WireError: as in `decode_hand`.
     """
     told = names(m.names, "Points.names")
     return TrackedPoints(
@@ -90,7 +90,7 @@ def decode_points(m: Any) -> TrackedPoints:
 
 
 def encode_object(thing: TrackedObject) -> Any:
-    """As a message."""
+    """Encode a part."""
     return pb.Object(
         name=thing.name,
         T_world_object=_upper_rows(thing.T_world_object),
@@ -100,10 +100,10 @@ def encode_object(thing: TrackedObject) -> Any:
 
 
 def decode_object(m: Any) -> TrackedObject:
-    """Of a message.
+    """Decode a part.
 
     Raises:
-        WireError: as `decode_hand`.
+        WireError: as in `decode_hand`.
     """
     corners = len(m.outline_m) // (3 * F8.itemsize)
     if corners > MAX_POINTS:

@@ -1,4 +1,4 @@
-"""Images of cameras to bytes and back, with everything that is not ours refused at the door."""
+"""Encode and decode camera images; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _KNOWN: Final = frozenset(IMAGE_FORMATS)
 
 
 def encode_image_frame(frame: ImageFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes."""
+    """Encode a frame; equal frames give equal bytes."""
     data = frame.data
     return pb.ImageFrame(
         **identity(frame),
@@ -29,10 +29,10 @@ def encode_image_frame(frame: ImageFrame) -> bytes:
 
 
 def image_frame_of(m: pb.ImageFrame) -> ImageFrame:
-    """Check a message and make a frame of it; whether an encoded image can be read is seen when it is decoded.
+    """Check a message, and decode it as a frame; the encoded image itself is checked when it is decoded.
 
     Raises:
-        WireError: a field of the wrong length, or an impossible value; names the field and the expected value.
+        WireError: a field has the wrong length or an impossible value; names the field and the expected value.
     """
     width, height = image_size(m.width_px, m.height_px, "ImageFrame")
     if m.format not in _KNOWN:

@@ -1,10 +1,10 @@
-"""Markers of one picture as a line of text in a datagram: what small programs on a Raspberry Pi send.
+"""Markers of one image as a line of text in a datagram, as sent by small programs on a Raspberry Pi.
 
     x,y;x,y;…                           a pair for each marker, in an order that both sides know
-    #SEQUENCE,TIME_US;x,y;x,y;…         the same, by a program that numbers and times its pictures
+    #SEQUENCE,TIME_US;x,y;x,y;…         the same, from a program that numbers and times its images
 
-The first form is that of the RHOT thesis, which leaves open how a lost marker is written, what ends the line, and
-when a picture was taken. docs/wire.md says what is read, docs/decisions/0012-datagrams-of-markers.md why.
+The first form is that of the RHOT thesis, which does not define lost markers, the end of the line, or capture times.
+docs/wire.md describes the accepted forms, docs/decisions/0012-datagrams-of-markers.md the reasons.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from mocapella.errors import WireError
 Float64 = NDArray[np.float64]
 
 MAX_DATAGRAM_BYTES: Final = 1472
-"""What fits into one Ethernet frame; six markers take some sixty bytes."""
+"""Payload of one Ethernet frame; six markers take about sixty bytes."""
 MAX_MARKERS: Final = 64
-"""Of a datagram, so that all of them fit with a subpixel's digits."""
+"""Largest number of markers, which fit into a datagram with subpixel digits."""
 MAX_SEQUENCE: Final = 2**63 - 1
 MAX_TIME_US: Final = 2**53
-"""285 years, and exact in every language's numbers."""
+"""Largest time: 285 years, and exact in every language's numbers [µs]."""
 
 _TEXT: Final = re.compile(rb"[\x20-\x7e]*\Z")
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]{1,17}(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][+-]?[0-9]{1,3})?\Z")
@@ -37,11 +37,11 @@ _NOT_FINITE: Final = re.compile(r"[+-]?(?:inf|infinity)\Z", re.IGNORECASE)
 _NAN: Final = re.compile(r"[+-]?nan\Z", re.IGNORECASE)
 _COUNT: Final = re.compile(r"[0-9]{1,19}\Z")
 _SHOWN: Final = 40
-"""Characters of a stranger's text in a message."""
+"""Longest untrusted text in an error, in characters."""
 
 
 class DatagramProblem(StrEnum):
-    """Why a datagram is refused; what is counted by."""
+    """Reasons to refuse a datagram, as keys of the counts."""
 
     EMPTY = "empty"
     TOO_LONG = "too long"
@@ -55,7 +55,7 @@ class DatagramProblem(StrEnum):
 
 
 class DatagramError(WireError):
-    """A datagram that does not tell markers. ``problem`` is its kind; the message says what was wrong with this one."""
+    """An invalid datagram. ``problem`` is the reason's key; the message describes the fault."""
 
     def __init__(self, problem: DatagramProblem, message: str) -> None:
         self.problem = problem
@@ -63,12 +63,12 @@ class DatagramError(WireError):
 
 
 class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
-    """What a datagram says.
+    """Content of a datagram.
 
     Attributes:
         positions_px: (markers, 2) x to the right, y down; the middle of the first pixel is (0, 0); NaN = not seen.
-        sequence: which picture of the program's it is; None where it does not say.
-        time_us: when it was taken, on the program's own clock; None where it does not say.
+        sequence: number of the program's image; None if not given.
+        time_us: capture time on the program's own clock; None if not given.
     """
 
     positions_px: Float64
@@ -77,7 +77,7 @@ class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
 
 
 def encode_marker_datagram(datagram: MarkerDatagram, decimals: int = 2) -> bytes:
-    """As a program would send it; a marker that is not seen is an empty pair (``;;``)."""
+    """Encode a datagram; a marker that is not seen is an empty pair (``;;``)."""
     pairs = [
         f"{x:.{decimals}f},{y:.{decimals}f}" if math.isfinite(x) and math.isfinite(y) else ","
         for x, y in datagram.positions_px.tolist()
@@ -91,16 +91,16 @@ def encode_marker_datagram(datagram: MarkerDatagram, decimals: int = 2) -> bytes
 def decode_marker_datagram(
     data: bytes, names: Sequence[str], size_px: tuple[int, int], *, zero_is_lost: bool = False
 ) -> MarkerDatagram:
-    """Read a datagram; work and memory are bounded by `MAX_DATAGRAM_BYTES`.
+    """Decode a datagram; time and memory are bounded by `MAX_DATAGRAM_BYTES`.
 
     Args:
-        data: as it came.
+        data: as received.
         names: of the markers, in the order of the pairs.
-        size_px: (width, height) of the pictures.
-        zero_is_lost: the program writes ``0,0`` for a marker that it does not see.
+        size_px: (width, height) of the images.
+        zero_is_lost: whether the program writes ``0,0`` for a marker that it does not see.
 
     Raises:
-        DatagramError: it is anything else; nothing else is ever raised.
+        DatagramError: it is invalid; no other error is raised.
     """
     if len(data) > MAX_DATAGRAM_BYTES:
         problem = f"{len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read"
@@ -130,7 +130,7 @@ def decode_marker_datagram(
 
 
 def _header(text: str) -> tuple[int, int | None]:
-    """Sequence and time; what follows them is of a later version and is passed over."""
+    """Decode sequence and time; further fields belong to later versions and are ignored."""
     first, *rest = (part.strip() for part in text[1:].split(","))
     sequence = int(first) if _COUNT.match(first) else -1
     time_us = None if not rest or not rest[0] else int(rest[0]) if _COUNT.match(rest[0]) else -1
@@ -141,7 +141,7 @@ def _header(text: str) -> tuple[int, int | None]:
 
 
 def _position(pair: str, zero_is_lost: bool) -> tuple[float, float]:
-    """A pair's numbers; NaN for the ways to say that a marker is not seen."""
+    """Decode a pair's numbers; NaN for each form of a marker that is not seen."""
     parts = [part.strip() for part in pair.split(",")]
     if parts == [""]:
         return math.nan, math.nan

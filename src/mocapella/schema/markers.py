@@ -1,4 +1,4 @@
-"""Marker frames to bytes and back, with everything that is not ours refused at the door."""
+"""Encode and decode marker frames; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_SIDE_PX: Final = 65_536
 
 
 def encode_marker_frame(frame: MarkerFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes."""
+    """Encode a frame; equal frames give equal bytes."""
     return pb.MarkerFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -30,10 +30,10 @@ def encode_marker_frame(frame: MarkerFrame) -> bytes:
 
 
 def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
-    """Check a message and make a frame of it.
+    """Check a message, and decode it as a frame.
 
     Raises:
-        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     told = names(m.names, "MarkerFrame.names")
     n, size = len(told), (m.width_px, m.height_px)

@@ -1,4 +1,4 @@
-"""People of a scene to protobuf and back, with everything that is not ours refused at the door."""
+"""Encode and decode people of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocapella.schema.checks import F4, F8, STATES, choices, deviations, points,
 
 
 def encode_person(person: Person) -> Any:
-    """As a message."""
+    """Encode a person."""
     return pb.Person(
         id=person.id,
         positions_m=person.positions.astype(F8, copy=False).tobytes(),
@@ -29,7 +29,7 @@ def decode_person(m: Any, kind: Topology) -> Person:
     """Decode a person with the joints of ``kind``.
 
     Raises:
-        WireError: a field of the wrong length, or a value that cannot be; names the field.
+        WireError: a field has the wrong length or an impossible value; names the field.
     """
     return Person(
         m.id,

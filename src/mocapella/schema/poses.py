@@ -1,4 +1,4 @@
-"""Pose frames to bytes and back, with everything that is not ours refused at the door."""
+"""Encode and decode pose frames; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from mocapella.schema.checks import (
 )
 
 _UNIT: Final = 1e-3
-"""How far a quaternion's length may be from 1."""
+"""Tolerance of a quaternion's length."""
 
 
 def encode_pose_frame(frame: PoseFrame) -> bytes:
-    """Write a frame; the same numbers give the same bytes."""
+    """Encode a frame; equal frames give equal bytes."""
     return pb.PoseFrame(
         **identity(frame),
         space=frame.space,
@@ -38,10 +38,10 @@ def encode_pose_frame(frame: PoseFrame) -> bytes:
 
 
 def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
-    """Check a message and make a frame of it.
+    """Check a message, and decode it as a frame.
 
     Raises:
-        WireError: a field is too long, of the wrong length or out of range; names the field and what it wants.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     if not 0 < len(m.space) <= MAX_NAME:
         raise WireError(f"PoseFrame.space is {m.space[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")

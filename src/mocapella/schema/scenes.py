@@ -1,4 +1,4 @@
-"""Scenes and truths to bytes and back, with everything that is not ours refused at the door."""
+"""Encode and decode scenes and ground truths; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from mocapella.schema.checks import (
 
 _PHASES: Final = {phase.value: phase for phase in Phase}
 _SINGLE: Final = frozenset({"points"})
-"""Fields of a message ``Scene`` that have one part at most."""
+"""Fields of a message ``Scene`` with at most one part."""
 
 
 def encode_scene(scene: Scene) -> bytes:
-    """Write a scene; the same numbers give the same bytes."""
+    """Encode a scene; equal scenes give equal bytes."""
     state = scene.state
     message = pb.Scene(
         schema_version=SCHEMA_VERSION,
@@ -60,10 +60,10 @@ def encode_scene(scene: Scene) -> bytes:
 
 
 def decode_scene(data: bytes) -> Scene:
-    """Read a scene and check it.
+    """Decode and check a scene.
 
     Raises:
-        SchemaVersionError, WireError: as `decode_frame`.
+        SchemaVersionError, WireError: as in `decode_frame`.
     """
     m = parse(pb.Scene, data, MAX_SCENE_BYTES)
     kind = known_topology(m.topology)
@@ -86,7 +86,7 @@ def decode_scene(data: bytes) -> Scene:
 
 
 def _encode_parts(parts: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-    """The fields of a message ``Scene`` that have a scene's parts."""
+    """Return the fields of a message ``Scene`` for a scene's parts."""
     fields: dict[str, Any] = {}
     others: list[Any] = []
     for name, some in parts.items():
@@ -102,7 +102,7 @@ def _encode_parts(parts: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
 
 
 def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
-    """A scene's parts by the name of their type; an `UnknownPart` where no installed package has it."""
+    """Return a scene's parts by type; an `UnknownPart` if no installed package has the type."""
     parts: dict[str, tuple[Any, ...]] = {}
     for kind in _with_fields():
         single = kind.field in _SINGLE
@@ -121,7 +121,7 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
 
 
 def count_parts(message: pb.Scene) -> Counter[str]:
-    """How many parts of each type a scene's message has, by the type's name; nothing of them is decoded."""
+    """Return the number of parts of each type in a scene's message, without decoding them."""
     counts = Counter[str]()
     for kind in _with_fields():
         single = kind.field in _SINGLE
@@ -136,7 +136,7 @@ def _with_fields() -> tuple[PartType, ...]:
 
 
 def encode_truth(truth: Truth) -> bytes:
-    """Write what a simulated room knows."""
+    """Encode a simulation's ground truth."""
     message = pb.Truth(
         schema_version=SCHEMA_VERSION,
         sensor=truth.sensor,
@@ -153,10 +153,10 @@ def encode_truth(truth: Truth) -> bytes:
 
 
 def decode_truth(data: bytes) -> Truth:
-    """Read what a simulated room knows, and check it.
+    """Decode and check a simulation's ground truth.
 
     Raises:
-        SchemaVersionError, WireError: as `decode_frame`.
+        SchemaVersionError, WireError: as in `decode_frame`.
     """
     m = parse(pb.Truth, data, MAX_SCENE_BYTES)
     kind = known_topology(m.topology)
