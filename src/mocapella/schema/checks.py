@@ -1,7 +1,7 @@
 """Checks of all decoded messages.
 
-Each function raises a `WireError` that names the field, what it has and what it wants.
-A stranger's text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
+Each function raises a `WireError` with the field, its value, and the valid values.
+Untrusted text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
 """
 
 from __future__ import annotations
