@@ -116,7 +116,7 @@ def test_what_cannot_be_used_is_named(tmp_path):
         VideoSet({"c1": tmp_path / "text.avi"}, RIG)
     with pytest.raises(InputError, match="two cameras are the same of the rig"):
         VideoSet({"c1": paths["c1"], "C1": paths["c2"]}, RIG)
-    with pytest.raises(InputError, match=r"--frames.*no frame of those that are wanted; it has 6 frames"):
+    with pytest.raises(InputError, match=r"--frames.*has none of the selected frames; it has 6 frames"):
         VideoSet(paths, RIG, frames=Frames(6))
 
 

@@ -58,7 +58,7 @@ _ENOUGH_PX: Final = 100
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """A depth camera's parameters as a user gives them; they take precedence over those of a file or camera.
+    """A depth camera's parameters as a user gives them; they take precedence over a file's or camera's own.
 
     Attributes:
         unit_m: metres per unit.

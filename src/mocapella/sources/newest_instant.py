@@ -5,7 +5,7 @@ half a period, so a frame has one image of every camera that delivers any. The g
 if a camera's next image would be nearer to the others than the present one, the frame waits for it.
 
 A camera whose latency exceeds the others' by more than a period would never match their images of the same instant,
-because these would be gone. So all images are held back until those of the late camera have arrived.
+because these would be gone. So all images are held back until the late camera's have arrived.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class OscMessage(NamedTuple):
 
 
 def messages(data: bytes, depth: int = 0) -> Iterator[OscMessage]:
-    """Decode a datagram's messages, including those of bundles.
+    """Decode a datagram's messages, including nested bundles.
 
     Raises:
         BadOscError: the datagram is not valid OSC, or is nested too deeply.

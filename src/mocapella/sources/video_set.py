@@ -179,7 +179,7 @@ class VideoSet:
         count = len(range(self._frames.first, end, self._frames.step))
         if count == 0:
             raise InputError(
-                "has no frame of those that are wanted", field="--frames", value=f"from {self._frames.first}",
+                "has none of the selected frames", field="--frames", value=f"from {self._frames.first}",
                 file=min(self.videos.values(), key=lambda video: video.count or 0).path, fix=f"it has {least} frames",
             )  # fmt: skip
         return count

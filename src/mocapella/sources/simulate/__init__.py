@@ -4,7 +4,7 @@
     for item in SimulatedSensor(room, "front").frames(0.0, 10.0):
         item.due_s, item.frame, item.truth
 
-What is modelled, from which sources, and what is not: ``docs/simulation.md``.
+``docs/simulation.md`` describes the models, their sources and their limits.
 """
 
 from mocapella.sources.simulate.device import Noise, SensorSettings

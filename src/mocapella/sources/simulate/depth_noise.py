@@ -1,15 +1,15 @@
-"""What a depth camera makes of exact depths: noise, quantisation, shadows, holes and the edges of each principle.
+"""Noise models of depth cameras: noise, quantisation, shadows, holes and edge effects.
 
 **Structured light** (`StructuredLight`): the standard deviation of depth is that of C. Nguyen, S. Izadi, D. Lovell,
 "Modeling Kinect sensor noise for improved 3D reconstruction and tracking" (3DIMPVT 2012), equations 3 and 4; it grows
 with z², as triangulation's does: K. Khoshelham, S. Elberink, "Accuracy and resolution of Kinect depth data for indoor
-mapping applications" (Sensors 12, 2012), equation 11. Depth is rounded to whole steps of 1/z (their section 3.3). What
-the projector does not light is not measured. Edges are displaced by their lateral noise of 0.8 px and have holes, and
-surfaces at grazing angles have: T. Mallick, P. Das, A. Majumdar, "Characterizations of noise in Kinect depth images: a
-review" (IEEE Sensors J. 14, 2014), section IV.
+mapping applications" (Sensors 12, 2012), equation 11. Depth is rounded to whole steps of 1/z (their section 3.3).
+Surfaces in the projector's shadow are not measured. Edges are displaced by their lateral noise of 0.8 px and have
+holes, as do surfaces at grazing angles: T. Mallick, P. Das, A. Majumdar, "Characterizations of noise in Kinect depth
+images: a review" (IEEE Sensors J. 14, 2014), section IV.
 
 **Time of flight** (`TimeOfFlight`): the standard deviation is inverse to the amplitude, which falls with z² and the
-angle; where a pixel sees two surfaces, their light adds up as phasors, which gives depths between them (flying pixels);
+angle; if a pixel sees two surfaces, their light adds up as phasors, which gives depths between them (flying pixels);
 the light's odd harmonics make depth wiggle four times a period: S. Foix, G. Alenyà, C. Torras, "Lock-in time-of-flight
 (ToF) cameras: a survey" (IEEE Sensors J. 11, 2011), sections II and III; M. Lindner, A. Kolb, "Lateral and depth
 calibration of PMD-distance sensors" (ISVC 2006).
@@ -33,23 +33,23 @@ UInt16 = NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class StructuredLight:
-    """A camera that projects a pattern and triangulates; the standard values are the first Kinect's.
+    """A camera that projects a pattern and triangulates; the defaults model the first Kinect.
 
     Attributes:
-        least_m, most_m: what it measures.
-        sd_m: standard deviation of depth at `sd_least_at_m`, seen straight on.
-        sd_per_m: by how much it grows with the squared distance from there [1/m].
-        sd_least_at_m: where it is least.
-        sd_angle: how much it grows with the angle θ: this · z^−½ · θ²/(π/2 − θ)² [m^1.5].
-        step_per_m: the smallest change of 1/z that is told apart [1/m]; 0 for none.
-        shared: the part of the variance that neighbouring pixels have in common.
-        shared_px: within how many pixels.
+        least_m, most_m: range of measured depths.
+        sd_m: standard deviation of depth at `sd_least_at_m`, at normal incidence.
+        sd_per_m: growth of the standard deviation with the squared distance from there [1/m].
+        sd_least_at_m: depth with the least standard deviation.
+        sd_angle: factor of the term for the angle of incidence θ: this · z^−½ · θ²/(π/2 − θ)² [m^1.5].
+        step_per_m: quantisation step of 1/z [1/m]; 0 for none.
+        shared: share of the variance that neighbouring pixels have in common.
+        shared_px: size of such a neighbourhood.
         edge_px: standard deviation of an edge's displacement.
-        edge: a depth edge is a change by this part of the depth within 2 px.
-        edge_holes: the part of pixels at edges that is not measured.
-        steep_deg: from which angle on pixels begin to be lost, and from which on all are.
-        dropout: the part of all pixels that is lost at random.
-        baseline_m: how far the projector is from the camera along x.
+        edge: relative change of depth within 2 px that makes an edge.
+        edge_holes: share of pixels at edges that are not measured.
+        steep_deg: angle of incidence from which pixels are lost, and from which all are.
+        dropout: share of all pixels that are lost at random.
+        baseline_m: distance of the projector from the camera along x.
     """
 
     least_m: float = 0.4
@@ -91,14 +91,14 @@ class TimeOfFlight:
     """A camera that measures the phase of modulated light.
 
     Attributes:
-        least_m, most_m: what it measures.
-        sd_at_1m: standard deviation of depth at 1 m, seen straight on; elsewhere that · z² / cos θ [m].
-        faintest: the least amplitude that is measured, over that at 1 m, seen straight on.
-        spread: the part of a pixel's light that falls into its neighbours, along each axis.
-        low_hz: of the lowest modulation, which tells the whole distance.
+        least_m, most_m: range of measured depths.
+        sd_at_1m: standard deviation of depth at 1 m and normal incidence; elsewhere this · z² / cos θ [m].
+        faintest: least measurable amplitude, relative to that at 1 m and normal incidence.
+        spread: share of a pixel's light that falls into its neighbours, along each axis.
+        low_hz: lowest modulation frequency, which determines the unambiguous range.
         wiggle_m: amplitude of the periodic error.
-        wiggle_hz: of the modulation that makes it.
-        dropout: the part of all pixels that is lost at random.
+        wiggle_hz: modulation frequency that causes it.
+        dropout: share of all pixels that are lost at random.
     """
 
     least_m: float = 0.4
@@ -128,15 +128,15 @@ def measured(
     exact_m: Float32, slope: Float32, noise: StructuredLight | TimeOfFlight | None, *, focal_px: float, unit_m: float,
     key: int,
 ) -> UInt16:  # fmt: skip
-    """(height, width) what the camera gives, in units; 0 where it measures nothing.
+    """Apply a camera's noise to exact depths; return the image (height, width) in units, 0 without a measurement.
 
     Args:
-        exact_m: (height, width) [m]; infinite where nothing is.
+        exact_m: (height, width) [m]; infinite without a surface.
         slope: (height, width) cosine of the angle between the surface's normal and the ray.
         noise: of the camera; None for a perfect one.
         focal_px: along x.
-        unit_m: metres a unit.
-        key: the same gives the same noise.
+        unit_m: metres per unit.
+        key: of the random numbers; the same key gives the same noise.
     """
     out = np.zeros(exact_m.shape, np.uint16)
     if noise is None:
@@ -160,7 +160,7 @@ def measured(
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import depth_noise_kernels
 
     return depth_noise_kernels

@@ -89,7 +89,7 @@ def uniform(h: np.uint64) -> float:
 
 @njit(cache=True, error_model="numpy")
 def light_reaches(depth: Float32, focal_baseline: float, out: Bool) -> None:
-    """Write which pixels (h, w) the projector lights: those that no nearer surface in their projector column occludes.
+    """Write which pixels (h, w) the projector lights: no nearer surface in the same projector column occludes them.
 
     Camera and projector are side by side: a pixel at column x and depth z is at x − f·b/z in the projector's image.
 

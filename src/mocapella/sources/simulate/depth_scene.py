@@ -1,17 +1,17 @@
-"""Arms before a depth camera: depth images as the camera gives them, and everything that is true of them.
+"""Simulated depth images of arms, with complete ground truth.
 
     scene = load_depth_scene("each-finger-before-palm", seed=100, sensor="kinect")
     shot = scene.at(2.5)
     shot.depth, shot.unit_m, shot.arms[0].points, shot.arms[0].seen
 
-A person's arm (`arm_mesh`, moved by `arm_motion`), the body it belongs to, and what is behind are drawn into an image
-of exact depths; `depth_noise` makes of it what the sensor gives. All of an image is of one instant. The scene's name,
-its seed, the sensor and the time determine an image wholly, whichever were asked for before.
+A person's arm (`arm_mesh`, moved by `arm_motion`), the body and the background are drawn into an image of exact depths;
+`depth_noise` adds the sensor's noise. An image shows one instant. It is determined by the scene's name, the seed, the
+sensor and the time, independent of earlier images.
 
-The seed changes the person, the hand's side, where and how the arm is held, the timing, the postures a little, what is
-behind, and the noise. **By convention seeds below 100 are for tuning and those from 100 on for scoring.**
+The seed changes the person, the hand's side, the arm's pose, the timing, slightly the postures, the background, and the
+noise. **By convention, seeds below 100 are for tuning and seeds from 100 on for scoring.**
 
-What is true of an arm in an image: see `ArmTruth`; its `seen` and `self_occluded` are what methods are scored by.
+`ArmTruth` is the ground truth of an arm in an image; methods are scored by its `seen` and `self_occluded`.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         size_px: (width, height).
         lens: fx, fy, cx, cy [px].
-        unit_m: metres a unit.
-        distance_m: how far from it hands are held in scenes.
+        unit_m: metres per unit.
+        distance_m: range of the hands' distances in scenes.
         structured_light, time_of_flight: its noise; at most one of them, neither for a perfect camera.
     """
 
@@ -90,21 +90,21 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What happens in a scene.
+    """Description of a scene.
 
     Attributes:
-        keys: what the arm does, over and over.
-        view: what the camera sees of the hand: its palm, its back, its side (thumb's or little finger's), its tips.
-        person: whether the arm's person is there.
-        behind: empty, wall or desk; any, where not given.
+        keys: key poses of the arm, repeated.
+        view: side of the hand that faces the camera: palm, back, side (thumb's or little finger's), or tips.
+        person: whether the arm's person is visible.
+        behind: background: empty, wall or desk; empty text for a random one.
         arms: one or two.
-        still: nothing but the keys changes.
-        peak_m_s: the palm's greatest speed; that of the keys, where 0.
-        before_torso_m: how far behind the arm the torso is, least and most; as the arm is held, where not given.
-        roll_deg: how far the arm leans to either side, least and most.
-        pitch_deg: how far the elbow is behind the hand, least and most.
+        still: whether the tempo of the keys is kept.
+        peak_m_s: the palm's greatest speed; 0 for that of the keys.
+        before_torso_m: least and greatest distance from the arm to the torso behind it; None for the arm's own.
+        roll_deg: least and greatest lean of the arm to the side.
+        pitch_deg: least and greatest angle by which the elbow is behind the hand.
         joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning.
-        distance: hands are farther or nearer by this factor.
+        distance: factor on the hands' distance.
     """
 
     keys: tuple[Key, ...]
@@ -122,23 +122,23 @@ class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class ArmTruth(msgspec.Struct, frozen=True, eq=False):
-    """What is true of an arm at an instant, in the camera's space; it defines how methods are scored.
+    """Ground truth of an arm at an instant, in the camera frame; methods are scored by it.
 
     Attributes:
-        left: whether it is a left one.
+        left: whether it is a left arm.
         points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
             landmark, see `arm_mesh`.
         shoulder: (3,) [m].
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
         T_camera_palm: (4, 4).
-        seen: (23,) whether a landmark can be measured in the image *before noise*. A fingertip can if its patch, the
-            surface of its last bone from 8 mm before the landmark to the end, has pixels in the image: at least 6, or
-            at least 12 % (and one) of as many as it would cover were there nothing else in the world but the patch.
-            Another landmark can if the pixel at its projection is of a part of this arm that begins or ends at it.
-        self_occluded: (5,) whether a fingertip is seen, but its landmark's projection lies where palm or other digits
-            of this hand are: some triangle of them, drawn without this digit's, covers it, hidden or not.
-        tip_px: (5, 2) pixels of each tip's patch: in the image, and were there nothing else.
-        gesture: its name where the scene has one, empty otherwise.
+        seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the
+            surface of its last bone from 8 mm before the landmark to the end) has at least 6 pixels in the image, or at
+            least one pixel and 12 % of those that it would cover without any occlusion. Any other landmark is if the
+            pixel at its projection belongs to a part of this arm that begins or ends at it.
+        self_occluded: (5,) whether a fingertip is seen, but the palm or another digit of this hand covers its
+            landmark's projection, in front of it or behind it.
+        tip_px: (5, 2) pixels of each tip's patch: in the image, and without any occlusion.
+        gesture: its name; empty without a gesture.
         shape: the person's name in `arm_shapes`.
     """
 
@@ -158,9 +158,9 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
     """A rendered depth image.
 
     Attributes:
-        at_s: when [s].
-        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
-        unit_m: metres a unit.
+        at_s: its time [s].
+        depth: (height, width) distance along the optical axis in units; 0 without a measurement.
+        unit_m: metres per unit.
         lens: (9,) of `mocapella.geometry.lens`.
     """
 
@@ -171,12 +171,12 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
 
 
 class DepthShot(Shot, frozen=True, eq=False):
-    """A depth image and what is true of it.
+    """A depth image and its ground truth.
 
     Attributes:
-        arms: that there are, in the image or not.
-        exact_m: (height, width) float32 before noise [m]; infinite where nothing is.
-        parts: (height, width) what each pixel shows before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
+        arms: of the scene, in the image or not.
+        exact_m: (height, width) float32 before noise [m]; infinite without a surface.
+        parts: (height, width) label of each pixel before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
     """
 
     arms: tuple[ArmTruth, ...]
@@ -186,7 +186,7 @@ class DepthShot(Shot, frozen=True, eq=False):
 
 @dataclass(frozen=True, eq=False)
 class _Actor:
-    """An arm with its motion; mirrored in the camera's x where it is a left one."""
+    """An arm with its motion; a left arm is mirrored in the camera's x."""
 
     mesh: ArmMesh
     motion: ArmMotion
@@ -206,14 +206,14 @@ class _Actor:
 
 
 class DepthScene:
-    """One scene before one camera; `load_depth_scene` makes it.
+    """A scene seen by one camera; made by `load_depth_scene`.
 
     Attributes:
-        name, seed: what made it.
+        name, seed: of the scene.
         sensor: the camera.
-        settings: what happens.
-        period_s: after which all but the noise repeats.
-        T_camera_first: (4, 4) where the camera stands, in the space of the camera that the scene is made for.
+        settings: description of the scene.
+        period_s: period of everything except the noise.
+        T_camera_first: (4, 4) from the frame of the camera that the scene is made for to this camera's.
     """
 
     def __init__(
@@ -245,24 +245,24 @@ class DepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def poses(self, at_s: float) -> tuple[ArmMeshPose, ...]:
-        """How the arms are held, in the camera's space."""
+        """Poses of the arms at a time [s], in the camera frame."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
     def from_camera(self, T_camera_first: Float64) -> DepthScene:
-        """The very same scene before another camera of this kind, which stands there: (4, 4) from this one's space."""
+        """The same scene seen by another camera of this kind; ``T_camera_first`` (4, 4) is from this camera's frame."""
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 
     def _seen(self, pose: ArmMeshPose) -> ArmMeshPose:
-        """A pose in the first camera's space, in this one's."""
+        """Transform a pose from the first camera's frame to this camera's."""
         return ArmMeshPose(pose.angles, pose.joints, self.T_camera_first @ pose.T_camera_shoulder)
 
     @property
     def meshes(self) -> tuple[ArmMesh, ...]:
-        """Of the arms."""
+        """Meshes of the arms."""
         return tuple(actor.mesh for actor in self._actors)
 
     def at(self, at_s: float) -> DepthShot:
-        """The image of that instant [s], and what is true of it."""
+        """Render the image of an instant [s], with its ground truth."""
         images = self._behind.copy()
         drawn, shoulders = [], []
         for actor in self._actors:
@@ -294,10 +294,12 @@ class DepthScene:
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
-        """Images one after the other; without an end, one period of them.
+        """Render a sequence of images; without an end, one period.
 
         Args:
-            fps: a second.
+            fps: frame rate.
+            start_s: time of the first image.
+            end_s: time before which the sequence ends.
         """
         end = start_s + self.period_s if end_s is None else end_s
         for i in range(math.ceil((end - start_s) * fps - 1e-9)):
@@ -334,7 +336,7 @@ class DepthScene:
         return actors
 
     def _person(self, rng: np.random.Generator) -> tuple[tuple[Float64, Int64] | None, Float64]:
-        """The body's mesh, the shoulder being its origin, and how far it is from there (3,) [m]."""
+        """The body's mesh relative to the shoulder, and its displacement (3,) [m]."""
         if not self.settings.person:
             return None, np.zeros(3)
         before_torso = self.settings.before_torso_m
@@ -359,7 +361,7 @@ class DepthScene:
 def _truth(
     actor: _Actor, pose: ArmMeshPose, gesture: str, *, seen_px: Float64, parts: UInt8, first: int, lens: Float64
 ) -> ArmTruth:
-    """What is true of an arm whose projected vertices are ``seen_px`` and whose parts are drawn from ``first`` on."""
+    """Ground truth of an arm with projected vertices ``seen_px`` and labels from ``first`` on."""
     mesh, k = actor.mesh, _kernels()
     points = mesh.points(pose)
     px = project(points[: len(ARM_POINTS)], lens)
@@ -387,7 +389,7 @@ def _truth(
 
 
 def _facing(s: DepthSceneSettings, rng: np.random.Generator) -> Float64:
-    """``R_camera_palm``."""
+    """Draw a random ``R_camera_palm`` within the settings."""
     sign = 1.0 if rng.integers(2) else -1.0
     roll, pitch, yaw = rng.uniform(*s.roll_deg), rng.uniform(*s.pitch_deg), rng.uniform(-18, 18)
     if s.view == "side":
@@ -411,7 +413,7 @@ _ENDS: Final = _ends()
 
 
 def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:
-    """The shot as a camera of that name gives it."""
+    """Convert a shot to the frame of a sensor."""
     return frame_of(
         sensor, shot.depth, unit_m=shot.unit_m, lens=shot.lens, time_ns=round(1e9 * shot.at_s), node_id=node_id,
         sequence=sequence,
@@ -419,20 +421,20 @@ def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int 
 
 
 def depth_scene_names() -> tuple[str, ...]:
-    """The scenes there are."""
+    """Names of the scenes."""
     return tuple(_data()["scenes"])
 
 
 def depth_sensor_names() -> tuple[str, ...]:
-    """The cameras there are."""
+    """Names of the cameras."""
     return tuple(_data()["sensors"])
 
 
 def depth_sensor(name: str) -> Sensor:
-    """The camera of that name.
+    """Look up a camera by name.
 
     Raises:
-        SettingsError: no such sensor; lists those there are.
+        SettingsError: unknown sensor; lists the known ones.
     """
     known: dict[str, Sensor] = _data()["sensors"]
     if name not in known:
@@ -441,14 +443,15 @@ def depth_sensor(name: str) -> Sensor:
 
 
 def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> DepthScene:
-    """The scene of that name before that camera.
+    """Load a scene seen by a camera.
 
     Args:
-        seed: which variant; below 100 for tuning, from 100 on for scoring.
+        name: of `depth_scene_names`.
+        seed: variant of the scene; below 100 for tuning, from 100 on for scoring.
         sensor: kinect, sr305, tof, or exact, which has no noise.
 
     Raises:
-        SettingsError: no such scene or sensor; lists those there are.
+        SettingsError: unknown scene or sensor; lists the known ones.
     """
     data = _data()
     if name not in data["scenes"]:
@@ -476,7 +479,7 @@ def _data() -> dict[str, Any]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import depth_scene_kernels
 
     return depth_scene_kernels

@@ -43,25 +43,29 @@ class Noise:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """A sensor, where it stands, and what its clock and its line do.
+    """Settings of a simulated sensor: pose, image, clock, latency and errors.
 
     Attributes:
         name: as in every frame.
-        position: of the lens, world [m]; its second part is the height over the floor.
+        position: of the lens, world [m]; the second coordinate is the height above the floor.
         yaw_deg: 0 looks along the world's z, growing towards x (the sensor's left).
         tilt_deg: upwards positive.
-        fov_deg: horizontal and vertical. range_m: nearest and farthest depth along the axis.
+        fov_deg: horizontal and vertical field of view.
+        range_m: nearest and farthest depth along the optical axis.
         depth_size_px: width and height of the depth image.
-        rate_hz: frames a second. phase_s: room time of frame 0.
-        clock_offset_s: the sensor's clock at room time 0. clock_drift_ppm: how much faster than the room it runs.
-        latency_s: from capture to the node. latency_jitter_s: its standard deviation, cut at three of them.
-        lost: fraction of frames that never come.
-        max_bodies: how many people it tracks at once; a Kinect v2 tracks 6.
+        rate_hz: frame rate.
+        phase_s: room time of frame 0.
+        clock_offset_s: the sensor's clock at room time 0.
+        clock_drift_ppm: drift of the sensor's clock relative to room time.
+        latency_s: from capture to the node.
+        latency_jitter_s: standard deviation of the latency, cut at three of them.
+        lost: share of frames that are lost.
+        max_bodies: number of people tracked at once; a Kinect v2 tracks 6.
         forget_s: how long a hidden joint is inferred before it counts as not tracked.
-        mirror_beyond_deg: how far somebody turns away before the sensor takes the back for a front.
-        noise: how wrong a joint is, where ``errors`` is ``model``.
-        errors: ``model``, or ``kinect-v2-measured``: `mocapella.sources.simulate.measured` instead of ``noise`` and
-            ``mirror_beyond_deg``, the losses of people it has, and a tilt and height that are a little wrong.
+        mirror_beyond_deg: angle away from the sensor beyond which it takes a person's back for the front.
+        noise: of the joints, if ``errors`` is ``model``.
+        errors: ``model``, or ``kinect-v2-measured``: `mocapella.sources.simulate.measured` in place of ``noise`` and
+            ``mirror_beyond_deg``, with its losses of people and its errors of tilt and height.
     """
 
     name: str

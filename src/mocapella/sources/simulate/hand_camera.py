@@ -1,4 +1,4 @@
-"""A camera that looks at a simulated hand, and finds its markers: what a node sends, and the truth."""
+"""A simulated marker camera in front of a simulated hand: frames as a node sends them, with ground truth."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _LEARN_EVERY_S: Final = 0.31
 _SAMPLES: Final = 3
 _MOST_SAMPLES: Final = 60
 _CLEARLY: Final = 0.85
-"""So much of a marker is visible where somebody points at it."""
+"""Least visible share of each marker in an image that is used for learning the colours."""
 
 
 class HandCameraFrame(NamedTuple):
-    """A frame, when it is due in seconds of the scene's time, and the image it was found in with all that is true."""
+    """A frame, its due time in the scene's time [s], and the shot that it was detected in."""
 
     due_s: float
     frame: MarkerFrame
@@ -37,7 +37,7 @@ class HandCameraFrame(NamedTuple):
 
 
 class SimulatedHandCamera:
-    """One camera of a scene; its colours are learnt by pointing at the markers, as a person would."""
+    """One camera of a scene with a marker detector, whose colours are learnt from marked images, as by a user."""
 
     def __init__(
         self, scene: HandScene, camera: str, settings: MarkerSettings | None = None, *, learn_from_s: float = 0.0
@@ -52,12 +52,12 @@ class SimulatedHandCamera:
         stop_s: float | None = None,
         now_s: Callable[[], float] | None = None,
     ) -> Iterator[HandCameraFrame]:
-        """Frames from ``start_s`` to before ``stop_s`` of the scene's time, at the camera's rate and phase.
+        """Yield frames from ``start_s`` until before ``stop_s`` of the scene's time, at the camera's rate and phase.
 
         Args:
-            start_s, stop_s: see above; without an end it goes on.
-            now_s: the scene's time now. A frame for which there is no time left is left out, as a camera does when the
-                program that reads it is late; without it none is.
+            start_s, stop_s: see above; without ``stop_s``, it does not end.
+            now_s: the scene's present time. Overdue frames are skipped, as by a camera whose reader is late; None skips
+                no frame.
         """
         camera, k = self.camera, math.ceil((start_s - self.camera.phase_s) * self.camera.fps)
         while True:
@@ -73,15 +73,15 @@ class SimulatedHandCamera:
 
 
 def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
-    """The frame as captured at a time of the scene; a camera's clock begins at 1 ns."""
+    """Set a frame's capture time to a time of the scene; a camera's clock begins at 1 ns."""
     return msgspec.structs.replace(frame, time_ns=round(at_s * NS_PER_S) + 1)
 
 
 def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
-    """The camera's profile after somebody held the hand before it and pointed at all markers, and at the skin.
+    """Learn the camera's colour profile from images in which all markers and the skin are marked.
 
     Raises:
-        SettingsError: there are no such pictures.
+        SettingsError: there are too few images with all markers visible.
     """
     samples: list[ColourSample] = []
     calm = HandMotionSettings(scene.settings.motion.centre_m, (0.03, 0.02, 0.03), turn_deg=(6, 6, 6), bend=0, spread=0)
@@ -103,7 +103,7 @@ def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProf
 
 
 def _palm_px(scene: HandScene, shot: HandShot) -> tuple[float, float]:
-    """A place on the palm."""
+    """A point on the palm, in the image."""
     camera = scene.cameras[shot.camera]
     between = 0.5 * (shot.landmarks[0] + np.mean(shot.landmarks[[5, 17]], axis=0))
     x, y = project(apply(camera.T_camera_world, between[None]), camera.lens)[0]

@@ -1,7 +1,7 @@
-"""How a simulated hand moves: postures within its limits, one after the other, and a way through space.
+"""Motion of a simulated hand: a sequence of postures within the joint limits, and a path through space.
 
-The landmarks are made of rotations, joint by joint, and share nothing with the estimator's chain of twists but the
-hand's description: so that what is estimated can be checked against them.
+The landmarks are computed from rotations, joint by joint. They share only the hand's description with the estimator's
+chain of twists, so that estimates can be tested against them.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 UPRIGHT: Final = np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]], axis=-1)
-"""``R_world_palm`` of a hand whose fingers point up, and whose palm is shown to who looks along −z."""
+"""``R_world_palm`` of a hand whose fingers point up, with the palm towards a viewer who looks along −z."""
 
 
 @dataclass(frozen=True)
 class HandMotionSettings:
-    """How the hand moves.
+    """Parameters of the hand's motion.
 
     Attributes:
-        centre_m: about where, world.
-        travel_m: how far it goes from there along x, y, z.
-        travel_hz: how often it goes to and fro.
-        turn_deg: how far it turns about its own x, y and z, from upright.
+        centre_m: centre of the motion, world.
+        travel_m: amplitude along x, y, z.
+        travel_hz: frequency.
+        turn_deg: amplitude of the rotation about its own x, y and z, from upright.
         posture_s: time from one posture to the next.
-        bend: from 0, a hand at rest, to 1, postures anywhere within the limits.
-        spread: likewise of abduction.
+        bend: range of the flexions, from 0 (a hand at rest) to 1 (all within the joint limits).
+        spread: the same for abduction.
     """
 
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -65,18 +65,18 @@ class HandMotion:
         self._rates = rng.uniform(0.8, 1.25, 6)
 
     def at(self, at_s: float) -> HandPose:
-        """The pose at a time."""
+        """Pose at a time [s]."""
         s = self.settings
         swing = np.sin(2 * math.pi * s.travel_hz * self._rates * at_s + self._phases)
         x, y, z = np.radians(s.turn_deg) * swing[3:]
         R = rotation_about_y(y) @ rotation_about_x(x) @ _about_z(z) @ UPRIGHT
         T = rigid(R, np.array(s.centre_m) + np.array(s.travel_m) * swing[:3])
-        # The palm's origin is the wrist; what goes through the centre is the middle of the hand.
+        # The palm's origin is the wrist; the middle of the hand moves around the centre.
         T[:3, 3] -= R @ [0.0, 0.0, 0.55 * float(self.shape.bases[2, 2] + self.shape.lengths[2].sum())]
         return HandPose(self.angles(at_s), T)
 
     def angles(self, at_s: float) -> Float64:
-        """(21,) [rad]: from posture to posture by the smoothest way, of least jerk (T. Flash, N. Hogan, 1985)."""
+        """Joint angles (21,) [rad], with minimum jerk between postures (T. Flash, N. Hogan, 1985)."""
         k, u = divmod(at_s / self.settings.posture_s, 1.0)
         part = u**3 * (10 - 15 * u + 6 * u * u)
         before, after = self._posture(int(k)), self._posture(int(k) + 1)
@@ -99,7 +99,7 @@ class HandMotion:
 
 
 def landmarks_of(model: HandModel, shape: HandShape, pose: HandPose) -> Float64:
-    """(21, 3) where a hand's joints and tips are, world [m]."""
+    """Positions (21, 3) of a hand's joints and tips, world [m]."""
     points = np.zeros((len(LANDMARKS), 3))
     for digit in range(5):
         R, point = model.frames[digit], np.array(shape.bases[digit])

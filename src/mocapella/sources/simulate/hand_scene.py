@@ -1,14 +1,14 @@
-"""A hand with painted fingertips in space, seen by several cameras: images, and everything that is true of them.
+"""Rendered images of a hand with painted fingertips, seen by several cameras, with complete ground truth.
 
     scene = load_hand_scene("wide", seed=1)
     shot = scene.at("left", 2.5)
     shot.image, shot.centres_px, shot.markers_world
 
-The hand is made of capsules, lit as rounded bodies, before the cluttered wall of `marker_scene`, under its changing
-light, and exposed for a time, row by row where the shutter rolls. Four rays a pixel, at four instants of the exposure,
-make edges and motion smooth. `camera_image` makes of it what a cheap camera gives.
+The hand consists of lit capsules in front of the cluttered wall of `marker_scene`, under its changing light. The image
+has an exposure time and, optionally, a rolling shutter. Four rays per pixel, at four instants of the exposure, smooth
+edges and motion. `camera_image` simulates a cheap camera.
 
-A painted fingertip is a capsule about the tip, so its middle is the landmark; what is painted on the palm is a ball.
+A painted fingertip is a capsule around the tip, so its centre is the landmark; a marker on the palm is a ball.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ UInt8 = NDArray[np.uint8]
 
 _STEP_S: Final = 1e-4
 _BONE_RADII_M: Final = ((0.0135, 0.0108, 0.0095), *[(0.0095, 0.0085, 0.0076)] * 4)
-"""Of thumb and fingers, of a hand of the reference's length."""
+"""Radii of thumb and fingers of a hand of the reference length."""
 _PALM_RADIUS_M: Final = 0.0125
 _TIP_HALF_M: Final = 0.004
 _BALL_M: Final = 0.009
 BASE_MARKERS: Final = ("base", "index base", "little base")
-"""Painted on the palm: at the wrist's end of it, and below the knuckles of index and little finger."""
+"""Markers on the palm: near the wrist, and below the knuckles of index and little finger."""
 
 
 @dataclass(frozen=True)
 class SimulatedCamera:
-    """A camera that looks at the hand.
+    """A simulated colour camera.
 
     Attributes:
-        name: as of a sensor.
+        name: of the sensor.
         position_m: world, y up.
-        looks_at_m: world.
-        view_deg: across.
+        looks_at_m: point on the optical axis, world.
+        view_deg: horizontal field of view.
         size_px: (width, height).
         distortion: k1 k2 p1 p2 k3.
-        fps: frames a second.
-        phase_s: when the first of them is.
+        fps: frame rate.
+        phase_s: time of the first frame.
         readout_s: from the first row to the last; 0 is a global shutter.
-        exposure_s: for how long a row is exposed.
-        image: what the camera does to the picture.
+        exposure_s: exposure time of a row.
+        image: parameters of the simulated image sensor.
     """
 
     name: str
@@ -99,7 +99,7 @@ class SimulatedCamera:
 
     @property
     def T_camera_world(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4); the picture's upper edge is up, as far as it can be."""
+        """(4, 4), with the image upright."""
         forward = np.subtract(self.looks_at_m, self.position_m)
         z = forward / np.linalg.norm(forward)
         up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.99 else np.array([0.0, 0.0, -1.0])
@@ -110,28 +110,28 @@ class SimulatedCamera:
 
     @property
     def placed(self) -> PlacedCamera:
-        """As a rig has it, exactly known."""
+        """The camera as part of a rig, with exact calibration."""
         camera = Camera(self.name, self.size_px, self.lens, self.readout_s)
         return PlacedCamera(camera, self.T_camera_world, np.zeros((6, 6)))
 
 
 @dataclass(frozen=True)
 class HandSceneSettings:
-    """What there is to see.
+    """Description of a scene.
 
     Attributes:
-        cameras: that see it.
+        cameras: of the scene.
         paints: of thumb to little finger, and of the base markers; their names are the markers'.
         motion: of the hand.
         handedness: left or right.
         hand_length_m: from the wrist to the tip of the middle finger.
-        skin: what skin reflects of red, green, blue.
-        skin_gloss: how shiny skin is.
-        clutter: how colourful the wall is, 0 … 1.
-        brightness_change: the light's strength goes to and fro by this factor.
-        colour_change: by this part the light gets redder and bluer.
-        shading: the part of the light that comes from one direction.
-        light_hz: how often the light changes.
+        skin: reflectance of red, green, blue.
+        skin_gloss: gloss of the skin.
+        clutter: colourfulness of the wall, 0 … 1.
+        brightness_change: greatest factor on the light's strength, either way.
+        colour_change: greatest relative change of the light's red and blue.
+        shading: share of the light that is directed.
+        light_hz: frequency of the light's changes.
     """
 
     cameras: tuple[SimulatedCamera, ...]
@@ -166,14 +166,14 @@ class HandSceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class HandShot:
-    """An image and what is true of it.
+    """An image and its ground truth.
 
     Attributes:
-        camera: which.
+        camera: its name.
         at_s: the middle of the first row's exposure.
         image: (height, width, 3) uint8, blue, green, red.
-        centres_px: (markers, 2) at the middle of the exposure of the row that the centre is on; NaN behind the camera.
-        visible: (markers,) which part of what could be seen of the marker is in the image and not hidden.
+        centres_px: (markers, 2) at the middle of the exposure of the centre's row; NaN behind the camera.
+        visible: (markers,) share of the marker's projected area that is in the image and not occluded.
         markers_world: (markers, 3) at ``at_s`` [m].
         pose: of the hand at ``at_s``.
         landmarks: (21, 3) at ``at_s``, world [m].
@@ -190,7 +190,7 @@ class HandShot:
 
 
 class HandScene:
-    """A scene that each camera can photograph at any time."""
+    """A scene that can be rendered for each camera at any time."""
 
     def __init__(self, settings: HandSceneSettings, seed: int = 0) -> None:
         self.settings, self.seed = settings, seed
@@ -206,19 +206,19 @@ class HandScene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the markers, in the order of a shot's arrays: thumb to little finger, then the base."""
+        """Names of the markers, in the order of a shot's arrays: thumb to little finger, then the base."""
         return tuple(paint.name for paint in self.settings.paints)
 
     @property
     def rig(self) -> CameraRig:
-        """The cameras, exactly known."""
+        """The cameras, with exact calibration."""
         return CameraRig({camera.name: camera.placed for camera in self.settings.cameras})
 
     def at(self, camera: str, at_s: float) -> HandShot:
-        """The image whose first row's exposure has its middle at ``at_s`` [s].
+        """Render the image whose first row's exposure is centred at ``at_s`` [s].
 
         Raises:
-            SettingsError: no such camera; lists those there are.
+            SettingsError: unknown camera; lists the known ones.
         """
         if camera not in self.cameras:
             raise SettingsError(f"unknown camera {camera!r}; known: {one_of(camera, self.cameras)}")
@@ -242,7 +242,7 @@ class HandScene:
         centre = 0.5 * (parts[rows, :3] + parts[rows, 3:6])
         moving = 0.5 * (rates[rows, :3] + rates[rows, 3:])
         late = np.zeros((len(rows), 1))
-        for _ in range(4):  # the row says when, and when says the row
+        for _ in range(4):  # row and time depend on each other: iterate
             px = project(centre + late * moving, lens)
             late = np.nan_to_num(px[:, 1:]) * c.readout_s / height
         inside = (centre[:, 2] > 0.02) & (px >= -0.5).all(axis=1) & (px <= np.array(c.size_px) - 0.5).all(axis=1)
@@ -260,7 +260,7 @@ class HandScene:
         return float(s.brightness_change ** swing[0]), colour, towards / np.linalg.norm(towards)
 
     def _parts(self, at_s: float) -> tuple[Float64, Float64]:
-        """(parts, 13) of the hand, world, and its landmarks (21, 3)."""
+        """Capsules (parts, 13) of the hand, world, and its landmarks (21, 3)."""
         s, pose = self.settings, self.motion.at(at_s)
         L = landmarks_of(self.model, self.shape, pose)
         big = s.hand_length_m / self.model.hand_length_m
@@ -299,7 +299,7 @@ MARKER: Final = 12
 
 
 def base_places(scene: HandScene) -> Float64:
-    """(base markers, 3) where they are in the palm's frame of a right hand; of a left hand they are mirrored [m]."""
+    """Positions (base markers, 3) in the palm's frame of a right hand [m]; mirrored for a left hand."""
     shot_pose = scene.motion.at(0.0)
     parts, _ = scene._parts(0.0)
     rows = [int(np.flatnonzero(parts[:, MARKER] == k)[0]) for k in range(len(TIPS), len(scene.settings.paints))]
@@ -308,7 +308,7 @@ def base_places(scene: HandScene) -> Float64:
 
 
 def _rays(camera: SimulatedCamera) -> NDArray[np.float32]:
-    """(height, width, 4, 2) directions of each pixel's rays."""
+    """Directions (height, width, 4, 2) of each pixel's rays."""
     width, height = camera.size_px
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     offsets = np.array([[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]])
@@ -317,15 +317,15 @@ def _rays(camera: SimulatedCamera) -> NDArray[np.float32]:
 
 
 def hand_scene_names() -> tuple[str, ...]:
-    """The scenes there are."""
+    """Names of the scenes."""
     return tuple(_data()["scenes"])
 
 
 def hand_scene_settings(name: str) -> HandSceneSettings:
-    """What the scene of that name is made of, to be changed with `dataclasses.replace`.
+    """Look up a scene's settings by name; change them with `dataclasses.replace`.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     data = _data()
     if name not in data["scenes"]:
@@ -340,10 +340,10 @@ def hand_scene_settings(name: str) -> HandSceneSettings:
 
 
 def load_hand_scene(name: str, *, seed: int = 0) -> HandScene:
-    """The scene of that name.
+    """Load a scene by name.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     return HandScene(hand_scene_settings(name), seed)
 
@@ -356,7 +356,7 @@ def _data() -> dict[str, Any]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import hand_scene_kernels
 
     return hand_scene_kernels

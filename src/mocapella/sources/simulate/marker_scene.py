@@ -1,16 +1,17 @@
-"""Painted fingertips on a hand before a cluttered wall, in moving light: images with exact centres of the markers.
+"""Rendered images of a hand with painted fingertips, with exact centres of the markers.
 
     scene = load_marker_scene("desk", seed=1)
     shot = scene.at(2.5)
     shot.image, shot.centres_px, shot.visible
 
-The hand is flat: tapered capsules for arm and fingers, an ellipse for the palm, and an ellipse of paint on every
-fingertip and on the hand's base. All are shaded as rounded bodies, with highlights, under light whose strength, colour
-and direction change. Edges are anti-aliased by exact distances. The picture is exposed for a time, row by row where the
-shutter rolls, and given to `camera_image`. Coordinates are OpenCV's: the middle of the first pixel is (0, 0).
+The hand is flat: tapered capsules for arm and fingers, an ellipse for the palm, and an ellipse of paint on each
+fingertip and on the hand's base, in front of a cluttered wall. All are shaded as rounded bodies, with highlights, under
+light of changing strength, colour and direction. Edges are anti-aliased by exact distances. The image has an exposure
+time and, optionally, a rolling shutter; `camera_image` then simulates the camera. Coordinates are OpenCV's: the centre
+of the first pixel is (0, 0).
 
-A scene is a table of ``data/marker_scenes.toml``. What it has by chance (the wall, how the hand moves) comes from the
-seed, as does the noise; the same scene, seed and time give the same image to the bit.
+A scene is a table of ``data/marker_scenes.toml``. The seed determines the wall, the hand's motion and the noise; the
+same scene, seed and time give the same image to the bit.
 """
 
 from __future__ import annotations
@@ -45,13 +46,13 @@ _FINGERS: Final = (  # base x, y; direction from straight up, to the right [deg]
     (0.13, -1.03, 6.0, 0.86, 0.115, 0.094),
     (0.36, -0.90, 17.0, 0.66, 0.10, 0.085),
 )
-"""Thumb to little finger, in widths of the palm; y down, the wrist at (0, 0)."""
+"""Thumb to little finger, in units of the palm's width; y down, the wrist at (0, 0)."""
 _BASE: Final = (0.0, -0.35)
 
 
 @dataclass(frozen=True)
 class Paint:
-    """A marker's colour: its name, how much of red, green and blue light it reflects, and how shiny it is."""
+    """A marker's paint: its name, its reflectance of red, green and blue, and its gloss."""
 
     name: str
     albedo: tuple[float, float, float]
@@ -64,29 +65,29 @@ class Paint:
 
 @dataclass(frozen=True)
 class MarkerSceneSettings:
-    """What there is to see.
+    """Description of a scene.
 
     Attributes:
         paints: of thumb to little finger and of the hand's base.
         size_px: (width, height) of the image.
-        palm_px: width of the palm; 90 px is a hand half a metre before the thesis' camera.
-        palm_change: by which part it grows and shrinks, as the hand comes nearer and goes away.
-        travel_px: how far the hand goes from the middle, in x and y.
-        sway_hz: how often it goes to and fro.
-        turn_deg: how far it turns.
-        curl: by which part the fingers get shorter when they bend.
-        skin: what skin reflects of red, green, blue.
-        skin_gloss: how shiny skin is.
-        clutter: how colourful the wall is, 0 … 1.
-        brightness_change: the light's strength goes to and fro by this factor.
-        colour_change: by this part the light gets redder and bluer.
-        shading: the part of the light that comes from one direction.
-        light_hz: how often the light changes.
-        exposure_s: for how long a row is exposed.
+        palm_px: width of the palm; 90 px is a hand half a metre in front of the thesis' camera.
+        palm_change: relative change of the hand's size, as its distance varies.
+        travel_px: greatest displacement of the hand from the centre, in x and y.
+        sway_hz: frequency of its motion.
+        turn_deg: greatest rotation.
+        curl: relative shortening of the fingers when they bend.
+        skin: reflectance of red, green, blue.
+        skin_gloss: gloss of the skin.
+        clutter: colourfulness of the wall, 0 … 1.
+        brightness_change: greatest factor on the light's strength, either way.
+        colour_change: greatest relative change of the light's red and blue.
+        shading: share of the light that is directed.
+        light_hz: frequency of the light's changes.
+        exposure_s: exposure time of a row.
         readout_s: from the first row to the last; 0 is a global shutter.
-        hides: whether something passes before the hand.
-        hand: whether the hand is there at all.
-        camera: what the camera does to the picture.
+        hides: whether an object passes in front of the hand.
+        hand: whether the hand is in the scene.
+        camera: parameters of the simulated camera.
     """
 
     paints: tuple[Paint, ...]
@@ -128,13 +129,13 @@ class MarkerSceneSettings:
 
 @dataclass(frozen=True)
 class MarkerShot:
-    """An image and what is true of it.
+    """An image and its ground truth.
 
     Attributes:
         at_s: the middle of the first row's exposure.
         image: (height, width, 3) uint8, blue, green, red.
-        centres_px: (markers, 2) x, y, at the middle of the exposure of the row that the centre is on.
-        visible: (markers,) which part of the marker's area is in the image and not hidden.
+        centres_px: (markers, 2) x, y, at the middle of the exposure of the centre's row.
+        visible: (markers,) share of the marker's area that is in the image and not occluded.
         radii_px: (markers,) square root of the product of the half axes.
     """
 
@@ -146,7 +147,7 @@ class MarkerShot:
 
 
 class MarkerScene:
-    """A scene that can be photographed at any time."""
+    """A scene that can be rendered at any time."""
 
     def __init__(self, settings: MarkerSceneSettings, seed: int = 0) -> None:
         self.settings, self.seed = settings, seed
@@ -157,11 +158,11 @@ class MarkerScene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the markers, in the order of a shot's arrays."""
+        """Names of the markers, in the order of a shot's arrays."""
         return tuple(paint.name for paint in self.settings.paints)
 
     def at(self, at_s: float) -> MarkerShot:
-        """The image whose first row's exposure has its middle at ``at_s`` [s]."""
+        """Render the image whose first row's exposure is centred at ``at_s`` [s]."""
         s = self.settings
         width, height = s.size_px
         shapes = self.shapes(at_s)
@@ -186,7 +187,7 @@ class MarkerScene:
         return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
-        """Strength, colour (3,) and direction (3,) to the light: x right, y down, z to the camera."""
+        """Strength, colour (3,) and direction (3,) towards the light: x right, y down, z towards the camera."""
         s = self.settings
         swing = [math.sin(2 * math.pi * s.light_hz * self._rates[k] * at_s + self._phases[k]) for k in range(5)]
         colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])
@@ -194,7 +195,7 @@ class MarkerScene:
         return s.brightness_change ** swing[0], colour, towards / np.linalg.norm(towards)
 
     def shapes(self, at_s: float) -> Float64:
-        """(shapes, 13) what lies on the wall at a time, from back to front; the columns are those of the kernel."""
+        """Shapes (shapes, 13) in front of the wall at a time, back to front; for the columns, see the kernels."""
         s = self.settings
         if not s.hand:
             return np.zeros((0, COLUMNS))
@@ -244,7 +245,7 @@ MARKER, COLUMNS = 12, 13
 
 
 def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> Float32:
-    """(height, width, 3) what a wall with things on it reflects of red, green and blue: smooth noise and rectangles."""
+    """Reflectance (height, width, 3) of a cluttered wall in red, green and blue: smooth noise and rectangles."""
     width, height = size_px
     picture = np.full((height, width, 3), 0.30)
     for cells in (4, 12, 50):
@@ -262,7 +263,7 @@ def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> 
 
 
 def _stretched(coarse: Float64, height: int, width: int) -> Float64:
-    """(n, n, 3) interpolated linearly to (height, width, 3)."""
+    """Interpolate (n, n, 3) bilinearly to (height, width, 3)."""
     n = len(coarse)
     r, c = np.linspace(0, n - 1.001, height), np.linspace(0, n - 1.001, width)
     i, j = r.astype(int), c.astype(int)
@@ -273,15 +274,15 @@ def _stretched(coarse: Float64, height: int, width: int) -> Float64:
 
 
 def marker_scene_names() -> tuple[str, ...]:
-    """The scenes there are."""
+    """Names of the scenes."""
     return tuple(_data()["scenes"])
 
 
 def marker_scene_settings(name: str) -> MarkerSceneSettings:
-    """What the scene of that name is made of, to be changed with `dataclasses.replace`.
+    """Look up a scene's settings by name; change them with `dataclasses.replace`.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     data = _data()
     if name not in data["scenes"]:
@@ -290,16 +291,16 @@ def marker_scene_settings(name: str) -> MarkerSceneSettings:
 
 
 def scene_of(data: Mapping[str, Any], name: str) -> MarkerSceneSettings:
-    """The settings of a scene in a file's tables ``common`` and ``scenes``."""
+    """Parse a scene's settings from a file's tables ``common`` and ``scenes``."""
     scene = {**data["common"], **data["scenes"][name]}
     return parse(MarkerSceneSettings, scene, where=f"scene {name}")
 
 
 def load_marker_scene(name: str, *, seed: int = 0) -> MarkerScene:
-    """The scene of that name.
+    """Load a scene by name.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     return MarkerScene(marker_scene_settings(name), seed)
 
@@ -312,7 +313,7 @@ def _data() -> dict[str, Any]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import marker_scene_kernels
 
     return marker_scene_kernels

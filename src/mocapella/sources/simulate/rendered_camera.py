@@ -1,4 +1,4 @@
-"""A camera of a simulated hand's scene as a source of pictures."""
+"""A camera of a simulated hand's scene as an image source."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class RenderedCamera(RenderedSource):
     """One camera of a scene.
 
     Args:
-        scene: what there is to see.
-        camera: which of its cameras.
+        scene: the scene.
+        camera: name of one of its cameras.
         name: as the user wrote it.
         clock: the monotonic clock, in seconds.
 
     Raises:
-        SettingsError: no such camera; lists those there are.
+        SettingsError: unknown camera; lists the known ones.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class RenderedCamera(RenderedSource):
         return SourceState(self.camera.size_px, self.camera.fps)
 
     def profile(self) -> ColourProfile:
-        """The colours after somebody held the hand before the camera and pointed at all markers."""
+        """Colour profile learnt from images of the hand with all markers marked."""
         return pointed_at(self.scene, self.camera.name)
 
     def render(self, at_s: float) -> Image:

@@ -1,4 +1,4 @@
-"""Arms before a simulated depth camera as a source of images."""
+"""Simulated depth cameras as image sources and as recordings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 USUAL_FPS: Final = 30.0
 ROOM: Final = "room-"
-"""Before the name of a room's scene: people from head to foot."""
+"""Prefix of the name of a room's scene, with people from head to foot."""
 
 
 class RenderedScene(Protocol):
-    """What is rendered: a `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`."""
+    """A renderable scene: `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`."""
 
     sensor: Any
     period_s: float
@@ -34,17 +34,17 @@ class RenderedScene(Protocol):
         ...
 
     def at(self, at_s: float) -> Shot:
-        """The image of that instant [s], and what is true of it."""
+        """Render the image of an instant [s], with its ground truth."""
         ...
 
 
 class RenderedDepth(RenderedSource):
-    """A scene before its camera.
+    """A rendered scene as an image source.
 
     Args:
-        scene: what there is to see.
+        scene: seen by its camera.
         name: as the user wrote it.
-        options: what the user says; a lens and a unit that are not the scene's are taken as said.
+        options: the user's parameters; a lens and a unit replace the scene's, even if they are wrong.
         clock: the monotonic clock, in seconds.
     """
 
@@ -75,7 +75,7 @@ class RenderedRecording:
     """One period of a scene as a recording: a `mocapella.sources.depth_files.DepthRecording`.
 
     Args:
-        scene, name, options: as of `RenderedDepth`.
+        scene, name, options: as for `RenderedDepth`.
     """
 
     def __init__(self, scene: RenderedScene, name: str, options: DepthOptions | None = None) -> None:
@@ -93,19 +93,19 @@ class RenderedRecording:
 
 
 def open_rendered(which: str, name: str, options: DepthOptions | None = None) -> RenderedDepth:
-    """The source of NAME, NAME/SEED or NAME/SEED/SENSOR.
+    """Make the source of NAME, NAME/SEED or NAME/SEED/SENSOR.
 
     Raises:
-        SettingsError: there is no such scene or sensor, or the seed is no number.
+        SettingsError: unknown scene or sensor, or the seed is not a number.
     """
     return RenderedDepth(rendered_scene(which, name), name, options)
 
 
 def rendered_scene(which: str, name: str) -> RenderedScene:
-    """The scene of NAME, NAME/SEED or NAME/SEED/SENSOR: of an arm, or of people where it begins with `ROOM`.
+    """Load the scene of NAME, NAME/SEED or NAME/SEED/SENSOR: of people if it begins with `ROOM`, else of arms.
 
     Raises:
-        SettingsError: as of `open_rendered`.
+        SettingsError: as for `open_rendered`.
     """
     scene, _, rest = which.partition("/")
     seed, _, sensor = rest.partition("/")

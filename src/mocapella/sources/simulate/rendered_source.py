@@ -1,4 +1,4 @@
-"""What is simulated as a source of pictures: each rendered just before it is due."""
+"""Base class of rendered image sources: each image is rendered just before it is due."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from mocapella.sources.picture_source import Image, Picture
 
 
 class RenderedSource(ABC):
-    """A `mocapella.sources.picture_source.PictureSource` but for `open`, which must call `restart`.
+    """A `mocapella.sources.picture_source.PictureSource` without `open`, which must call `restart`.
 
-    Its clock is the scene's, from 1 ns; what there is no time to render is left out. It never ends by itself.
+    Its clock is the scene's, from 1 ns. Images are skipped if there is no time to render them. It does not end.
 
     Args:
         name: as the user wrote it.
-        fps: pictures a second.
-        phase_s: when the first is due.
+        fps: frame rate.
+        phase_s: due time of the first image.
         clock: the monotonic clock, in seconds.
     """
 
@@ -35,10 +35,10 @@ class RenderedSource(ABC):
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
-        """The picture of that instant [s]."""
+        """Render the image of an instant [s]."""
 
     def restart(self) -> None:
-        """Compile before the clock matters, and begin with the first picture."""
+        """Render once, so that kernels are compiled before real time starts, and begin with the first image."""
         self.render(0.0)
         self._turn = 0
 
@@ -60,5 +60,5 @@ class RenderedSource(ABC):
         number, self._number = self._number, self._number + 1
         return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), rendered_s)
 
-    def close(self) -> None:  # noqa: B027 - there is nothing to do, and nobody needs to change that
-        """Nothing is held."""
+    def close(self) -> None:  # noqa: B027 - no subclass needs to override it
+        """Do nothing: no resources are held."""

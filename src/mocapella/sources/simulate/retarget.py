@@ -1,4 +1,4 @@
-"""A BVH file as a person of the room: its joints by name, in metres, on the floor, facing the main sensor at first."""
+"""Retarget a BVH file to a person of the room: joints by name, in metres, on the floor, facing the main sensor."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from mocapella.sources.simulate.scenarios import FACING_MAIN, STILL_S
 Float64 = NDArray[np.float64]
 
 BLEND_S = 1.6
-"""From standing to the file's first pose, and from its last back to standing."""
+"""Duration of the blend from standing to the file's first pose, and from its last pose to standing."""
 _TRUNK = (("SpineShoulder", ("ShoulderLeft", "ShoulderRight")), ("SpineMid", ("SpineBase", "SpineShoulder")))
-"""Where a trunk joint lies that a file has not: half way between two others."""
+"""Trunk joints that a file may lack: each is half way between two others."""
 _SIZE_BONES = ("KneeLeft", "AnkleLeft", "KneeRight", "AnkleRight")
-"""The bones that a person's size is told from: every file has them."""
+"""The bones that define a person's size; every file has them."""
 
 
 def bvh_motion(
@@ -41,21 +41,21 @@ def bvh_motion(
     metres_per_unit: float | None = None,
     file: object = None,
 ) -> Motion:
-    """Stand still, do what the file does, and come back to standing where it began.
+    """Make a motion of standing still, the file's motion, and the return to the start.
 
-    The person keeps the file's bone lengths (their median over the frames). Coming back is a blend of the last pose
-    into standing, in which feet slide: files seldom end where they begin.
+    The person keeps the file's bone lengths (their median over the frames). The return is a blend from the last pose to
+    standing, in which feet slide, since files seldom end where they begin.
 
     Args:
-        bvh: what the file says.
-        start: where the first pose stands (world x, z).
-        stature: [m]; the file is scaled to it, unless ``metres_per_unit`` says how.
+        bvh: content of the file.
+        start: position of the first pose (world x, z).
+        stature: [m]; the file is scaled to it, unless ``metres_per_unit`` is given.
         rng: as in `mocapella.sources.simulate.gait.animate`.
-        metres_per_unit: the file's unit, such as 0.01 for centimetres; the stature then is what follows from it.
-        file: what errors call it.
+        metres_per_unit: the file's unit, such as 0.01 for centimetres; the stature then follows from the file.
+        file: named in errors.
 
     Raises:
-        InputError: joints are missing, or the person in it has no size.
+        InputError: joints are missing, or the legs have no length.
     """
     root, directions, lengths = _skeleton(bvh, file)
     size = lengths[[JOINT[name] for name in _SIZE_BONES]].sum()
@@ -75,16 +75,16 @@ def bvh_motion(
     still.stand(STILL_S)
     before = animate(still.legs, lengths, stature, rng)
     root, directions = _joined(before, root, directions)
-    # Half way between two poses a foot may sink into the floor: lift the body as far as it does.
+    # Interpolation between two poses may move a foot below the floor: lift the body by as much.
     root[:, 1] -= np.minimum(joint_positions(root, directions, lengths)[..., 1].min(axis=1), 0.0)
     return Motion(root, directions, lengths, body_template().radii * stature)
 
 
 def joint_columns(bvh: Bvh, file: object = None) -> Mapping[str, int]:
-    """Which joint of the file is which joint of the body, by the first naming scheme that fits.
+    """Map the body's joints to the file's, by the first naming scheme that fits.
 
     Raises:
-        InputError: no scheme fits; names what is missing by the one that comes closest.
+        InputError: no scheme fits; names the missing joints of the closest one.
     """
     data = _names()
     place: dict[str, int] = {}
@@ -153,7 +153,7 @@ def _skeleton(bvh: Bvh, file: object) -> tuple[Float64, Float64, Float64]:
 
 
 def _placed(root: Float64, directions: Float64, lengths: Float64, start: Point) -> tuple[Float64, Float64]:
-    """Turned about the vertical so that the first pose faces the main sensor, at ``start``, on the floor."""
+    """Rotate about the vertical and translate so that the first pose faces the main sensor, at ``start``."""
     first = facing(joint_positions(root[:1], directions[:1], lengths))[0]
     turn = rotation_about_y(FACING_MAIN - np.arctan2(first[0], first[2]))
     root, directions = root @ turn.T, directions @ turn.T
@@ -170,7 +170,7 @@ def _resampled(root: Float64, directions: Float64, frame_s: float) -> tuple[Floa
 
 
 def _joined(still: Motion, root: Float64, directions: Float64) -> tuple[Float64, Float64]:
-    """Standing, a blend, the file, a blend back to the first pose of standing."""
+    """Join standing, a blend, the file's motion, and a blend back to the first standing pose."""
     count = round(BLEND_S * POSE_HZ)
     weight = smooth_step(np.arange(1, count + 1) / (count + 1))[:, None]
 

@@ -1,4 +1,4 @@
-"""A simulated room: people who move in it, things that stand in it, and the sensors that look."""
+"""A simulated room: moving people, obstacles and sensors."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PersonSettings:
-    """A person and what the person does.
+    """A person and the person's motion.
 
     Attributes:
-        start: where the person stands at first (world x, z) [m].
+        start: initial position (world x, z) [m].
         scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`, or ``route``.
-        target: what the scenario goes about (x, z): an obstacle's centre, or where the other stands.
-        first: who moves first, where two take turns.
-        route: what the scenario ``route`` consists of, see `mocapella.sources.simulate.scenarios.written_route`.
+        target: position that the scenario refers to (x, z): an obstacle's centre, or the other person's position.
+        first: whether this person moves first, if two take turns.
+        route: steps of the scenario ``route``, see `mocapella.sources.simulate.scenarios.written_route`.
         stature: [m].
-        bvh: path of a BVH file that the person does instead of the scenario.
+        bvh: path of a BVH file whose motion replaces the scenario.
         bvh_metres_per_unit: its unit; None scales it to the stature.
     """
 
@@ -53,12 +53,12 @@ class PersonSettings:
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What a room is made of.
+    """Description of a scene.
 
     Attributes:
-        name: what it is called.
-        sensors: the first is the main sensor, which everybody faces at first.
-        people, boxes, cylinders: who and what is in it.
+        name: of the scene.
+        sensors: the first is the main sensor, which all people face at first.
+        people, boxes, cylinders: people and obstacles in the room.
         seed: of all randomness: noise, losses, jitter, breathing.
         topology: of the sensors' frames.
     """
@@ -81,12 +81,12 @@ class SceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """A scene, ready to be looked at at any instant. Time wraps around after `duration_ns`.
+    """A scene that can be evaluated at any instant. It repeats after `duration_ns`.
 
     Attributes:
-        settings: what it was made of.
+        settings: its description.
         motion: of all people.
-        obstacles: what stands in the way.
+        obstacles: in the room.
         topology: of the sensors' frames.
     """
 
@@ -97,12 +97,12 @@ class Room:
 
     @property
     def name(self) -> str:
-        """The scene's."""
+        """Name of the scene."""
         return self.settings.name
 
     @property
     def duration_ns(self) -> int:
-        """After which everybody does it again."""
+        """Period of all motions."""
         return self.motion.duration_ns
 
     @property
@@ -112,18 +112,18 @@ class Room:
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """In the scene's order, the main sensor first."""
+        """Names in the scene's order, the main sensor first."""
         return tuple(sensor.name for sensor in self.settings.sensors)
 
     def positions_at(self, room_ns: int) -> Float64:
-        """(people, 25, 3) joints of the body (`mocapella.sources.simulate.body.BODY`) at a room time, world [m]."""
+        """Joints (people, 25, 3) of `mocapella.sources.simulate.body.BODY` at a room time, world [m]."""
         return self.motion.positions_at(room_ns)
 
     def sensor_index(self, sensor: int | str) -> int:
-        """Which sensor is meant, from 0, by its name or its number from 1 (also as digits).
+        """Index of a sensor, from 0, by its name or its number from 1 (also as digits).
 
         Raises:
-            SettingsError: no such sensor; lists those there are.
+            SettingsError: unknown sensor; lists the known ones.
         """
         names = self.sensor_names
         if isinstance(sensor, str) and sensor in names:
@@ -137,15 +137,15 @@ class Room:
 
 
 def build_room(settings: SceneSettings) -> Room:
-    """Make the room: plan and animate everybody.
+    """Build a room: plan and animate all people.
 
     Raises:
         SettingsError: an unknown scenario or topology, or a scenario without its target.
         InputError: a BVH file that cannot be used.
     """
     motions = [_motion(person, settings.seed, i) for i, person in enumerate(settings.people)]
-    things = obstacles(settings.boxes, settings.cylinders)
-    return Room(settings, together(motions), things, topology(settings.topology))
+    blocks = obstacles(settings.boxes, settings.cylinders)
+    return Room(settings, together(motions), blocks, topology(settings.topology))
 
 
 def _motion(person: PersonSettings, seed: int, index: int) -> Motion:

@@ -1,11 +1,11 @@
-"""People of a simulated room, from head to foot, before a depth camera.
+"""Depth images of a simulated room's people, from head to foot.
 
     scene = room_depth_scene("stand", seed=1, sensor="kinect")
     shot = scene.at(2.5)
-    shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres a unit, (people, 25, 3) joints
+    shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres per unit, (people, 25, 3) joints
 
-Bones are tapered capsules, as thick as those that hide each other in the room (`body`); the floor is there, and a wall.
-What the camera makes of it is that of `depth_scene`. Its place is the room's first sensor's, looking level.
+Bones are tapered capsules with the same radii as for occlusion in the room (`body`), in front of a floor and a wall.
+Camera and noise are as in `depth_scene`. The camera is at the room's first sensor and looks horizontally.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 WALL_M: Final = 5.0
-"""How far the wall is from the camera."""
+"""Distance of the wall from the camera."""
 FLOOR, WALL, FIRST_PERSON = 1, 2, 3
 """Values of `RoomShot.parts`; 0 is nothing."""
 _AROUND, _ALONG = 24, 6
 _ABOVE_EYES: Final = 1.23
-"""A head ends above its joint, which is at the eyes' height, by so many of its radii: 0.064 of the stature."""
+"""Height of the head above its joint, which is at the eyes' height, in its radii: 0.064 of the stature."""
 
 
 class RoomShot(Shot, frozen=True, eq=False):
-    """A depth image and what is true of it.
+    """A depth image and its ground truth.
 
     Attributes:
-        people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera's space [m].
-        parts: (height, width) what each pixel shows before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
+        people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera frame [m].
+        parts: (height, width) label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
     """
 
     people: Float64
@@ -52,13 +52,13 @@ class RoomShot(Shot, frozen=True, eq=False):
 
 
 class RoomDepthScene:
-    """A room before one depth camera; `room_depth_scene` makes it.
+    """A room seen by one depth camera; made by `room_depth_scene`.
 
     Attributes:
-        room: who moves in it.
+        room: with its people.
         sensor: the camera.
         T_camera_world: (4, 4).
-        period_s: after which all but the noise repeats.
+        period_s: period of everything except the noise.
     """
 
     def __init__(self, room: Room, sensor: Sensor, seed: int) -> None:
@@ -67,7 +67,7 @@ class RoomDepthScene:
         self.T_camera_world = rigid(R, -R @ np.array(room.settings.sensors[0].position))
         self.period_s = room.duration_s
         self._key = zlib.crc32(f"{room.name}/{seed}".encode())
-        self._background = self._behind()
+        self._background = self._draw_background()
 
     @property
     def lens(self) -> Float64:
@@ -75,7 +75,7 @@ class RoomDepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def at(self, at_s: float) -> RoomShot:
-        """The image of that instant [s], and what is true of it."""
+        """Render the image of an instant [s], with its ground truth."""
         people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
         depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
         for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
@@ -93,13 +93,13 @@ class RoomDepthScene:
         return RoomShot(at_s, units, self.sensor.unit_m, self.lens, people, parts)
 
     def _limbs(self, joints: Float64, radii: Float64) -> list[tuple[Float64, Int64]]:
-        """Each bone's capsule, the sides of the chest, and the head above the eyes."""
+        """Meshes of each bone's capsule, the sides of the chest, and the head above the eyes."""
         parents, made = body_template().parents, []
         for joint, parent in enumerate(parents):
             if joint != parent and radii[joint] > 0:
                 begin = radii[parent] if 0 < radii[parent] < radii[joint] else radii[joint]
                 made.append(capsule(joints[parent], joints[joint], float(begin), float(radii[joint])))
-        for side in ("Left", "Right"):  # the chest is as broad as shoulders and hips
+        for side in ("Left", "Right"):  # the chest is as wide as shoulders and hips
             a, b = joints[JOINT[f"Shoulder{side}"]], joints[JOINT[f"Hip{side}"]]
             a = a + 0.35 * (joints[JOINT["SpineShoulder"]] - a)
             hip = float(radii[JOINT[f"Hip{side}"]])
@@ -111,7 +111,7 @@ class RoomDepthScene:
         made.append(capsule(joints[head], top, radius, radius))
         return made
 
-    def _behind(self) -> tuple[Float32, UInt8, Float32]:
+    def _draw_background(self) -> tuple[Float32, UInt8, Float32]:
         """Depth, parts and slope of floor and wall."""
         width, height = self.sensor.size_px
         fx, fy, cx, cy = self.sensor.lens
@@ -126,7 +126,7 @@ class RoomDepthScene:
 
 
 def capsule(a: Float64, b: Float64, radius_a: float, radius_b: float) -> tuple[Float64, Int64]:
-    """The surface of a tapered limb with round ends: vertices (n, 3) and triangles (m, 3), closed, seen from outside.
+    """Closed mesh of a tapered capsule: vertices (n, 3) and triangles (m, 3), which face outwards.
 
     Args:
         a, b: (3,) its ends [m].
@@ -153,7 +153,7 @@ def capsule(a: Float64, b: Float64, radius_a: float, radius_b: float) -> tuple[F
 
 @cache
 def _triangles(rings: int) -> Int64:
-    """Of rings of vertices, and of the two poles after them."""
+    """Triangles (m, 3) between rings of vertices and the two poles, which come after them."""
     i, j = np.arange(_AROUND), (np.arange(_AROUND) + 1) % _AROUND
     found = []
     for ring in range(rings - 1):
@@ -166,7 +166,7 @@ def _triangles(rings: int) -> Int64:
 
 
 def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> RoomDepthScene:
-    """The people of a room of that name before that camera.
+    """Load the people of a room, seen by a depth camera.
 
     Args:
         name: of `mocapella.sources.simulate.scenes.scene_names`.
@@ -174,14 +174,14 @@ def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> Roo
         sensor: of `depth_scene.depth_sensor_names`.
 
     Raises:
-        SettingsError: no such scene or sensor; lists those there are.
+        SettingsError: unknown scene or sensor; lists the known ones.
     """
     return RoomDepthScene(load_scene(name, seed=seed), depth_sensor(sensor), seed)
 
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import depth_scene_kernels
 
     return depth_scene_kernels

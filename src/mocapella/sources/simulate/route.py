@@ -1,4 +1,4 @@
-"""Where a person goes: legs on the floor, each with its number of steps, from which the gait is made."""
+"""A person's route on the floor, as legs with numbers of steps, for the gait."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ STEP_M = 0.45
 TURN_PER_STEP = math.radians(50)
 HALF_TURN_S = math.ceil(math.pi / TURN_PER_STEP) * STEP_S
 RAMP_S = 0.6
-"""How long it takes to start and to stop."""
+"""Duration of the acceleration at the start, and of the deceleration at the end."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Where somebody is on the floor (world x, z) and where the body points: 0 along z, growing towards x [rad]."""
+    """Position on the floor (world x, z) and heading: 0 along z, growing towards x [rad]."""
 
     x: float
     z: float
@@ -31,14 +31,14 @@ class Spot:
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a route: standing (no steps), a straight line, or an arc about a centre; turning evenly on the way.
+    """A part of a route: standing (no steps), a straight line, or an arc about a centre, with an even rotation.
 
     Attributes:
-        start, end: headings are not reduced to a turn, so ``end.heading - start.heading`` is what the body turns.
+        start, end: headings are not wrapped, so ``end.heading - start.heading`` is the body's rotation.
         steps: number of steps; 0 stands still.
-        seconds: how long it takes.
+        seconds: duration.
         centre: of the arc, or None.
-        arm_across: the right arm is held before the chest.
+        arm_across: whether the right arm is held in front of the chest.
     """
 
     start: Spot
@@ -49,7 +49,7 @@ class Leg:
     arm_across: bool = False
 
     def at(self, progress: Float64) -> Float64:
-        """(n, 3) x, z and heading at (n,) fractions of the leg's time."""
+        """x, z and heading (n, 3) at fractions (n,) of the leg's duration."""
         u = _eased(progress, min(0.5, RAMP_S / self.seconds))[:, None]
         start = np.array([self.start.x, self.start.z, self.start.heading])
         end = np.array([self.end.x, self.end.z, self.end.heading])
@@ -61,14 +61,14 @@ class Leg:
 
     @property
     def left_first(self) -> bool:
-        """Which foot begins: the one on the side that the leg goes or turns to."""
+        """Whether the left foot steps first: the foot on the side that the leg goes or turns to does."""
         h, dx, dz = self.start.heading, self.end.x - self.start.x, self.end.z - self.start.z
         sideways = dx * math.cos(h) - dz * math.sin(h)
         return sideways + 0.2 * (self.end.heading - self.start.heading) > 0
 
 
 class Route:
-    """Writes a route down leg by leg; every method begins where the last one ended."""
+    """Builder of a route, leg by leg; each method begins where the last one ended."""
 
     def __init__(self, start: Spot) -> None:
         self.legs: list[Leg] = []
@@ -76,7 +76,7 @@ class Route:
 
     @property
     def seconds(self) -> float:
-        """How long it takes so far."""
+        """Duration so far."""
         return sum(leg.seconds for leg in self.legs)
 
     def stand(self, seconds: float, *, arm_across: bool = False) -> None:
@@ -84,29 +84,29 @@ class Route:
         self.legs.append(Leg(self.spot, self.spot, 0, seconds, arm_across=arm_across))
 
     def stand_until(self, seconds: float) -> None:
-        """Stand still until the route is that long, so that two people can begin the next leg together."""
+        """Stand still until the route has this duration, so that two people can begin the next leg together."""
         if seconds > self.seconds + 1e-9:
             self.stand(seconds - self.seconds)
 
     def turn(self, heading: float) -> None:
-        """Turn on the spot, the shorter way round."""
+        """Turn on the spot to a heading, the shorter way."""
         by = math.remainder(heading - self.spot.heading, math.tau)
         if abs(by) > 1e-9:
             self._leg(Spot(self.spot.x, self.spot.z, self.spot.heading + by))
 
     def shift(self, to: Point) -> None:
-        """Go there without turning: forward, backward or sideways."""
+        """Go to a point without turning: forward, backward or sideways."""
         self._leg(Spot(*to, self.spot.heading))
 
     def go(self, to: Point) -> None:
-        """Turn to a place and go there."""
+        """Turn to a point and go there."""
         self.turn(math.atan2(to[0] - self.spot.x, to[1] - self.spot.z))
         self.shift(to)
 
     def around(self, centre: Point, by: float) -> None:
-        """Turn into the circle about a centre and go along it; positive turns left [rad].
+        """Turn onto the circle around a centre and go along it by an angle [rad]; positive is to the left.
 
-        Turning in takes as long as half a turn, so that two people who go around together keep opposite.
+        The first turn always takes the time of half a turn, so that two people who go around together stay opposite.
         """
         ready = self.seconds + HALF_TURN_S
         outward = math.atan2(self.spot.x - centre[0], self.spot.z - centre[1])
@@ -116,7 +116,7 @@ class Route:
         self._leg(Spot(float(x[0]), float(z[0]), self.spot.heading + by), centre)
 
     def then(self, other: Route) -> None:
-        """Go on with a route that was written apart and begins here."""
+        """Append another route that begins at the end of this one."""
         self.legs.extend(other.legs)
         self.spot = other.spot
 
@@ -131,13 +131,13 @@ class Route:
 
 
 def _about(centre: Point, point: Point, angle: Float64) -> tuple[Float64, Float64]:
-    """A point turned about a centre, in the sense in which headings grow (from z to x)."""
+    """Rotate a point about a centre, in the direction of growing headings (from z to x)."""
     x, z = point[0] - centre[0], point[1] - centre[1]
     return centre[0] + x * np.cos(angle) + z * np.sin(angle), centre[1] - x * np.sin(angle) + z * np.cos(angle)
 
 
 def _eased(u: Float64, ramp: float) -> Float64:
-    """Progress with a speed that rises evenly, stays, and falls evenly over ``ramp`` of the time at either end."""
+    """Progress with a trapezoidal speed profile; ``ramp`` is the share of the time of each of its slopes."""
     speed = 1 / (1 - ramp)
     rising, falling = u**2 / (2 * ramp), 1 / speed - (1 - u) ** 2 / (2 * ramp)
     return np.asarray(speed * np.select([u < ramp, u > 1 - ramp], [rising, falling], u - ramp / 2))

@@ -1,4 +1,4 @@
-"""What people do: the study's scenarios, each a route that begins with standing still and ends where it began."""
+"""The study's scenarios, each a closed route that begins with standing still."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.sources.simulate.route import HALF_TURN_S, Point, Route, Spot
 
 STILL_S = 6.6
-"""How long everybody stands still at first: 120 frames at 30 Hz are 4 s, and a late sensor wants its 4 s too."""
+"""Time that all people stand still at first: 120 frames at 30 Hz take 4 s, also for a sensor that starts late."""
 
 FACING_MAIN = math.pi
-"""Heading of who faces the main sensor, which stands near the world's origin and looks along z."""
+"""Heading of a person who faces the main sensor, which stands near the world's origin and looks along z."""
 
 
 @dataclass(frozen=True)
 class Cue:
-    """What a scenario needs to know of the room.
+    """The parameters of a scenario.
 
     Attributes:
-        start: where the person stands at first (world x, z).
-        target: centre of the obstacle, or where the other person stands; whatever the scenario goes about.
-        first: whether this is the one who moves first, where two people take turns.
+        start: initial position of the person (world x, z).
+        target: centre of the obstacle, or position of the other person, depending on the scenario.
+        first: whether this person moves first, if two people take turns.
     """
 
     start: Point
@@ -32,20 +32,20 @@ class Cue:
 
 
 WRITTEN = "route"
-"""The scenario that a person's own route is."""
+"""Name of the scenario for a route given in the settings."""
 _STEPS = ("stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES")
 
 
 def scenario_names() -> tuple[str, ...]:
-    """The scenarios there are."""
+    """Names of the scenarios."""
     return tuple(_SCENARIOS)
 
 
 def plan(scenario: str, start: Point, target: Point | None = None, *, first: bool = True) -> Route:
-    """The route of one person.
+    """Plan the route of one person.
 
     Raises:
-        SettingsError: no such scenario, or it goes about something and there is no ``target``.
+        SettingsError: unknown scenario, or it needs a ``target`` and none is given.
     """
     if scenario not in _SCENARIOS:
         raise SettingsError(f"unknown scenario {scenario!r}; known: {one_of(scenario, _SCENARIOS)}")
@@ -58,7 +58,7 @@ def plan(scenario: str, start: Point, target: Point | None = None, *, first: boo
 
 
 def written_route(start: Point, words: Sequence[str]) -> Route:
-    """A route of which every step is written out; the person faces the main sensor at first.
+    """Parse a route given step by step; the person faces the main sensor at first.
 
     Args:
         start: (x, z) [m].
@@ -66,7 +66,7 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
             along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point).
 
     Raises:
-        SettingsError: there is none, or one is something else.
+        SettingsError: there is no step, or one is invalid.
     """
     route = Route(Spot(*start, FACING_MAIN))
     if not words:
@@ -98,7 +98,7 @@ def _stand(route: Route, cue: Cue) -> None:
 
 
 def _steps(route: Route, cue: Cue) -> None:
-    """Small steps forward, back, left and right; every one from the middle and back to it."""
+    """Small steps forward, back, left and right, each from the centre and back to it."""
     x, z = cue.start
     for dx, dz in ((0.0, -0.35), (0.0, 0.35), (-0.35, 0.0), (0.35, 0.0)):
         for to in ((x + dx, z + dz), cue.start):
@@ -109,7 +109,7 @@ def _steps(route: Route, cue: Cue) -> None:
 def _walk(route: Route, cue: Cue) -> None:
     """Forward, around the square (a whole turn), diagonal to front right, diagonal to back left, forward; and back.
 
-    The start is the back left corner. Left and right are the person's, who faces the main sensor.
+    The start is the back left corner. Left and right are the person's own, facing the main sensor.
     """
     side = 1.2
     back_left = cue.start
@@ -134,7 +134,7 @@ def _obstacle(route: Route, cue: Cue) -> None:
 
 
 def _front_back(route: Route, cue: Cue) -> None:
-    """To the front of the other and back; then the other does the same."""
+    """Go in front of the other person and back; then the other does the same."""
     visit = Route(route.spot)
     visit.go((cue.target[0], cue.target[1] - 0.8))
     visit.turn(FACING_MAIN)
@@ -146,7 +146,7 @@ def _front_back(route: Route, cue: Cue) -> None:
 
 
 def _around(route: Route, cue: Cue) -> None:
-    """Around the other, who stands; then the other does the same."""
+    """Go around the other person, who stands; then the other does the same."""
     visit = Route(route.spot)
     visit.around(cue.target, math.tau)
     visit.turn(FACING_MAIN)
@@ -155,7 +155,7 @@ def _around(route: Route, cue: Cue) -> None:
 
 
 def _exchange(route: Route, cue: Cue) -> None:
-    """Both go half around the middle between them at once, stand, and change back."""
+    """Both walk half a circle around the midpoint between them at the same time, stand, and walk back."""
     middle = ((cue.start[0] + cue.target[0]) / 2, (cue.start[1] + cue.target[1]) / 2)
     for _ in range(2):
         route.around(middle, math.pi)
@@ -165,7 +165,7 @@ def _exchange(route: Route, cue: Cue) -> None:
 
 
 def _self_occlusion(route: Route, cue: Cue) -> None:
-    """Back to the main sensor, the right arm held before the chest."""
+    """Turn the back to the main sensor, with the right arm in front of the chest."""
     route.turn(0.0)
     route.stand(8.0, arm_across=True)
     route.turn(FACING_MAIN)
@@ -173,7 +173,7 @@ def _self_occlusion(route: Route, cue: Cue) -> None:
 
 
 def _in_turn(route: Route, visit: Route, first: bool) -> None:
-    """Two people who do the same, one while the other waits. Both take equally long: their places are symmetrical."""
+    """Let one person wait while the other moves. Both take equally long, since their positions are symmetrical."""
     if not first:
         route.stand(visit.seconds)
     route.then(visit)

@@ -1,4 +1,4 @@
-"""The scenes that have a name, from ``data/scenes.toml``."""
+"""The named scenes of ``data/scenes.toml``."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from mocapella.sources.simulate.room import Room, SceneSettings, build_room
 
 
 def scene_names() -> tuple[str, ...]:
-    """The scenes there are."""
+    """Names of the scenes."""
     return tuple(_data()["scenes"])
 
 
 def scene_summaries() -> dict[str, str]:
-    """What happens in each scene, in a line."""
+    """One-line summary of each scene."""
     return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
 
 
 def scene_settings(name: str) -> SceneSettings:
-    """What the scene of that name is made of, to be changed with `dataclasses.replace`.
+    """Look up a scene's settings by name; change them with `dataclasses.replace`.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     return settings_from(_data(), name)
 
 
 def settings_from(data: Mapping[str, Any], name: str) -> SceneSettings:
-    """The same of another file's tables ``sensors`` and ``scenes``.
+    """Parse a scene's settings from a file's tables ``sensors`` and ``scenes``.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: unknown scene; lists the known ones.
     """
     if name not in data["scenes"]:
         raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, data['scenes'])}")
@@ -56,14 +56,14 @@ def load_scene(
     bvh_person: int = 1,
     bvh_metres_per_unit: float | None = None,
 ) -> Room:
-    """The room of that name, ready to be looked at.
+    """Build the room of a named scene.
 
     Args:
         name: one of `scene_names`.
         seed: the same seed gives the same frames to the bit.
         topology: of the frames, such as ``kinect_v1``.
-        bvh: a BVH file that one of the people does instead of the scenario.
-        bvh_person: which of them, from 1.
+        bvh: a BVH file whose motion replaces one person's scenario.
+        bvh_person: number of that person, from 1.
         bvh_metres_per_unit: the file's unit; None scales it to the person's stature.
 
     Raises:

@@ -1,7 +1,7 @@
-"""What a method of a given quality would say of a rendered arm: true places with noise, and what is hidden, guessed.
+"""A simulated arm detector of a given quality: ground truth plus noise, with hidden joints inferred.
 
-It stands for a method where what comes after methods is tried: what can be seen is measured with an error that changes
-from frame to frame, and what cannot is inferred with one that lasts.
+It replaces a detector in tests of the later stages. Visible joints have an error that is independent from frame to
+frame; hidden joints are inferred with an error that is correlated in time.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SeenArmSettings:
-    """How good the method is.
+    """Quality of the simulated detector.
 
     Attributes:
-        measured_sd_m: error of a coordinate of what is measured.
-        inferred_sd_m: likewise of what is inferred.
-        lasts_s: time constant of the errors of what is inferred.
-        left_sure: what it says of the side.
-        wrong_side: part of the frames in which it says the wrong one.
+        measured_sd_m: standard deviation of a visible joint's coordinate.
+        inferred_sd_m: standard deviation of an inferred joint's coordinate.
+        lasts_s: time constant of the errors of inferred joints.
+        left_sure: reported confidence of the side.
+        wrong_side: share of the frames with the wrong side.
     """
 
     measured_sd_m: float = 0.004
@@ -48,20 +48,20 @@ class SeenArmSettings:
 
 
 class SimulatedArms:
-    """One camera's method; its shots come in the order of their times."""
+    """The simulated detector of one camera; shots must come in the order of their times."""
 
     def __init__(self, settings: SeenArmSettings | None = None, *, seed: int = 0) -> None:
         self.settings, self._seed = settings or SeenArmSettings(), seed
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, with the same errors."""
+        """Restart with the same random errors."""
         self._rng = np.random.default_rng(self._seed)
         self._lasting: dict[int, Float64] = {}
         self._at_s = -math.inf
 
     def look(self, shot: DepthShot) -> SeenArms:
-        """What it says of the shot: an arm of which neither wrist nor palm is seen is not there."""
+        """Detect the arms of a shot; an arm without a visible wrist or palm is not detected."""
         s, rng = self.settings, self._rng
         keep = math.exp(-max(shot.at_s - self._at_s, 0.0) / s.lasts_s)
         self._at_s = shot.at_s

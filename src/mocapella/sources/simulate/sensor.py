@@ -1,8 +1,8 @@
-"""A simulated sensor: what a Kinect v2 would say of the room, frame by frame, and the truth beside it.
+"""A simulated Kinect v2: its frames of the room, with the ground truth of each.
 
-Every frame has random numbers of its own, from a generator that counts instead of remembering (Philox: J. Salmon et
-al., "Parallel Random Numbers: As Easy as 1, 2, 3", 2011), keyed by seed and sensor and counted by frame. So frame k is
-the same whenever the sensor was started; what does depend on the start is said at `SimulatedSensor.frames`.
+Each frame has its own random numbers, from a counter-based generator (Philox: J. Salmon et al., "Parallel Random
+Numbers: As Easy as 1, 2, 3", 2011), keyed by seed and sensor, with the frame as counter. So frame k does not depend on
+when the sensor was started; `SimulatedSensor.frames` lists the few exceptions.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SEEN_TO_BEGIN = 0.4
-"""Fraction of the joints that must be visible for a body to be found."""
+"""Share of visible joints from which a body is detected."""
 SEEN_TO_GO_ON = 0.12
-"""Below this fraction it is lost, and gets another id when it is found again."""
+"""Share of visible joints below which a body is lost; when detected again, it has a new id."""
 SPEED_OVER_NS = 100_000_000
-"""The past that somebody's speed is from, where errors depend on it."""
+"""Time span of the measurement of a person's speed, on which errors depend."""
 FIRST_ID = 72_057_594_037_927_936
-"""Kinect v2 ids are large numbers; ours are from here on."""
+"""Base of the tracking ids; those of a Kinect v2 are large numbers, too."""
 
 
 class SimulatedFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame, when it comes to the node, and what is true.
+    """A frame, its arrival at the node, and the ground truth.
 
     Attributes:
         due_s: room time at which it reaches the node [s].
-        frame: what the sensor says; node_id and sent_ns are 0, the node stamps them.
-        truth: the room at the instant of capture.
+        frame: of the sensor; node_id and sent_ns are 0, since the node sets them.
+        truth: the room at the capture time.
     """
 
     due_s: float
@@ -56,7 +56,7 @@ class SimulatedFrame(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """Everybody at one instant, before noise; joints in the body's order.
+    """All people at one instant, before noise; joints in the body's order.
 
     world, camera: (people, 25, 3) [m]; pixels: (people, 25, 2); in_view, visible: (people, 25).
     """
@@ -71,7 +71,7 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """The random numbers of one frame, always as many, so that none depends on what is seen."""
+    """The random numbers of one frame; their count is constant, so that they do not depend on the visibility."""
 
     lost: float
     jitter: float
@@ -81,18 +81,18 @@ class _Draws:
 
 
 class _Held:
-    """Which people the sensor tracks, in the order in which it found them, with their ids."""
+    """The people that the sensor tracks, in the order of their detection, with their ids."""
 
     def __init__(self) -> None:
         self.people: list[int] = []
         self.ids: list[int] = []
 
     def update(self, seen: Float64, ids: NDArray[np.int64], most: int) -> None:
-        """Drop who is seen too little; find who is seen enough, while there is room."""
+        """Drop people who are hardly visible; add visible people, up to the limit."""
         kept = [i for i, person in enumerate(self.people) if seen[person] >= SEEN_TO_GO_ON]
         self.people, self.ids = [self.people[i] for i in kept], [self.ids[i] for i in kept]
         new = [p for p in np.flatnonzero(seen >= SEEN_TO_BEGIN).tolist() if p not in self.people]
-        # By their ids, which are random: a body's place in the frame must not say who it is.
+        # Sorted by the random ids: a body's index in the frame must not identify the person.
         for person in sorted(new, key=lambda p: int(ids[p]))[: most - len(self.people)]:
             self.people.append(person)
             self.ids.append(FIRST_ID + int(ids[person]))
@@ -102,12 +102,12 @@ class SimulatedSensor:
     """One sensor of a room.
 
     Args:
-        room: where it stands.
+        room: the room that it is in.
         sensor: its name, or its number from 1.
-        errors: where its settings say ``kinect-v2-measured``: which; those that come with this version if not given.
+        errors: of a sensor whose settings state ``kinect-v2-measured``; None for those that ship with this version.
 
     Raises:
-        SettingsError: no such sensor, or the body has not all joints of the room's topology.
+        SettingsError: unknown sensor, or the body lacks joints of the room's topology.
     """
 
     def __init__(self, room: Room, sensor: int | str, errors: Errors | None = None) -> None:
@@ -127,16 +127,16 @@ class SimulatedSensor:
 
     @property
     def name(self) -> str:
-        """As in its frames."""
+        """The sensor's name."""
         return self.settings.name
 
     def frames(self, start_s: float = 0.0, stop_s: float | None = None) -> Iterator[SimulatedFrame]:
-        """The frames captured from ``start_s`` until before ``stop_s`` (room time), or for ever.
+        """Yield the frames captured from ``start_s`` until before ``stop_s`` (room time), or forever.
 
-        Frame k (captured at ``settings.frame_ns(k)``) depends on the scene, its seed and k, also when the sensor is
-        started in the middle. Only these depend on the start: ``sequence``, which counts from 0; tracking ids, the
-        order of the bodies, and which of them are tracked where there are more than ``max_bodies`` or where somebody
-        is seen too little to be found but enough to be held.
+        Frame k (captured at ``settings.frame_ns(k)``) depends only on the scene, its seed and k, not on the start. The
+        exceptions are ``sequence``, which counts from 0; tracking ids; the order of the bodies; and the choice of the
+        tracked bodies if there are more than ``max_bodies``, or if a person's visibility is between the thresholds for
+        detecting and for losing a body.
 
         Raises:
             SettingsError: a time before 0, or a stop before the start.
@@ -165,7 +165,7 @@ class SimulatedSensor:
             index += 1
 
     def _look(self, room_ns: int) -> _Look:
-        """Who and what can be seen at one instant."""
+        """Positions and visibility of all joints at one instant."""
         world = self.room.positions_at(room_ns)
         camera = (world - self.T_world_sensor[:3, 3]) @ self.T_world_sensor[:3, :3]
         pixels = self.settings.project(camera)
@@ -188,7 +188,7 @@ class SimulatedSensor:
         )
 
     def _biases(self) -> Float64:
-        """(people, 25, 3): the constant error of every joint when it is inferred, camera space [m]."""
+        """Constant errors (people, 25, 3) of inferred joints, camera frame [m]."""
         rng = np.random.default_rng([self._key[0], self._key[1], 1])
         direction = rng.standard_normal(self.room.motion.directions.shape[1:])
         length = np.linalg.norm(direction, axis=2, keepdims=True)
@@ -229,7 +229,7 @@ class SimulatedSensor:
         return SimulatedFrame(due_s, frame, self._truth(sequence, look, people, mirrored))
 
     def _turned(self, world: Float64) -> tuple[Float64, Float64]:
-        """Where bodies (n, 25, 3) point, (n, 3) in camera space, and how far away from the sensor, (n,) [rad]."""
+        """Facing directions (n, 3) of bodies (n, 25, 3) in the camera frame, and angles away from the sensor (n,)."""
         forward, line = facing(world), self.T_world_sensor[:3, 3] - world.mean(axis=1)
         cross = forward[:, 2] * line[:, 0] - forward[:, 0] * line[:, 2]
         away = np.abs(np.arctan2(cross, forward[:, 0] * line[:, 0] + forward[:, 2] * line[:, 2]))
@@ -238,7 +238,7 @@ class SimulatedSensor:
     def _noisy(
         self, camera: Float64, states: NDArray[np.uint8], away: Float64, draws: Float64, bias: Float64
     ) -> Float64:
-        """(bodies, 25, 3) with the noise of their distance and of how obliquely the body is seen."""
+        """Joints (bodies, 25, 3) with noise that depends on their distance and the angle of view."""
         noise, depth = self.settings.noise, np.maximum(camera[..., 2], 0.0)
         oblique = np.minimum(away, math.pi - away)[:, None]
         across = [noise.lateral_px * depth / focal for focal in self.settings.focal_px]
@@ -250,7 +250,7 @@ class SimulatedSensor:
     def _as_measured(
         self, look: _Look, people: NDArray[np.int64], draws: _Draws, course: Course
     ) -> tuple[Float64, Bools]:
-        """(bodies, 25, 3) camera space, with true labels, and (bodies,) whether they are swapped."""
+        """Joints (bodies, 25, 3) in the camera frame with correct labels, and whether labels are swapped (bodies,)."""
         eye, R = self.T_world_sensor[:3, 3], self.T_world_sensor[:3, :3]
         before = self.room.positions_at(max(0, look.room_ns - SPEED_OVER_NS))[people, ROOT]
         speed = np.linalg.norm(look.world[people, ROOT] - before, axis=-1) * (NS_PER_S / SPEED_OVER_NS)
@@ -275,17 +275,17 @@ class SimulatedSensor:
 def merge(
     sensors: Iterable[SimulatedSensor], start_s: float = 0.0, stop_s: float | None = None
 ) -> Iterator[SimulatedFrame]:
-    """The frames of several sensors in the order in which they come to their nodes; on a tie, by the sensor's name."""
+    """Merge the frames of several sensors in the order of arrival at their nodes; ties are in the order of names."""
     streams = [sensor.frames(start_s, stop_s) for sensor in sensors]
     return heapq.merge(*streams, key=lambda item: (item.due_s, item.frame.sensor))
 
 
 def _count(unseen: NDArray[np.int64], look: _Look, most: int) -> NDArray[np.int64]:
-    """(people, 25): for how many frames a joint has not been visible, at most ``most``."""
+    """Number of frames (people, 25) since each joint was visible, at most ``most``."""
     return np.where(look.visible, 0, np.minimum(unseen + 1, max(most, 1)))
 
 
 def _states(look: _Look, remembered: Bools) -> NDArray[np.uint8]:
-    """(people, 25) `JointState`: seen; hidden, but in view and not for too long; or neither."""
+    """`JointState` (people, 25): tracked if visible; inferred if hidden in view for a short time; else not tracked."""
     inferred = np.where(look.in_view & remembered, np.uint8(JointState.INFERRED), np.uint8(JointState.NOT_TRACKED))
     return np.asarray(np.where(look.visible, np.uint8(JointState.TRACKED), inferred))

@@ -1,10 +1,10 @@
-"""Scenes as the files that users have: a film for each camera, the rig, and beside them what is true.
+"""Write rendered scenes as files: a video for each camera, the rig, and the ground truth.
 
     write_sequence("out", silhouette_scene("runner", seed=3))
 
-- ``camera1.avi`` …: films (motion JPEG, or ``FFV1``, which loses nothing), and ``empty/camera1.png`` of the room alone;
-- ``rig.toml``: the cameras, as `mocapella.model.camera_rig_file` has them;
-- ``truth.json``: of every frame its time, where the body's root is and the joints' angles, and the landmarks.
+- ``camera1.avi`` …: videos (motion JPEG, or lossless ``FFV1``), and ``empty/camera1.png`` of the empty room;
+- ``rig.toml``: the cameras, in the format of `mocapella.model.camera_rig_file`;
+- ``truth.json``: for each frame its time, the pose of the body's root, the joint angles, and the landmarks.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ VERSION: Final = 1
 
 
 def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "mjpeg", masks: bool = False) -> Path:
-    """Write a scene.
+    """Write a scene's images, rig and ground truth.
 
     Args:
-        folder: made where it is not there.
-        scene: what there is to see.
+        folder: created if missing.
+        scene: the scene.
         codec: of `CODECS`.
-        masks: whether films of the true masks, always lossless, are written, too: ``camera1.mask.avi`` ….
+        masks: whether to write lossless videos of the true masks as well: ``camera1.mask.avi`` ….
 
     Returns:
         The folder.
 
     Raises:
-        SettingsError: no such codec.
-        InputError: it cannot be written there.
+        SettingsError: unknown codec.
+        InputError: the folder cannot be written.
     """
     import cv2
 
@@ -84,7 +84,7 @@ def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "
 
 
 def truth_of(scene: SilhouetteScene) -> dict[str, Any]:
-    """What ``truth.json`` says."""
+    """Content of ``truth.json``."""
     people = []
     for person, mesh in enumerate(scene.meshes):
         poses = scene.poses(person)
@@ -116,6 +116,6 @@ def _film(path: Path, code: str, fps: float, size_px: tuple[int, int]) -> Any:
 
     film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), fps, size_px)
     if not film.isOpened():
-        fix = "name another folder; or another codec, where this OpenCV has not this one"
+        fix = "name another folder, or another codec if this OpenCV does not have this one"
         raise InputError(f"cannot be written as {code}", file=path, fix=fix)
     return film

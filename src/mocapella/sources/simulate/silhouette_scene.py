@@ -1,12 +1,11 @@
-"""People who move in a room, seen by cameras all around: pictures, and everything that is true of them.
+"""Rendered people in a room, seen by a ring of cameras: images with complete ground truth.
 
     scene = silhouette_scene("cartwheel", seed=3, cameras=4, outfit="background")
     for k in range(len(scene.times_s)):
         scene.images(k), scene.masks(k), scene.pose(k), scene.landmarks(k)
 
-Who moves, what they wear, the room, its light and where the cameras stand are by the seed. Pictures are of OpenCV's
-order: blue, green, red. The same scene, seed and frame give the same pictures to the bit, in whatever order they are
-asked for.
+The seed determines the people, their clothes, the room, its light and the cameras' poses. Images are blue, green, red.
+The same scene, seed and frame give the same images to the bit, independent of the order of rendering.
 """
 
 from __future__ import annotations
@@ -41,27 +40,27 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 _INSTANTS: Final = 4
-"""Of an exposure."""
+"""Instants of an exposure that are averaged."""
 _APART_M: Final = 1.1
-"""Between the middles of several people."""
+"""Distance between several people."""
 _BEHIND_M: Final = 0.9
-"""Between cameras and walls, at least: furniture stands there."""
+"""Least distance between cameras and walls, where furniture stands."""
 _FILLED: Final = 0.94
-"""The part of the picture's half that people keep to, at least."""
+"""Share of the image's half that the people's extent fills."""
 _TABLE: Final = 1 << 17
 
 
 @dataclass(frozen=True)
 class CameraLook:
-    """What the cameras make of the light.
+    """Exposure and noise of the cameras.
 
     Attributes:
-        exposure: full signal of the sensor over white in full light.
-        photons: electrons at full signal; fewer make more photon noise.
-        read_noise: standard deviation in parts of the full signal.
-        flicker: standard deviation of the brightness from picture to picture, in parts.
-        drift: by which part the light gets brighter and darker in the course of ten seconds.
-        exposure_s: for how long a picture is exposed; 0 shows no motion blur.
+        exposure: signal of white in full light, relative to full scale.
+        photons: electrons at full scale; fewer give more photon noise.
+        read_noise: standard deviation, relative to full scale.
+        flicker: relative standard deviation of the brightness from image to image.
+        drift: relative change of the brightness over ten seconds.
+        exposure_s: exposure time; 0 gives no motion blur.
     """
 
     exposure: float = 0.75
@@ -85,12 +84,12 @@ class SilhouetteScene:
 
     Attributes:
         name: of the motion.
-        seed: of the chance.
+        seed: of all random choices.
         meshes, outfits, motions: of the people.
-        rig: the cameras, exactly known.
-        times_s: (frames,) of the pictures.
-        look: of the cameras.
-        corruption: what is wrong with the pictures, if anything.
+        rig: the cameras, with exact calibration.
+        times_s: (frames,) of the images.
+        look: exposure and noise of the cameras.
+        corruption: of the images, or None.
     """
 
     def __init__(
@@ -121,27 +120,27 @@ class SilhouetteScene:
 
     @property
     def mesh(self) -> RiggedMesh:
-        """The first person's true body."""
+        """The first person's body mesh."""
         return self.meshes[0]
 
     def pose(self, k: int, person: int = 0) -> TreePose:
-        """How somebody stands in frame k."""
+        """A person's pose in frame k."""
         return self.motions[person].pose(self.times_s[k])
 
     def poses(self, person: int = 0) -> TreePose:
-        """How somebody stands in all frames: (frames,) batches."""
+        """A person's poses in all frames, with a batch axis (frames,)."""
         return self.motions[person].pose(self.times_s)
 
     def landmarks(self, k: int, person: int = 0) -> Float64:
-        """(landmarks, 3) in the mesh's order, world [m]."""
+        """A person's landmarks (landmarks, 3) in the mesh's order, world [m]."""
         return landmarks_at(self.meshes[person], self.pose(k, person))
 
     def images(self, k: int) -> list[UInt8]:
-        """(height, width, 3) blue, green, red of each camera in frame k, with what is wrong with them."""
+        """Images (height, width, 3) blue, green, red of all cameras in frame k, with the corruption."""
         return [self.image(k, camera) for camera in range(len(self._placed))]
 
     def image(self, k: int, camera: int) -> UInt8:
-        """As `images`, of one camera."""
+        """As `images`, for one camera."""
         stage = self._stage(k)
         stages: Sequence[LitBodies] = (stage,)
         if self.look.exposure_s > 0:
@@ -151,15 +150,15 @@ class SilhouetteScene:
         return image if self.corruption is None else self.corruption.of(image, k, camera)
 
     def masks(self, k: int) -> list[NDArray[np.bool_]]:
-        """(height, width) of each camera: which pixels' middles show somebody."""
+        """True masks (height, width) of all cameras: whether each pixel's centre shows a person."""
         return [covered.people >= 0 for covered in self.covered(k)]
 
     def covered(self, k: int) -> list[Covered]:
-        """Of each camera: who and which part of them pixels' middles show, and how far away."""
+        """Ground truth of all cameras: person, part and depth at each pixel's centre."""
         return [covered(self._stage(k), placed) for placed in self._placed]
 
     def background(self, k: int = 0) -> list[UInt8]:
-        """(height, width, 3) of each camera, nobody being there, with the brightness and the noise of frame k."""
+        """Images (height, width, 3) of the empty room, with the brightness and the noise of frame k."""
         empty = Layer((0, 0), np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
         return [self._developed(empty, None, k, camera) for camera in range(len(self._placed))]
 
@@ -179,7 +178,7 @@ class SilhouetteScene:
     def _developed(self, layer: Layer, stage: LitBodies | None, k: int, camera: int) -> UInt8:
         view, light = self._views[camera], self.backdrop.light
         height, width = view.linear.shape[:2]
-        # The noise of a picture with nobody is another: no two pictures of a camera share theirs.
+        # The empty room has noise of its own: no two images of a camera share their noise.
         rng = np.random.default_rng([self.seed, 44, k, camera, int(stage is None)])
         starts = rng.integers(0, _TABLE - 3 * width, height)
         coded, spread = self._tables
@@ -200,24 +199,24 @@ def silhouette_scene(
     height_m: float | None = None,
     look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
 ) -> SilhouetteScene:  # fmt: skip
-    """A scene of `scene_names`.
+    """Make a scene of `scene_names`.
 
     Args:
         name: of the motion.
-        seed: of bodies, clothes, room, light, tempo, and where the cameras stand.
-        cameras: how many, in a ring.
-        size_px: (width, height) of their pictures.
-        seconds: how long; None: as long as the motion.
-        fps: pictures a second.
-        outfit: of `outfits.outfit_names`; None: by chance. ``background`` has the colours of the room.
-        people: how many, next to each other.
-        sex, height_m: of the first; None: by chance.
-        look: what the cameras make of the light.
-        corruption: what is wrong with the pictures.
-        bvh: a file whose motion the people do, instead of the motion called ``walk``.
+        seed: of bodies, clothes, room, light, tempo, and the cameras' poses.
+        cameras: number of cameras, in a ring.
+        size_px: (width, height) of their images.
+        seconds: duration; None for that of the motion.
+        fps: frame rate.
+        outfit: of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
+        people: number of people, next to each other.
+        sex, height_m: of the first person; None for random ones.
+        look: exposure and noise of the cameras.
+        corruption: of the images.
+        bvh: a file whose motion replaces the motion ``walk``.
 
     Raises:
-        SettingsError: no such motion, outfit or number; says what would work.
+        SettingsError: unknown motion or outfit, or a number out of range; states what would work.
         InputError: the BVH file cannot be read.
     """
     check(1 <= cameras <= 32, "cameras", cameras, "from 1 to 32")
@@ -226,7 +225,7 @@ def silhouette_scene(
     check(all(16 <= side <= 8192 for side in size_px), "size_px", size_px, "16 to 8192 each")
     check(bvh is None or name == "walk", "bvh", bvh, "given with the motion walk only")
     check(seed >= 0, "seed", seed, "0 or more")
-    usual_seconds(name)  # before anything is made: is there such a motion?
+    usual_seconds(name)  # refuses an unknown motion early
     rng = np.random.default_rng([seed, 51])
     meshes, motions = [], []
     for person in range(people):
@@ -252,7 +251,7 @@ def silhouette_scene(
 
 
 def scene_names() -> tuple[str, ...]:
-    """The scenes there are: the motions of `body_motion`."""
+    """Names of the scenes, which are the motions of `body_motion`."""
     return motion_names()
 
 
@@ -263,13 +262,13 @@ def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: 
     from mocapella.sources.simulate.bvh_body import body_motion_of
 
     file = read_bvh(bvh)
-    if seconds is None:  # as much as cameras around it can see well
+    if seconds is None:  # as much as a ring of cameras can see well
         seconds = min((len(file.channels) - 1) * file.frame_s, usual_seconds(name))
     return body_motion_of(file, mesh, seconds, file=bvh)
 
 
 def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
-    """The same, turned about the vertical through the middle, and then put aside along x."""
+    """Rotate a motion about the vertical through the origin, and then shift it along x."""
     R, shift = rotation_about_y(turn), np.array([aside_m, 0.0, 0.0])
     turns, place = motion.turns, motion.place
     return replace(
@@ -283,7 +282,7 @@ def _ring(
     count: int, size_px: tuple[int, int], meshes: Sequence[RiggedMesh], motions: Sequence[BodyMotion], times: Float64,
     *, rng: np.random.Generator,
 ) -> CameraRig:  # fmt: skip
-    """Cameras all around, whose lenses are as long as they may be for everybody to be in all pictures."""
+    """Make a ring of cameras with the longest focal lengths at which all people stay in all images."""
     some = times[:: max(len(times) // 40, 1)]
     points = np.concatenate(
         [posed(mesh, motion.pose(some))[:, ::7].reshape(-1, 3) for mesh, motion in zip(meshes, motions, strict=True)]
@@ -312,19 +311,19 @@ def _ring(
 
 
 def _room_colours(backdrop: Backdrop) -> Any:
-    """What a wall and the floor reflect."""
+    """Colours of a wall and the floor."""
     wall, floor = (backdrop.materials[backdrop.faces[0, face], 1:4] for face in (0, 2))
     return tuple(map(float, wall)), tuple(map(float, floor))
 
 
 def _directed(light: Light) -> Float64:
-    """(3,) which part of the floor's light has a direction."""
+    """Share (3,) of the floor's light that is directed."""
     directed = light.strength * light.towards[1]
     return np.asarray(directed / (directed + light.sky))
 
 
 def _coding(look: CameraLook) -> tuple[Float32, Float32]:
-    """(4097,) each: 8-bit values of sRGB (IEC 61966-2-1) for linear 0 … 1, and the standard deviation of their noise.
+    """Tables (4097,) of sRGB's 8-bit values (IEC 61966-2-1) for linear 0 … 1, and of their noise.
 
     Photon noise grows with the signal, read noise does not (EMVA standard 1288, section 2).
     """
@@ -342,7 +341,7 @@ def _coding(look: CameraLook) -> tuple[Float32, Float32]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the kernels, and numba, on first use."""
     from mocapella.sources.simulate import body_paint_kernels
 
     return body_paint_kernels

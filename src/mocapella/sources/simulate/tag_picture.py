@@ -1,4 +1,4 @@
-"""Square tags in a picture of linear light, exactly where a camera would see them: truth for what finds them."""
+"""Render square tags into an image of linear light, as ground truth for tag detectors."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 _RAYS: Final = 4
-"""Along a side of a pixel."""
+"""Number of rays along a pixel's side."""
 _TEXTURE_PX: Final = 320
-"""Of the tag's dark square; its margin of two cells comes on top."""
+"""Size of the tag's dark square in its texture, without the margin of two cells."""
 _DARK, _LIGHT = 0.04, 0.85
-"""What ink and paper reflect."""
+"""Reflectance of ink and paper."""
 
 
 def draw_tags(
@@ -32,12 +32,13 @@ def draw_tags(
     side_m: float,
     light: float = 1.0,
 ) -> None:
-    """Draw tags, with a white margin of two cells, into a picture; the nearer hides the farther, none from behind.
+    """Draw tags, with a white margin of two cells, into an image; nearer tags occlude farther ones.
 
     Args:
-        linear: (height, width, 3) light of the picture, drawn into.
+        linear: (height, width, 3) light of the image, in and out.
         lens: (9,) of `mocapella.geometry.lens`.
-        T_camera_tag: (4, 4) by the tag's number; its frame as in `mocapella.model.tags`.
+        T_camera_tag: (4, 4) by the tag's number; its frame as in `mocapella.model.tags`. Tags seen from behind are not
+            drawn.
         dictionary, side_m: of all tags; the dark square's side [m].
         light: on the tags.
     """
@@ -49,7 +50,7 @@ def draw_tags(
 def _draw(
     linear: Float32, lens: Float64, T: Float64, texture: NDArray[np.uint8], *, side_m: float, light: float
 ) -> None:
-    if (T[:3, 3] @ T[:3, 2]) >= 0:  # its face is turned away
+    if (T[:3, 3] @ T[:3, 2]) >= 0:  # seen from behind
         return
     half = 0.5 * side_m * len(texture) / _TEXTURE_PX
     outline = apply(T, half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]))
