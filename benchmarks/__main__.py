@@ -23,7 +23,7 @@ def groups() -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run what was asked for; 0 also where a goal is missed, unless ``--strict``."""
+    """Run the requested groups; exit status 0 also if a goal is missed, unless ``--strict``."""
     there_are = groups()
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",

@@ -1,4 +1,4 @@
-"""Pictures of a drawn person whose outline is known, before easy and hard backgrounds, and priors that are off."""
+"""Images of a drawn person with a known outline, before easy and hard backgrounds, and wrong priors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS: Final = ("easy", "clutter", "similar", "shadow", "noise", "salt")
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture and what is true of it.
+    """An image and its ground truth.
 
     Attributes:
         image: (height, width, 3) uint8.
@@ -43,7 +43,7 @@ class Shot:
 
 
 def window_of(phi: Float64, step_px: int, around_px: int = 16) -> Silhouette:
-    """Distances as a silhouette, in a window that reaches so far beyond what is inside."""
+    """Convert distances to a silhouette, in a window with a margin around the inside."""
     ys, xs = np.nonzero(phi > 0)
     height, width = phi.shape
     x0, y0 = max(int(xs.min()) - around_px, 0), max(int(ys.min()) - around_px, 0)

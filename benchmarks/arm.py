@@ -1,7 +1,7 @@
-"""Arms in depth images: rendered truth, `kinematic-arm` beside the baseline on the same images, and its speed.
+"""Arms in depth images: accuracy on rendered images, `kinematic-arm` beside the baseline, and its speed.
 
 Scenes of seeds 100 and above are scored; those below were used to choose numbers. Each detector sees the images once,
-in their order, and is told nothing.
+in their order, without further information.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def run(quick: bool = False) -> list[Row]:
 
 
 def tell(what: str) -> None:
-    """Say what is measured now: all of it takes minutes."""
+    """Print the current measurement: all of them take minutes."""
     print(f"arm: {what}", file=sys.stderr, flush=True)
 
 
@@ -130,7 +130,7 @@ class _Timed:
 
 
 class _Told:
-    """What a detector has told of images, again."""
+    """Replays the stored results of a detector."""
 
     name = "told"
 

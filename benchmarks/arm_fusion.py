@@ -1,7 +1,7 @@
 """Two depth cameras beside each of them alone, on rendered scenes; and how long the fusion takes for a frame.
 
-What stands before the fusion is simulated (`mocapella.sources.simulate.seen_arms`), so that the figures are those of
-the fusion: 4 mm of noise in each coordinate of what a camera can see, 20 mm that last in what it cannot.
+The detectors are simulated (`mocapella.sources.simulate.seen_arms`), so that only the fusion is measured: 4 mm of noise
+in each coordinate of visible points, and a lasting error of 20 mm in hidden ones.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SEEDS: Final = (100, 101)
 FIGURES: Final = {
     "tip_median_mm": "fingertips, median",
     "tip_p95_mm": "fingertips, p95",
-    "tips_of_one_camera_median_mm": "those that the other camera sees alone, median",
+    "tips_of_one_camera_median_mm": "points that the other camera sees alone, median",
     "palm_median_mm": "palm, median",
 }
 

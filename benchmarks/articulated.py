@@ -1,4 +1,4 @@
-"""What an articulated body costs, and what it makes of real walks beside the filters of `smoothing`.
+"""Cost of an articulated body, and its accuracy on real walks beside the filters of `smoothing`.
 
 The real rows are of the study logs: the front sensor's own view, and the mean of both sensors' views (the other brought
 over by the rigid motion that fits Stationary and Steps, its left and right exchanged where that is nearer by 2 cm).
@@ -93,7 +93,7 @@ def cost(quick: bool) -> Iterator[Row]:
 
 
 def walker(frames: int) -> Float64:
-    """(frames, 25, 3) somebody simulated who walks, with noise [m]."""
+    """Return a simulated walker (frames, 25, 3), with noise [m]."""
     from mocapella.sources.simulate.scenes import load_scene
 
     room, rng = load_scene("walk"), np.random.default_rng(0)
@@ -167,7 +167,7 @@ METHODS: Final[dict[str, Method]] = {
 
 
 def figures(task: int, at_s: Float64, raw: Float64, joints: Float64) -> Iterator[tuple[str, float]]:
-    """The figures of one sequence by their names; the first ten frames, in which filters begin, are left out."""
+    """Return the figures of one sequence by name, without the first ten frames, the filters' warm-up."""
     if task == STATIONARY:
         yield "stationary jitter [mm]", 1000 * fused_metrics.jitter(joints[10:])
         return

@@ -1,7 +1,7 @@
-"""What a message costs, 6 bodies × 25 joints, and whether a million damaged ones do any harm.
+"""Cost of a message with 6 bodies × 25 joints, and the effect of a million damaged ones.
 
-The peers do the same work with the same arrays: JSON with lists, and protobuf with a message a joint. Neither checks
-what it reads; ours does.
+The peers do the same work with the same arrays: JSON with lists, and protobuf with a message a joint. Neither validates
+its input; ours does.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def of_json(text: str) -> dict[str, Any]:
 
 
 class Nested:
-    """Protobuf as it is usually written: a message for every joint."""
+    """The usual use of protobuf: a message for every joint."""
 
     def __init__(self) -> None:
         file = descriptor_pb2.FileDescriptorProto(name="nested_peer.proto", package="nested_peer", syntax="proto3")
@@ -181,7 +181,7 @@ def damaged_messages(count: int) -> list[Row]:
                     value = decode(data)
                 except WireError:
                     continue
-                except Exception as error:  # noqa: BLE001  this is what is counted
+                except Exception as error:  # noqa: BLE001  counted here
                     crashes += 1
                     print(f"{decode.__name__}: {type(error).__name__}: {error}: {data[:80]!r}")
                     continue

@@ -1,4 +1,4 @@
-"""What reading datagrams of markers costs, and what somebody who sends a thousand times too many does to it.
+"""Cost of reading marker datagrams, and the effect of a sender that sends a thousand times too many.
 
 Two cameras at 60 Hz; the left one's port is flooded by another process, as fast as it can: from an address of its own
 while the port belongs to the camera, or first, so that the port belongs to the flood.

@@ -1,6 +1,6 @@
-"""How a figure is measured and written down, the same way in every group.
+"""Measures and prints figures, in the same way for every group.
 
-Times drift by some ten per cent with the machine's mood, so ours and the peer's are taken in turns within one run, and
+The machine's speed drifts by some ten per cent, so our code and the peer's are timed in turns within one run, and
 medians over the repetitions are compared.
 """
 
@@ -63,12 +63,12 @@ def times_the_peer(limit: float) -> Goal:
 
 @dataclass(frozen=True)
 class Row:
-    """One figure; its fields are those of the JSON rows.
+    """One figure; its fields are the fields of the JSON rows.
 
     Attributes:
-        name: group and what was measured, such as ``codec: encode``.
+        name: group and measured operation, such as ``codec: encode``.
         value: in ``unit``.
-        peer: who it is compared with and what that took in the same run; where there is none, it says so and names
+        peer: the compared program and its value in the same run; without one, a note that there is none, and
             the machine.
         ratio: the peer's value divided by ours, above 1 where ours is faster; None without a peer.
         goal: such as ``≤ 5 µs``; None where there is none.
@@ -119,7 +119,7 @@ def against_peer(
 
     Args:
         name, goal, unit: of the row; the unit is one of `UNITS_PER_SECOND`.
-        ours, peer: what is called, without arguments; both do the same work.
+        ours, peer: the functions to call, without arguments; both do the same work.
         peer_name: what the peer is called.
         repeat: how many turns.
         number: calls a turn.

@@ -1,7 +1,7 @@
 """From a checkout to the first demo, for a new user: nothing installed, downloaded or compiled yet.
 
 ``uv sync`` and ``uv run mocapella demo`` run on a copy of the checkout with an environment and a cache of their own;
-only the Python is the one that is here. The first demo compiles its kernels. A browser that is already running opens
+only the Python is shared. The first demo compiles its kernels. A browser that is already running opens
 the view. Its picture moves when one screenshot after the other differs. Debian's chromium draws in software here, and
 shares the cores with everything else. ``--quick`` takes the user's cache of packages, so that nothing is downloaded
 twice; that figure has no goal.
@@ -136,7 +136,7 @@ def _checkout(folder: Path) -> Path:
 
 
 def _environment(folder: Path, *, keep_cache: bool) -> dict[str, str]:
-    """This process' variables, without those that lead to another project, environment or compiled code."""
+    """Return this process' variables, except references to another project, environment or compiled code."""
     elsewhere = {"VIRTUAL_ENV", "UV_PROJECT", "UV_NO_SYNC", "NUMBA_CACHE_DIR", "PYTHONPATH", "PYTHONPYCACHEPREFIX"}
     kept = {name: value for name, value in os.environ.items() if name not in elsewhere}
     ours = {"UV_PROJECT_ENVIRONMENT": str(folder / "environment")}

@@ -1,7 +1,7 @@
 """The skeleton stages of the detector `line-skeleton` beside the same stages of OpenCV, and the detector's own grid.
 
-The masks are those that the detector itself makes of the frames of depth_hand_sr305, and a drawn arm, which is there
-without them. OpenCV works on the whole image, in one thread as ours.
+The masks are the detector's own for the frames of depth_hand_sr305, and for a drawn arm, which needs no
+recording. OpenCV works on the whole image, in one thread as ours.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def masks_of(frames: Mapping[str, Float32]) -> dict[str, UInt8]:
 
 
 def drawn_mask() -> UInt8:
-    """An open hand and its forearm, as large as they are at 0.6 m."""
+    """Draw an open hand and its forearm in their size at 0.6 m."""
     import cv2
 
     mask: Any = np.zeros((480, 640), dtype=np.uint8)

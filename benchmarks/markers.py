@@ -138,7 +138,7 @@ def accuracy(quick: bool) -> Iterator[Row]:
         here, beside = Score(), Score()
         for seed in SEEDS[:1] if quick else SEEDS:
             made = film(name, seed)
-            problems = separability(made.profile).problems  # the user is told; it is scored all the same
+            problems = separability(made.profile).problems  # the user gets a warning; the scene is scored all the same
             refused += bool(problems)
             detector = MarkerDetector(made.profile)
             peer = Peer(cv2, made.sample, made.profile.names, reduced=False) if cv2 else None
@@ -169,7 +169,7 @@ def accuracy(quick: bool) -> Iterator[Row]:
 
 
 class Score:
-    """Errors, what was found, and what was false."""
+    """Errors, and numbers of found and false markers."""
 
     def __init__(self) -> None:
         self.errors: list[float] = []
@@ -324,7 +324,7 @@ class Peer:
         for name in names:
             region = grow(sample.image, sample.clicks[name], name)
             pixels = picture[inside(region)].astype(np.float64)
-            for room in ROOM:  # as somebody tunes sliders before a live mask: as wide as leaves the wall out
+            for room in ROOM:  # like a user who tunes sliders on a live mask: as wide as possible without the wall
                 ranges = _bgr_range(pixels, room) if reduced else _hsv_ranges(pixels, room)
                 if (self.mask(picture, ranges) > 0).sum() <= 1.2 * region.sum():
                     break

@@ -1,8 +1,8 @@
-"""Who is who, and where: what a frame costs, beside a chain of well-known libraries in the same run.
+"""Cost of a frame with people, beside a chain of well-known libraries in the same run.
 
-The peers' chain does for each frame what can be had from packages: numpy brings the bodies into one space, norfair
-tracks each sensor's, numpy averages those of a person, and the package OneEuroFilter smooths every coordinate. It does
-not calibrate, and is told which sensors' tracks belong together. `uv run --group peers python -m benchmarks people`.
+The peers' chain is made of packages: for each frame numpy transforms the bodies into one space, norfair tracks each
+sensor's bodies, numpy averages the bodies of a person, and the package OneEuroFilter smooths every coordinate. It does
+not calibrate, and receives the association of the sensors' tracks. `uv run --group peers python -m benchmarks people`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def curve(sizes: Sequence[tuple[int, int]], span_s: float) -> list[Row]:
 
 
 def hall(people: int, sensors: int, span_s: float) -> tuple[dict[str, Float64], list[Arrival]]:
-    """Where the sensors stand, and their frames of people who walk in a hall; each sees everybody."""
+    """Return the sensors' poses, and their frames of people who walk in a hall; each sensor sees all people."""
     side = math.ceil(math.sqrt(people))
     ring = tuple(
         SensorSettings(

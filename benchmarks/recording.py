@@ -1,8 +1,8 @@
-"""What recording costs, 6 bodies × 25 joints, beside the ``mcap`` library's writer; and what 1,000 kills cost.
+"""Cost of recording 6 bodies × 25 joints, beside the ``mcap`` library's writer; and frames lost in 1,000 kills.
 
 A flush here is what the server does four times a second with six sensors: 48 frames and 48 scenes, on the disk when it
-returns. For the kills, a process records and says over a pipe what each flush has stored; it is killed at a random
-instant, and what it had said must be in the take.
+returns. For the kills, a process records and reports over a pipe the frames stored by each flush; it is killed at a random
+instant, and the reported frames must be in the take.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def _turn(writer: _Recording) -> tuple[float, float]:
 
 
 def _growth_mib(writer: _Recording, flushes: int) -> float:
-    """How much the memory grows over ten minutes of flushes, by what it grows over a few."""
+    """Extrapolate the growth of memory over ten minutes of flushes from a few."""
     writer.flush()
     tracemalloc.start()
     begin = tracemalloc.get_traced_memory()[0]

@@ -157,7 +157,7 @@ def _gray(s: Shot) -> UInt8:
 
 
 def _crop(s: Shot) -> tuple[NDArray[np.float64], NDArray[np.float64], Bool]:
-    """The part of the picture that ours looks at: gray from 0 to 1, the prior's distances, and what is true."""
+    """Return our region of interest: gray from 0 to 1, the prior's distances, and the true mask."""
     window: Silhouette = window_of(s.prior_phi, 1, AROUND_PX)
     x, y = window.origin_px
     rows, columns = window.phi.shape

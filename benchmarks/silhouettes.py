@@ -1,10 +1,10 @@
-"""What a body fitted to silhouettes is worth, on rendered scenes, whose truth is known, and a real clip; and its time.
+"""Accuracy of bodies fitted to silhouettes, on rendered scenes with ground truth, and a real clip; and their time.
 
-Parts, each of which `--part NAME` runs alone: ``noise`` (accuracy, jitter, and what the penalty on jitter costs),
+`--part NAME` runs one part alone: ``noise`` (accuracy, jitter, and what the penalty on jitter costs),
 ``corruption`` (frames stored wrong, with the penalty and without), ``live`` (time a frame), ``step`` (a Gauss–Newton
 step beside numpy, of the group twists), ``video`` (four cameras' real clip),
-``storage`` (what a take of images takes). What was tuned was tuned on seeds below
-100; these are from 100 on. `docs/evaluation.md` says how everything is scored.
+``storage`` (size of a take of images). All tuning used seeds below
+100; these are from 100 on. `docs/evaluation.md` defines the scores.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def live(quick: bool) -> Iterator[Row]:
     film = filmed(silhouette_scene("runner", seed=SEEDS[0]), 0.1 if quick else None)
     joints = rough_joints(film.scene)
     with one_core():
-        follow(film, film.scene.mesh, joints, clock=time.perf_counter)  # what is compiled is compiled now
+        follow(film, film.scene.mesh, joints, clock=time.perf_counter)  # warm-up: compile the kernels now
         took = follow(film, film.scene.mesh, joints, clock=time.perf_counter).seconds
     # The first frame, whose pose is rough, is fitted for longer.
     ms, dofs = 1e3 * took[1:], film.scene.mesh.tree.dofs

@@ -59,7 +59,7 @@ def recordings() -> Path:
 
 
 def step_ms(people: int, sensors: int, rounds: int) -> tuple[list[float], list[float]]:
-    """Milliseconds of each step while calibrating, the last of which ends it, and while tracking."""
+    """Return the duration of each step [ms] up to the end of the calibration, and during tracking."""
     tracker = make_tracker("stand-still", sensors_expected=sensors)
     steps: dict[bool, list[float]] = {False: [], True: []}
     was_tracking = False

@@ -1,4 +1,4 @@
-"""Triangulation beside aniposelib, the filters beside theirs, and what comes of real and simulated recordings.
+"""Triangulation beside aniposelib, the filters beside theirs, and results on real and simulated recordings.
 
 `uv run --group peers python -m benchmarks triangulation`. One thread: neither side starts more; `OMP_NUM_THREADS=1` and
 `OPENBLAS_NUM_THREADS=1` keep numpy's own library from it.
@@ -49,7 +49,7 @@ def ring() -> Float64:
 
 
 def scene(points: int, outliers: float, seed: int = SEED) -> tuple[Float64, Float64, Views]:
-    """Truth (points, 3), pixels (points, cameras, 2), of which all but two of a point may be wrong, and the cameras."""
+    """Return true points (points, 3), pixels (points, cameras, 2) with up to all but two wrong, and the cameras."""
     rng, T = np.random.default_rng(seed), ring()
     truth = rng.uniform(-0.5, 0.5, (points, 3))
     pixels = np.stack([project(apply(t, truth), LENS) for t in T], axis=1)
