@@ -1,4 +1,6 @@
-"""Best possible accuracy of a calibration from 8 s of walking in the simulated room, with information that no method has.
+"""Best possible accuracy of a calibration from 8 s of walking in the simulated room.
+
+The fits use information that no method has.
 
 Frames of two sensors at one true instant, with true labels and true people, are fitted at once: unchanged; without
 their mean error (bias and turned shoulders of the true view angle, taken off exactly); and that by generalised least

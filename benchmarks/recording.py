@@ -1,8 +1,8 @@
 """Cost of recording 6 bodies × 25 joints, beside the ``mcap`` library's writer; and frames lost in 1,000 kills.
 
 A flush here is what the server does four times a second with six sensors: 48 frames and 48 scenes, on the disk when it
-returns. For the kills, a process records and reports over a pipe the frames stored by each flush; it is killed at a random
-instant, and the reported frames must be in the take.
+returns. For the kills, a process records and reports over a pipe the frames stored by each flush; it is killed at a
+random instant, and the reported frames must be in the take.
 """
 
 from __future__ import annotations
