@@ -14,7 +14,8 @@ import pytest
 
 from mocapella.detectors import ArmDetector, arm_following
 from mocapella.detectors.arm_finding import ArmFinder
-from mocapella.detectors.arm_following import KinematicArmDetector, KinematicArmSettings, _sd_m
+from mocapella.detectors.arm_following import KinematicArmDetector, _sd_m
+from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.errors import SettingsError
 from mocapella.evaluation.arms import matched, score
 from mocapella.geometry.lens import project
@@ -252,7 +253,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
     """It is done a little at a time; and what is found then is followed to where it is by then."""
     camera, images, shots = one_arm_and_then_another(2)
     done: list[list[int]] = []
-    furthest = arm_following._Look.go_on
+    furthest = arm_following._Search.go_on
 
     def go_on(look: Any, work: float) -> bool:
         inner, done_now = look.steps, []
@@ -268,7 +269,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
         done.append(done_now)
         return more
 
-    monkeypatch.setattr(arm_following._Look, "go_on", go_on)
+    monkeypatch.setattr(arm_following._Search, "go_on", go_on)
     detector = KinematicArmDetector(camera, KinematicArmSettings(look_every=1))
     found = None
     for image, shot in zip(images, shots, strict=True):
@@ -305,7 +306,7 @@ def test_once_an_arm_is_lost_every_place_is_looked_at_again() -> None:
 
 def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:
     image = np.zeros((2, 2), np.float32)
-    look = arm_following._Look(image, 0.0)
+    look = arm_following._Search(image, 0.0)
     for k in range(1, 1000):
         image[:] = k
         look.add(image, k / 30)

@@ -1,145 +1,77 @@
-"""Arms and hands in the images of one depth camera: found, followed, and told. The detector ``kinematic-arm``.
+"""Detect and track arms and hands in the images of one depth camera: the detector ``kinematic-arm``.
 
 An image goes through three steps: the part of it that may be an arm (`sensing.arm_region`), a kinematic arm and hand
 fitted to its points (`kinematics.arm_fit`), and the observation made from it. A known arm is tracked from its
-prediction; without one, palms are looked for in the whole image and the fit begins from several poses of either hand.
+prediction; without one, palms are searched in the whole image and the fit starts from several poses of either hand.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.detectors.arm_finding import SUREST, ArmFinder, Found, cost_of, evidence_of
+from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_of
+from mocapella.detectors.arm_settings import KinematicArmSettings
+from mocapella.detectors.arm_track import ArmTrack
 from mocapella.errors import SettingsError
-from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
-from mocapella.kinematics.arm_fit import kernels as fit_kernels
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
 from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
-from mocapella.sensing.arm_region import ArmRegionSettings, Region, within
+from mocapella.sensing.arm_region import Region, within
 from mocapella.sensing.depth_foreground import DepthForeground
-from mocapella.settings import check
 from mocapella.steps import Steps, at_once
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class KinematicArmSettings:
-    """How arms are found and followed.
-
-    Attributes:
-        arms: at most.
-        hand_length_m: of the average hand.
-        believe: a fit whose cost is above this is no arm.
-        keep: likewise of an arm that is followed.
-        digits: so many digits are looked at in each image for a better way to hold them, all where it is doubtful.
-        gain: a way is tried where it promises to lower the cost by so much.
-        doubt: an arm whose cost is above this is doubtful.
-        better: another pose is taken when its cost is below this part of that of the arm's own.
-        look_again_after: images for which a hand is doubtful before it is looked for anew where it is, and twice as
-            long each time that nothing better is found.
-        firm: an arm is reported once its cost was below this; after some images below it, no replacement is looked for.
-        refuse_for: images for which a place is not looked at again where no arm was; eight times as long while there is
-            an arm, and twice as long each time.
-        lost_after: frames in a row that an arm may be doubtful.
-        look_every: frames between two looks for further arms where something came nearer, while there is one.
-        look_anyway_every: likewise where nothing did.
-        region, fit: of the steps.
-    """
-
-    arms: int = 2
-    hand_length_m: float = 0.189
-    believe: float = 0.30
-    keep: float = 0.38
-    digits: int = 2
-    gain: float = 0.006
-    doubt: float = 0.14
-    better: float = 0.93
-    look_again_after: int = 12
-    firm: float = 0.19
-    refuse_for: int = 8
-    lost_after: int = 3
-    look_every: int = 20
-    look_anyway_every: int = 150
-    region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
-    fit: ArmFitSettings = field(default_factory=ArmFitSettings)
-
-    def __post_init__(self) -> None:
-        check(1 <= self.arms <= 8, "arms", self.arms, "1 to 8")
-        check(0.1 <= self.hand_length_m <= 0.3, "hand_length_m", self.hand_length_m, "0.1 to 0.3 m")
-        check(0 < self.believe <= self.keep < 2, "believe", self.believe, "above 0, at most keep, which is below 2")
-        check(1 <= self.digits <= 5, "digits", self.digits, "1 to 5")
-        check(0 < self.gain < 2, "gain", self.gain, "above 0, below 2")
-        check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
-        check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
-        check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
-        check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
-        check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
-        check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
-        check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")
-        check(1 <= self.look_anyway_every <= 100_000, "look_anyway_every", self.look_anyway_every, "1 to 100000")
-
-
-class _Arm:
-    """An arm that is followed."""
-
-    def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
-        self.side, self.model, self.fitted, self.at_s = side, model, fitted, at_s
-        self.id = -1
-        self.velocity = np.zeros(6 + len(fitted.pose.z))
-        self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
-        self.wait, self.sure, self.believed = wait, SUREST, False
-        self.region: Region | None = None
-
-    def moved(self, fitted: Fitted, dt: float) -> None:
-        """Take in the pose of the next image."""
-        self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
-        self.fitted = fitted
-
-
 @dataclass(eq=False)
 class _Refused:
-    """A place where no arm was."""
+    """A place that was searched without finding an arm.
+
+    Attributes:
+        centre: (3,) camera [m].
+        wait: images for which it is refused next time.
+        until: image before which it is not searched.
+    """
 
     centre: Float64
     wait: int
     until: int = 0
 
 
-class _Look:
-    """A search for further arms. It takes longer than an image may, so it is spread over the images that follow.
+class _Search:
+    """A search for further arms, spread over several images because it takes longer than one.
 
     Attributes:
-        depth, at_s: the image that is looked at.
+        depth, at_s: the image that is searched.
         images: (depth, time) of the images since; arms that are found are tracked through them.
-        newest: of them.
-        steps: the work.
+        newest: the newest of them.
+        steps: the remaining work.
     """
 
     steps: Steps[None]
 
     def __init__(self, depth: Float32, at_s: float) -> None:
-        # The caller's images may be written over.
+        # The caller may reuse its images' memory.
         self.depth, self.at_s = depth.copy(), at_s
         self.newest = self.depth
         self.images: list[tuple[Float32, float]] = []
 
     def add(self, depth: Float32, at_s: float) -> None:
-        """Another image has come."""
+        """Keep another image for catching up."""
         self.newest = depth.copy()
         self.images.append((self.newest, at_s))
         if len(self.images) > _MOST_IMAGES:
             del self.images[-2::-2]
 
     def go_on(self, work: float) -> bool:
-        """Do so much of it; whether there is more to do."""
+        """Do so much work [µs]; return whether any is left."""
         done = 0
         while done < work:
             try:
@@ -150,7 +82,7 @@ class _Look:
 
 
 class KinematicArmDetector:
-    """Follows arms from image to image."""
+    """Detects arms, and tracks them from image to image."""
 
     name = "kinematic-arm"
 
@@ -165,13 +97,13 @@ class KinematicArmDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
-        self._arms: list[_Arm] = []
+        """Forget all images and arms."""
+        self._arms: list[ArmTrack] = []
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
-        self._look: _Look | None = None
+        self._search: _Search | None = None
         self._unfinished = False
-        self._nearer = DepthForeground(self.finder.lens, self.settings.region)
+        self._foreground = DepthForeground(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Look at the next image, as `mocapella.detectors.ArmDetector` says."""
@@ -182,21 +114,21 @@ class KinematicArmDetector:
                 f"camera {self.camera.name} has {width} × {height} px"
             )
         depth = np.ascontiguousarray(depth, dtype=np.float32)
-        if self._look is not None:
-            self._look.add(depth, at_s)
+        if self._search is not None:
+            self._search.add(depth, at_s)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
-                self._refused, self._unfinished = [], True  # it may have stood for another
-        self._begin_look(depth, at_s)
-        if self._look is not None and self._unsure:
-            self._look.go_on(np.inf)  # nothing waits
-            self._look = None
-        elif self._look is not None and not self._look.go_on(_WORK[len(self._arms) > 1][self._looks]):
-            self._look = None
+                self._refused, self._unfinished = [], True  # its place may be another arm's
+        self._begin_search(depth, at_s)
+        if self._search is not None and self._unsure:
+            self._search.go_on(np.inf)  # no tracked arm is delayed
+            self._search = None
+        elif self._search is not None and not self._search.go_on(_WORK[len(self._arms) > 1][self._reserved]):
+            self._search = None
         self._frames += 1
-        told = tuple(self._told(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
-        return SeenArms(told, "" if told else self._reason(depth))
+        arms = tuple(self._observed(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
+        return SeenArms(arms, "" if arms else self._reason(depth))
 
     @property
     def _unsure(self) -> bool:
@@ -204,12 +136,12 @@ class KinematicArmDetector:
         return not self._believed() or (self._unfinished and all(arm.firm < _FIRM_AFTER for arm in self._arms))
 
     @property
-    def _looks(self) -> bool:
-        """Whether nothing else is looked for in this image than the look that is under way does: in every other."""
-        return self._look is not None and self._frames % 2 == 1
+    def _reserved(self) -> bool:
+        """Whether this image's time is reserved for the search under way: in every second image."""
+        return self._search is not None and self._frames % 2 == 1
 
-    def _believed(self) -> list[_Arm]:
-        """Those that once fitted well."""
+    def _believed(self) -> list[ArmTrack]:
+        """Return the arms that have fitted well at least once."""
         for arm in self._arms:
             arm.believed |= arm.fitted.cost < self.settings.firm
         return [arm for arm in self._arms if arm.believed]
@@ -223,37 +155,37 @@ class KinematicArmDetector:
             return f"nothing is between {s.near_m:g} and {s.far_m:g} m"
         return "what may be a hand does not fit one well" if self._arms else "no hand is seen"
 
-    # Following.
+    # Tracking.
 
-    def _follow(self, arm: _Arm, depth: Float32, at_s: float) -> bool:
+    def _follow(self, arm: ArmTrack, depth: Float32, at_s: float) -> bool:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
-        predicted = self._predicted(arm, dt)
+        predicted = arm.predicted(dt)
         part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
             return False
-        expected, evidence = self._expected(arm, predicted, dt), evidence_of(part, model, predicted)
+        expected, evidence = arm.expected(predicted, dt, s.fit), evidence_of(part, model, predicted)
         fitted = model.fit(predicted, expected, evidence)
         usual = _JUMP * arm.fitted.cost
-        jumped = fitted.cost > usual  # it turned, or stopped: not as was predicted
+        jumped = fitted.cost > usual  # the hand turned or stopped, unlike its prediction
         if jumped:
             other = self._elsewhere(arm, predicted, expected, evidence, evidence_of(part, model, predicted, _FEW))
             if other.cost < _MARGIN * fitted.cost:
                 fitted = other
-        arm.moved(fitted, dt)
+        arm.move(fitted, dt)
         arm.at_s, arm.region = at_s, part
         doubt = fitted.cost > min(s.doubt, usual)
-        if (doubt or not jumped) and not self._looks:  # no image should take too long
-            self._search(arm, depth, doubt, jumped)
+        if (doubt or not jumped) and not self._reserved:  # limits the time of an image
+            self._improve(arm, depth, doubt, jumped)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
 
     @staticmethod
     def _elsewhere(
-        arm: _Arm, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
+        arm: ArmTrack, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
     ) -> Fitted:
-        """The best fit of a hand that is anywhere about: in so short a time its posture hardly changes."""
+        """Return the best rigid fit of a hand near its prediction: its posture hardly changes within an image."""
         model = arm.model
 
         def rigid(starts: list[ArmPose]) -> list[Fitted]:
@@ -269,13 +201,14 @@ class KinematicArmDetector:
         certainty[:6] = 0.0
         return model.fit(best.pose, replace(expected, certainty=certainty), evidence, iterations=4, loose=1.0)
 
-    def _search(self, arm: _Arm, depth: Float32, doubt: bool, jumped: bool) -> None:
-        """Look for digits that fit better otherwise; look for the hand anew where it has been doubtful for long.
+    def _improve(self, arm: ArmTrack, depth: Float32, doubt: bool, jumped: bool) -> None:
+        """Try other postures of single digits or the whole hand; search the hand anew after a long doubt.
 
         Args:
-            arm, depth: see there.
-            doubt: not only some digits are looked at, but all of them, and postures of the whole hand.
-            jumped: the hand was looked for elsewhere in this image, which took its time: single digits wait.
+            arm: the arm.
+            depth: (height, width) [m].
+            doubt: all digits are tested, not only some, and postures of the whole hand.
+            jumped: the hand was already fitted elsewhere in this image; single digits are skipped to save time.
         """
         s = self.settings
         assert arm.region is not None
@@ -301,8 +234,8 @@ class KinematicArmDetector:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
             self._anew(arm, depth)
 
-    def _anew(self, arm: _Arm, depth: Float32) -> None:
-        """Search for a hand at its place without its prediction; at once, because it is reported wrongly meanwhile."""
+    def _anew(self, arm: ArmTrack, depth: Float32) -> None:
+        """Search for a hand at its place without its prediction; at once, because its reported pose is wrong."""
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
             found += at_once(self.finder.best(depth, candidate))
@@ -311,16 +244,16 @@ class KinematicArmDetector:
             if part is not None and self._change(arm, one.side, one.fitted, part):
                 arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
 
-    def _caught_up(self, arms: list[_Arm], look: _Look) -> Steps[None]:
-        """Track arms to the newest image, and remove, in place, arms that are lost on the way."""
-        while look.images and arms:
-            depth, at_s = look.images[:_STRIDE][-1]
-            del look.images[:_STRIDE]
+    def _caught_up(self, arms: list[ArmTrack], search: _Search) -> Steps[None]:
+        """Track arms to the newest image; remove lost ones from the list."""
+        while search.images and arms:
+            depth, at_s = search.images[:_STRIDE][-1]
+            del search.images[:_STRIDE]
             arms[:] = [arm for arm in arms if self._follow(arm, depth, at_s)]
             yield _FOLLOWED * len(arms)
 
-    def _change(self, arm: _Arm, side: Handedness, other: Fitted, part: Region) -> bool:
-        """Take another pose for an arm, where it is still better when all points are looked at; whether it was."""
+    def _change(self, arm: ArmTrack, side: Handedness, other: Fitted, part: Region) -> bool:
+        """Replace an arm's pose if the other one is also better with all points; return whether it was."""
         model, own = self.models[side], arm.model
         evidence = evidence_of(part, model, other.pose, beyond=0.15)
         fitted = model.fit(other.pose, model.unexpected(other.pose), evidence, iterations=4, loose=1.0)
@@ -331,39 +264,13 @@ class KinematicArmDetector:
         arm.velocity[6:] = 0.0
         return True
 
-    def _predicted(self, arm: _Arm, dt: float) -> ArmPose:
-        model, pose = arm.model, arm.fitted.pose.copied()
-        step = arm.velocity * min(dt, 0.1)
-        step[6:] *= 0.5
-        turned = np.empty(9)
-        fit_kernels().turned(pose.R, 0, step[3], step[4], step[5], turned)
-        t = pose.t + pose.R.reshape(3, 3) @ step[:3]
-        z = pose.z + step[6:]
-        fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
-        return ArmPose(turned, t, z, pose.v)
+    # Detection.
 
-    def _expected(self, arm: _Arm, predicted: ArmPose, dt: float) -> Expected:
-        model, s = arm.model, self.settings.fit
-        rates = np.full(6 + len(predicted.z), np.radians(s.angle_rate_deg_s))
-        rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
-        rates = np.clip(_MAY_CHANGE * np.abs(arm.velocity), _STILL * rates, rates)
-        base, before = model.unexpected(predicted), arm.fitted.pose.v.copy()
-        # Sizes do not change while an arm is tracked. A forearm's length is inferred from the hand's.
-        known = np.full(len(before), 1.0 / _SIZE_SD**2)
-        before[2] /= before[0]
-        known[2] /= model.forearm_m**2
-        known[4:10] = 1.0 / np.radians(_FOREARM_RATE_DEG_S * dt) ** 2
-        information = base.information + known
-        v = (base.information * base.v + known * before) / information
-        return replace(base, certainty=1.0 / (rates * dt) ** 2, v=v, information=information)
+    def _places_to_search(self, depth: Float32) -> tuple[int, Float64 | None]:
+        """Return how many places to search now, and near which points (k, 3) [m]; None for anywhere.
 
-    # Finding.
-
-    def _worth_a_look(self, depth: Float32) -> tuple[int, Float64 | None]:
-        """How many places are looked at, 0 where it is not worth while, and (k, 3) near to what [m]; None for anywhere.
-
-        All while there is no arm. Else one: in each image while some places have not been searched, then now and
-        then where something came nearer, or anywhere while no arm is firm.
+        All places while there is no arm. Else one: in each image while some places have not been searched, then from
+        time to time where the foreground changed, or anywhere while no arm is firm.
         """
         s = self.settings
         if self._unsure:
@@ -374,21 +281,21 @@ class KinematicArmDetector:
             return 0, None
         if not any(arm.firm >= _FIRM_AFTER for arm in self._arms) or self._frames % s.look_anyway_every == 0:
             return 1, None
-        near = self._nearer.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
+        near = self._foreground.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
         return min(len(near), 1), near
 
-    def _begin_look(self, depth: Float32, at_s: float) -> None:
+    def _begin_search(self, depth: Float32, at_s: float) -> None:
         wanted = self.settings.arms - sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
-        if self._look is not None or not wanted:
+        if self._search is not None or not wanted:
             return
-        most, near = self._worth_a_look(depth)
+        most, near = self._places_to_search(depth)
         if most:
-            self._look = _Look(depth, at_s)
-            self._look.steps = self._further(self._look, most, near, wanted)
+            self._search = _Search(depth, at_s)
+            self._search.steps = self._further(self._search, most, near, wanted)
 
-    def _further(self, look: _Look, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
-        """Look for so many further arms, at so many places."""
-        depth = look.depth
+    def _further(self, search: _Search, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
+        """Search for up to ``wanted`` further arms at up to ``most`` places."""
+        depth = search.depth
         now = [place for place in self._refused if self._frames < place.until]
         hands = {arm: self._hand(arm) for arm in self._arms}
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
@@ -397,32 +304,32 @@ class KinematicArmDetector:
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
-            self._nearer.looked(depth)
+            self._foreground.looked(depth)
         arms = []
         for one in self.finder.judged(depth, self.finder.apart(found)):
-            arm = _Arm(one.side, self.models[one.side], one.fitted, look.at_s, self.settings.look_again_after)
+            arm = ArmTrack(one.side, self.models[one.side], one.fitted, search.at_s, self.settings.look_again_after)
             arm.sure, arm.region = (
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
-        yield from self._caught_up(arms, look)
+        yield from self._caught_up(arms, search)
         for arm in arms:
-            self._admit(arm, look.newest)
+            self._admit(arm, search.newest)
         for candidate in tried:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
 
-    def _admit(self, arm: _Arm, depth: Float32) -> None:
-        """Follow a further arm from now on, unless another explains it better."""
+    def _admit(self, arm: ArmTrack, depth: Float32) -> None:
+        """Track a further arm from now on, unless a tracked one explains its points better."""
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
         rivals = [other for other in self._arms if self.finder.overlap(Found(0.0, other.side, other.fitted), one)]
-        if rivals:  # the same arm, from its other end
+        if rivals:  # the same arm, fitted from its other end
             best = self.finder.judged(depth, [one, *(Found(0.0, other.side, other.fitted) for other in rivals)])[0]
             if best.fitted is not one.fitted:
                 return
-        elif len(self._arms) == self.settings.arms:  # one that was never sure makes room
+        elif len(self._arms) == self.settings.arms:  # an arm that was never firm is replaced
             rivals = [max(self._arms, key=lambda other: (other.firm < _FIRM_AFTER, other.fitted.cost))]
             most_cost = (_MUCH_BETTER if rivals[0].believed else 1.0) * rivals[0].fitted.cost
             if rivals[0].firm >= _FIRM_AFTER or most_cost < one.cost:
@@ -433,28 +340,28 @@ class KinematicArmDetector:
         self._arms.append(arm)
 
     @staticmethod
-    def _hand(arm: _Arm) -> Float64:
-        """(k, 4) balls about a hand [m], whose surface is no other hand's."""
+    def _hand(arm: ArmTrack) -> Float64:
+        """Return balls (k, 4) around a hand [m] in which no other hand is searched."""
         balls = arm.model.spheres(arm.fitted.pose)
         balls = balls[balls[:, 4] > 0, :4]
         balls[:, 3] += _ABOUT_HAND_M
         return balls
 
     def _refuse(self, centre: Float64) -> None:
-        """Look at a place, where no arm was, ever more rarely."""
+        """Search a place without an arm ever more rarely."""
         for place in self._refused:
             if np.linalg.norm(place.centre - centre) < _REFUSED_M:
                 break
         else:
             place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
             self._refused = [*self._refused[-_MOST_REFUSED:], place]
-        if place.until <= self._frames:  # several candidates may be of one place
+        if place.until <= self._frames:  # several candidates may lie at one place
             place.until = self._frames + place.wait
             place.wait = min(2 * place.wait, _LONGEST_REFUSED)
 
-    # Telling.
+    # Reporting.
 
-    def _told(self, arm: _Arm) -> SeenArm:
+    def _observed(self, arm: ArmTrack) -> SeenArm:
         model, pose = arm.model, arm.fitted.pose
         points = model.points(pose)
         shown = np.zeros(len(points))
@@ -468,77 +375,63 @@ class KinematicArmDetector:
 
 
 def _sd_m(shown: Float64, cost: float) -> Float64:
-    """(23,) standard deviation of a landmark's coordinate [m], from its visible share and the fit's cost.
+    """Return (23,) standard deviations of a landmark's coordinate [m], from its visible share and the fit's cost.
 
-    Set to the errors in rendered scenes of seeds below 100: 2.6 mm where much is seen and all fits, more than twice as
-    much where the fit is doubtful, and up to 2.6 times as much again where little is seen.
+    Calibrated on errors in rendered scenes with seeds below 100: 2.6 mm for visible landmarks and a good fit, more than
+    twice as much for a doubtful fit, and up to 2.6 times as much again where little is visible.
     """
     fits = 0.0026 + 0.046 * min(max(cost - 0.06, 0.0), 0.08)
     sd = fits * np.interp(shown, (_VISIBLE, 0.35, 0.6), (2.6, 2.0, 1.0))
     return np.where(shown > _VISIBLE, sd, np.maximum(_HIDDEN_SD_M, sd))
 
 
-def _motion(before: ArmPose, after: ArmPose) -> Float64:
-    turn = fit_kernels().turn_between(before.R, 0, after.R)
-    moved = before.R.reshape(3, 3).T @ (after.t - before.t)
-    return np.concatenate([moved, turn, after.z - before.z])
-
-
 _WORK: Final = ((3000, 5000), (0, 3000))
-"""Search time in an image with one arm or none, and with several; the second values where nothing else is done [µs]."""
+"""Search time in an image with one arm or none, and with several; the second values in reserved images [µs]."""
 _MOST_IMAGES: Final = 40
-"""Are kept meanwhile; of more, every other."""
+"""Images kept during a search; beyond that, every second one is dropped."""
 _STRIDE: Final = 3
-"""What was found is followed through every third image until it has caught up."""
+"""New arms are tracked through every third kept image until they have caught up."""
 _FOLLOWED: Final = 2500
-"""Following an arm takes so long [µs]."""
+"""Time to track an arm through an image [µs]."""
 _FIRM_AFTER: Final = 5
-"""Images with a good fit of an arm before no replacement is looked for."""
+"""Images with a good fit after which no replacement for an arm is searched."""
 _PLACES: Final = 8
-"""Are looked at in an image while there is no arm …"""
+"""Places searched in an image while there is no arm."""
 _CANDIDATES: Final = 24
-"""… of so many, for some are of one arm."""
+"""Candidates for places; several may belong to one arm."""
 _ABOUT_HAND_M: Final = 0.04
 _REFUSED_M: Final = 0.08
-"""So near to a place where no arm was, there is none."""
+"""Radius around a refused place [m]."""
 _PATIENCE: Final = 8
-"""A place is refused so many times as long while there is an arm."""
+"""Factor on the time that a place is refused while an arm is tracked."""
 _LONGEST_REFUSED: Final = 480
 _MOST_REFUSED: Final = 63
 _MUCH_BETTER: Final = 0.7
-"""What makes room for another arm costs so much more, where it has been told."""
+"""A reported arm is replaced only by one whose cost is below this share of its own."""
 _LONGEST_WAIT: Final = 240
-"""Images between two looks for a doubtful hand where it is."""
-
-_SIZE_SD: Final = 0.002
-"""Of sizes from image to image."""
-_FOREARM_RATE_DEG_S: Final = 300.0
-_MAY_CHANGE: Final = 4.0
-"""In an image a motion may become so many times as fast …"""
-_STILL: Final = 0.1
-"""… or reach this part of its limit, where the hand is still; this steadies a still hand."""
+"""Most images between two new searches for a hand in doubt."""
 
 _JUMP: Final = 1.25
-"""A fit that costs so many times as much as that of the image before was predicted wrongly."""
+"""Factor between the costs of successive images from which the prediction counts as wrong."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-"""Where a hand that turned may be beside its prediction, camera [m]."""
+"""Offsets from the prediction that are tried for a hand that turned, camera [m]."""
 _POSTURE_SD: Final = np.radians(1)
-"""Of each angle of a hand that is looked for elsewhere."""
+"""Standard deviation of each angle in a rigid fit [rad]."""
 _COARSELY: Final = 4
-"""Steps of a fit that only tells where a hand is."""
+"""Iterations of a fit that only locates the hand."""
 _MARGIN: Final = 0.93
-"""What is elsewhere costs so much less."""
+"""Share of the cost below which a pose elsewhere is taken."""
 
 _FEW: Final = 250
 _FEWER: Final = 100
-"""Points that suffice to find a better posture, and to sort postures by their expected gain."""
+"""Points used to fit another posture, and to rank postures by cost."""
 _AT_ONCE: Final = 5
-"""For so many images of doubt all kinds of postures are tried in each; then they take turns."""
+"""Images in doubt in which all kinds of postures are tried; later they alternate."""
 _TRIED: Final = 2
-"""So many of the postures of the whole hand are fitted."""
+"""Postures of the whole hand that are fitted."""
 
 _VISIBLE: Final = 0.1
-"""So much of a landmark's flesh must be seen where it should be."""
+"""Visible share of a landmark's surface from which it is tracked, not inferred."""
 _HIDDEN_SD_M: Final = np.full(23, 0.011)
 _HIDDEN_SD_M[[*TIPS]] = 0.024
-"""Of a coordinate of a landmark that is not seen."""
+"""Standard deviation of a coordinate of an occluded landmark [m]."""

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def _settings() -> type[Any]:
-    from mocapella.detectors.arm_following import KinematicArmSettings
+    from mocapella.detectors.arm_settings import KinematicArmSettings
 
     return KinematicArmSettings
 

@@ -1,0 +1,66 @@
+"""Settings of the detector ``kinematic-arm``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mocapella.kinematics.arm_fit import ArmFitSettings
+from mocapella.sensing.arm_region import ArmRegionSettings
+from mocapella.settings import check
+
+
+@dataclass(frozen=True)
+class KinematicArmSettings:
+    """How arms are detected and tracked. A cost is that of a fit.
+
+    Attributes:
+        arms: most arms that are tracked.
+        hand_length_m: of the average hand.
+        believe: cost above which a new fit is rejected.
+        keep: cost above which the fit of a tracked arm is doubtful.
+        digits: number of digits tested in each image for a better posture; all are tested while an arm is in doubt.
+        gain: expected reduction of the cost from which a posture is fitted.
+        doubt: cost above which an arm is in doubt.
+        better: share of the present pose's cost below which another pose replaces it.
+        look_again_after: images in doubt before a hand is searched anew where it is; doubled each time nothing better
+            is found.
+        firm: cost below which a new arm is reported; after several images below it, no replacement is searched.
+        refuse_for: images for which a place without an arm is not searched again; eight times as many while an arm is
+            tracked, and doubled each time.
+        lost_after: doubtful images in a row (see ``keep``) after which an arm is lost.
+        look_every: images between two searches for further arms where the foreground changed, while one is tracked.
+        look_anyway_every: images between two searches of the whole image.
+        region, fit: settings of the stages.
+    """
+
+    arms: int = 2
+    hand_length_m: float = 0.189
+    believe: float = 0.30
+    keep: float = 0.38
+    digits: int = 2
+    gain: float = 0.006
+    doubt: float = 0.14
+    better: float = 0.93
+    look_again_after: int = 12
+    firm: float = 0.19
+    refuse_for: int = 8
+    lost_after: int = 3
+    look_every: int = 20
+    look_anyway_every: int = 150
+    region: ArmRegionSettings = field(default_factory=ArmRegionSettings)
+    fit: ArmFitSettings = field(default_factory=ArmFitSettings)
+
+    def __post_init__(self) -> None:
+        check(1 <= self.arms <= 8, "arms", self.arms, "1 to 8")
+        check(0.1 <= self.hand_length_m <= 0.3, "hand_length_m", self.hand_length_m, "0.1 to 0.3 m")
+        check(0 < self.believe <= self.keep < 2, "believe", self.believe, "above 0, at most keep, which is below 2")
+        check(1 <= self.digits <= 5, "digits", self.digits, "1 to 5")
+        check(0 < self.gain < 2, "gain", self.gain, "above 0, below 2")
+        check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
+        check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
+        check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
+        check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
+        check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
+        check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
+        check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")
+        check(1 <= self.look_anyway_every <= 100_000, "look_anyway_every", self.look_anyway_every, "1 to 100000")

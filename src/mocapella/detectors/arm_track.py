@@ -1,0 +1,94 @@
+"""A tracked arm: its state, and its prediction for the next image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.detectors.arm_finding import SUREST
+from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
+from mocapella.kinematics.arm_fit import kernels as fit_kernels
+from mocapella.model.hand import Handedness
+from mocapella.sensing.arm_region import Region
+
+Float64 = NDArray[np.float64]
+
+
+class ArmTrack:
+    """An arm that is tracked.
+
+    Attributes:
+        side, model: of the hand.
+        fitted: its newest fit.
+        at_s: when that image was captured [s].
+        velocity: (6 + angles,) of the palm, in its frame [m/s, rad/s], and of the joint angles [rad/s].
+        id: -1 until it is tracked.
+        doubtful: images in a row with a cost above the setting ``keep``.
+        in_doubt: images in a row with a doubtful posture.
+        firm: counts images with a good fit.
+        next_digit: that is tested for a better posture.
+        wait: images in doubt before the hand is searched anew.
+        sure: certainty of its side.
+        believed: whether it once fitted well, so that it is reported.
+        region: the part of the image that it was fitted to.
+    """
+
+    def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
+        self.side, self.model, self.fitted, self.at_s = side, model, fitted, at_s
+        self.id = -1
+        self.velocity = np.zeros(6 + len(fitted.pose.z))
+        self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
+        self.wait, self.sure, self.believed = wait, SUREST, False
+        self.region: Region | None = None
+
+    def move(self, fitted: Fitted, dt: float) -> None:
+        """Update pose and velocity with the next image's fit."""
+        self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
+        self.fitted = fitted
+
+    def predicted(self, dt: float) -> ArmPose:
+        """Return the pose after ``dt`` [s] at constant velocity; digits move half as far."""
+        model, pose = self.model, self.fitted.pose.copied()
+        step = self.velocity * min(dt, 0.1)
+        step[6:] *= 0.5
+        turned = np.empty(9)
+        fit_kernels().turned(pose.R, 0, step[3], step[4], step[5], turned)
+        t = pose.t + pose.R.reshape(3, 3) @ step[:3]
+        z = pose.z + step[6:]
+        fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
+        return ArmPose(turned, t, z, pose.v)
+
+    def expected(self, predicted: ArmPose, dt: float, s: ArmFitSettings) -> Expected:
+        """Return the prior of the next fit: its mean is the prediction, its width follows from the velocity."""
+        model = self.model
+        rates = np.full(6 + len(predicted.z), np.radians(s.angle_rate_deg_s))
+        rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
+        rates = np.clip(_MAY_CHANGE * np.abs(self.velocity), _STILL * rates, rates)
+        base, before = model.unexpected(predicted), self.fitted.pose.v.copy()
+        # Sizes do not change while an arm is tracked. A forearm's length is inferred from the hand's.
+        known = np.full(len(before), 1.0 / _SIZE_SD**2)
+        before[2] /= before[0]
+        known[2] /= model.forearm_m**2
+        known[4:10] = 1.0 / np.radians(_FOREARM_RATE_DEG_S * dt) ** 2
+        information = base.information + known
+        v = (base.information * base.v + known * before) / information
+        return replace(base, certainty=1.0 / (rates * dt) ** 2, v=v, information=information)
+
+
+def _motion(before: ArmPose, after: ArmPose) -> Float64:
+    """Return the twist of the palm, in its frame, and the change of the joint angles."""
+    turn = fit_kernels().turn_between(before.R, 0, after.R)
+    moved = before.R.reshape(3, 3).T @ (after.t - before.t)
+    return np.concatenate([moved, turn, after.z - before.z])
+
+
+_SIZE_SD: Final = 0.002
+"""Standard deviation of relative sizes from image to image."""
+_FOREARM_RATE_DEG_S: Final = 300.0
+_MAY_CHANGE: Final = 4.0
+"""Factor by which a velocity may grow from image to image …"""
+_STILL: Final = 0.1
+"""… and the share of its limit that it may reach from rest; this steadies a still hand."""
