@@ -182,7 +182,7 @@ def test_two_hands_have_two_ids_and_sides() -> None:
 def test_an_arm_that_never_fitted_well_is_not_told() -> None:
     camera, shots = clip("rotation", "exact", 1)
     (seen,) = told(KinematicArmDetector(camera, KinematicArmSettings(firm=1e-6)), shots[:1])
-    assert (seen.arms, seen.reason) == ((), "what may be a hand does not fit one well")
+    assert (seen.arms, seen.reason) == ((), "a possible hand does not fit the hand model well")
 
 
 def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -274,7 +274,7 @@ def test_a_ball_is_no_arm() -> None:
     camera = small()
     ball = drawn([(np.array([0, 0, 0.6]), np.array([0, 0.001, 0.6]), 0.06)], camera)
     seen = LineSkeleton(camera, LineSkeletonSettings(least_area_px=200)).update(ball, 0.0)
-    assert (seen.arms, seen.reason) == ((), "no line in the skeleton: what is near is no arm")
+    assert (seen.arms, seen.reason) == ((), "no line in the skeleton: the nearest object is not an arm")
 
 
 def test_an_arm_of_which_no_point_is_in_the_cube_region_says_so() -> None:

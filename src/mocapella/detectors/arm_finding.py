@@ -1,4 +1,4 @@
-"""Arms looked for in a depth image, where none is followed: from places that may be palms to poses that fit."""
+"""Detect arms in a depth image without a prediction: from palm candidates to fitted poses."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 FEW_POINTS: Final = 40
-"""With fewer there is no arm."""
+"""Least number of points of an arm."""
 
 
 class Found(NamedTuple):
-    """An arm that was found; its cost may be more than that of its fit."""
+    """A detected arm; its cost may include more than its fit's."""
 
     cost: float
     side: Handedness
@@ -44,14 +44,14 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ArmFinder:
-    """Looks for arms.
+    """Detects arms by fitting models of both sides.
 
     Attributes:
         models: of either side.
         lens: (4,) or (9,) of the camera.
         settings: of the region.
-        believe: a fit whose cost is above this is no arm.
-        gain: a way to hold a digit is tried where it promises to lower the cost by so much.
+        believe: cost above which a fit is rejected.
+        gain: expected reduction of the cost from which another posture of a digit is tried.
     """
 
     models: Mapping[Handedness, ArmModel]
@@ -63,11 +63,11 @@ class ArmFinder:
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
     ) -> Steps[list[PalmCandidate]]:
-        """As `palm_candidates` says, of an image (height, width) [m]."""
+        """Return the `palm_candidates` of a depth image (height, width) [m]."""
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
     def region(self, depth: Float32, spheres: Float64) -> Region | None:
-        """What may be an arm about spheres (k, 5) [m]; None where they are outside of the image or few points are."""
+        """Return the region of an arm around spheres (k, 5) [m]; None outside the image or with too few points."""
         grid = grid_about(depth, self.lens, spheres, self.settings)
         if grid is None:
             return None
@@ -77,16 +77,16 @@ class ArmFinder:
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
-        """What fits best at some of the candidates, and which these were.
+        """Return the best fits at some of the candidates, and these candidates.
 
-        Those beside two that were looked at are left out, and those on an arm that was found well.
+        Candidates near two that were tried are skipped, and those on an arm with a good fit.
 
         Args:
             depth: (height, width) [m].
             candidates: the likeliest first.
-            most: so many are looked at.
-            good: the cost below which an arm was found well, if its side is clear.
-            enough: no further candidate is looked at once there are so many such arms.
+            most: greatest number of candidates that are tried.
+            good: cost below which a fit is good, if its side is clear.
+            enough: number of good fits after which the search ends.
         """
         found: list[Found] = []
         tried: list[PalmCandidate] = []
@@ -102,7 +102,7 @@ class ArmFinder:
             tried.append(candidate)
             ones = yield from self.best(depth, candidate)
             found += ones
-            # Where the other side fits about as well, another place on the same hand may tell it.
+            # Where the other side fits about as well, another candidate on the same hand may decide it.
             sure = [one for one in ones if one.cost < good and self.sure(one, ones) > _CLEAR]
             arms += [self.models[one.side].spheres(one.fitted.pose) + _ABOUT_ARM for one in sure]
             enough -= bool(sure)
@@ -112,7 +112,7 @@ class ArmFinder:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def apart(self, found: list[Found]) -> list[Found]:
-        """The best at each place, of whichever side."""
+        """Return the best fit at each place, of either side."""
         kept: list[Found] = []
         for one in sorted(found, key=lambda one: one.cost):
             if not any(self.near(other, one) for other in kept):
@@ -120,22 +120,22 @@ class ArmFinder:
         return kept
 
     def near(self, one: Found, other: Found) -> bool:
-        """Whether the palms of two are so near that they can only be one."""
+        """Return whether two palms are so near that they must be one."""
         apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
         return float(np.linalg.norm(apart)) < _SAME_M
 
     def sure(self, one: Found, found: list[Found]) -> float:
-        """How sure the side of a hand is, by how much better it is than the best of the other side there."""
+        """Return the certainty of a hand's side, by the cost of the best fit of the other side there."""
         others = [other.cost for other in found if other.side != one.side and self.near(other, one)]
         if not others:
             return SUREST
         return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
 
     def overlap(self, one: Found, other: Found) -> bool:
-        """Whether two are of one forearm or hand."""
+        """Return whether two fits share a forearm or hand."""
         a, b = (self.models[found.side].spheres(found.fitted.pose) for found in (one, other))
         near = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2) < _OVERLAP_M
-        # What is taken for the hand and forearm of one may be the upper arm and elbow of the other.
+        # The hand and forearm of one fit may be the upper arm and elbow of the other.
         elbows = [self.models[found.side].points(found.fitted.pose)[ELBOW] for found in (one, other)]
         return float(np.linalg.norm(elbows[0] - elbows[1])) < _ELBOWS_M or any(
             float(part.mean()) > share
@@ -146,7 +146,7 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """The best first, by how well each explains the points around any of them."""
+        """Sort fits, the best first, by how well each explains the points around all rivals."""
         if len(found) < 2:
             return found
         judged: list[tuple[float, int]] = []
@@ -162,7 +162,7 @@ class ArmFinder:
         return [found[k] for _, k in sorted(judged)]
 
     def _around_cost(self, one: Found, rivals: list[Found], evidence: ArmEvidence) -> float:
-        """What a pose costs where all around it is to be explained; a rival may be its upper arm."""
+        """Return the cost of a pose that must explain all points around it; a rival may be its upper arm."""
         model, pose = self.models[one.side], one.fitted.pose
         elbow, starts = model.points(pose)[ELBOW], [pose]
         for rival in rivals:
@@ -174,7 +174,7 @@ class ArmFinder:
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
     def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
-        """The hand of either side that fits best there: all starts a little, the better ones more."""
+        """Return the best fit of either side at a candidate: all starts with few iterations, better ones with more."""
         part = self.region(depth, candidate.spheres)
         if part is None:
             return []
@@ -211,7 +211,7 @@ class ArmFinder:
         return [one for one in best if one.cost <= self.believe]
 
     def _repaired(self, depth: Float32, found: Found) -> Steps[Found]:
-        """With each digit held otherwise, or two exchanged, where that is better."""
+        """Improve a fit by other postures of single digits, or by exchanging two."""
         model, fitted = self.models[found.side], found.fitted
         left, exchanged = set(range(5)), False
         for _ in range(_REPAIRS):
@@ -253,39 +253,39 @@ class ArmFinder:
 
 
 def _work(evidence: ArmEvidence, iterations: int) -> int:
-    """Of a fit [µs]."""
+    """Return the time of a fit [µs]."""
     return round((iterations + 1) * (60 + 0.12 * len(evidence.points)))
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
-    """The cost of a pose, without iterations of the fit."""
+    """Return the cost of a pose, without iterations of the fit."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 
 def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> ArmEvidence:
-    """Of a region, with at most so many points, weighted as `ArmModel.relevance` says."""
+    """Return the evidence of a region, with at most ``most`` points, weighted by `ArmModel.relevance`."""
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return ArmEvidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 
 
 def _thickness(points: Float64) -> float:
-    """How far points (n, 3) are from their plane, root mean square [m]."""
+    """Return the root mean square distance of points (n, 3) from their plane [m]."""
     around = points - points.mean(axis=0)
     return float(np.sqrt(np.linalg.eigvalsh(around.T @ around / len(points))[0].clip(0.0)))
 
 
 def _of_each_side(pool: list[tuple[Found, Float64 | None]], most: int) -> list[tuple[Found, Float64 | None]]:
-    """The best of either side, so many at most."""
+    """Return the best fits of either side, at most ``most`` each."""
     pool = sorted(pool, key=lambda entry: entry[0].cost)
     return [entry for side in ("right", "left") for entry in [one for one in pool if one[0].side == side][:most]]
 
 
 def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose, Float64 | None]]:
-    """Poses to begin from, and where fingertips should be.
+    """Yield poses to start fits from, and target positions of fingertips.
 
-    The palm or the back of the hand is to the camera, along the forearm. The tips that were found go round the hand as
-    the digits do; where they are fewer than five, every choice of digits is tried, and the others are bent. Where there
-    is none, the hand is a fist, or seen from its side.
+    The palm or the back of the hand faces the camera, along the forearm. Detected tips are in the order of the digits;
+    if they are fewer than five, every choice of digits is tried, and the others are bent. Without tips the hand is a
+    fist, or seen from its side.
     """
     normal, tips = candidate.normal, candidate.tips
     edge_on = candidate.radius_m < _EDGE_ON_M
@@ -298,12 +298,12 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
             v = model.state()
             if candidate.forearm is not None:
                 v[4:7] = R.T @ candidate.forearm
-                # The upper arm goes back to the shoulder, away from the camera.
+                # The upper arm points back to the shoulder, away from the camera.
                 back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
                 v[7:10] = R.T @ (back / np.linalg.norm(back))
             turned = np.ascontiguousarray(R).reshape(9)
             if roll in _FLAT or len(tips) < 2:
-                # Seen from its back, a right hand's digits go clockwise from the thumb on.
+                # Seen from its back, a right hand's digits are in clockwise order from the thumb.
                 clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
                 ordered = tips[::-1] if clockwise else tips
                 for digits in combinations(range(5), len(tips)):
@@ -318,7 +318,7 @@ def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose
 
 
 def _pointing(candidate: PalmCandidate) -> list[Float64]:
-    """Where the hand may point: away from the forearm, else to the fingertips, else anywhere across the normal."""
+    """Return directions of the hand: away from the forearm, else to the fingertips, else any across the normal."""
     normal, tips = candidate.normal, candidate.tips
     if candidate.forearm is not None:
         return [-candidate.forearm]
@@ -332,7 +332,7 @@ def _pointing(candidate: PalmCandidate) -> list[Float64]:
 
 
 def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
-    """The normal's part across the hand's axis; where there is none, that of the view."""
+    """Return the normal's component across the hand's axis; if it is too small, that of the viewing direction."""
     for direction in (normal, -centre / np.linalg.norm(centre), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
         across = direction - (direction @ z_axis) * z_axis
         length = float(np.linalg.norm(across))
@@ -350,38 +350,38 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 _HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
-"""Along the hand: where there are no fingers to be seen, its middle is not known so well."""
+"""Offsets along the hand: without visible fingers its centre is less certain."""
 
 
 SUREST: Final = 0.95
 """Largest certainty of a hand's side."""
 _CLEAR: Final = 0.75
-"""A side that is at least so sure is clear."""
+"""Certainty from which a side is clear."""
 _BESIDE_M: Final = 0.04
 _TRIES: Final = 2
-"""So many candidates are tried that are so near to each other."""
+"""Number of candidates that are tried within that distance."""
 _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
-"""Added to an arm's balls; its surface is no other's."""
+"""Added to an arm's balls, within which no other arm is searched."""
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
 _REGION: Final = 700
 _HELD_OTHERWISE: Final = 250
-"""How long each takes [µs]."""
+"""Time of each step [µs]."""
 _POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
-"""How many starts of either side are kept, with how many points, iterations, and how loose at the beginning."""
+"""Of each round: starts kept per side, points, iterations, and looseness at the start."""
 _AROUND: Final = 6
 """Iterations to place the upper arm."""
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
-"""With fewer points of the hand nothing says that it is one."""
+"""Least number of a hand's points."""
 _FLAT_M: Final = 0.002
-"""No hand is as flat as that; set below all of rendered scenes (seeds below 100)."""
+"""Least thickness of a hand; below all of the rendered scenes with seeds below 100."""
 _HIDDEN: Final = 0.3
-"""An arm that is all but hidden is none, when it is first seen."""
+"""Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
 
 
 def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:

@@ -106,7 +106,7 @@ class KinematicArmDetector:
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Look at the next image, as `mocapella.detectors.ArmDetector` says."""
+        """Detect the arms in the next image, see `mocapella.detectors.ArmDetector`."""
         width, height = self.camera.size_px
         if depth.shape != (height, width):
             raise SettingsError(
@@ -153,7 +153,7 @@ class KinematicArmDetector:
             return "nothing was measured in the whole image"
         if not ((depth >= s.near_m) & (depth <= s.far_m)).any():
             return f"nothing is between {s.near_m:g} and {s.far_m:g} m"
-        return "what may be a hand does not fit one well" if self._arms else "no hand is seen"
+        return "a possible hand does not fit the hand model well" if self._arms else "no hand is seen"
 
     # Tracking.
 
@@ -304,7 +304,7 @@ class KinematicArmDetector:
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
-            self._foreground.looked(depth)
+            self._foreground.learn(depth)
         arms = []
         for one in self.finder.judged(depth, self.finder.apart(found)):
             arm = ArmTrack(one.side, self.models[one.side], one.fitted, search.at_s, self.settings.look_again_after)

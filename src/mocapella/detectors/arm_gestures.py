@@ -1,4 +1,4 @@
-"""The gestures of the arms that a detector finds, by the arms' ids."""
+"""Recognise the gestures of detected arms, by the arms' ids."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _HAND: Final = slice(0, PALM)
 
 
 class ArmGestures:
-    """Fills in what each arm's hand does, where the detector has not told a gesture itself.
+    """Adds each hand's gesture, unless the detector has reported one itself.
 
-    An arm that is gone for longer than gestures are held is forgotten.
+    An arm's state is dropped once it was unseen for longer than gestures are held.
 
     Args:
         settings: of every hand.
-        gestures: to look for; `mocapella.kinematics.gestures.GESTURES`, where not given.
+        gestures: to recognise; `mocapella.kinematics.gestures.GESTURES` if not given.
     """
 
     def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
@@ -36,31 +36,31 @@ class ArmGestures:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget all arms."""
         self._hands: dict[int, HandGestures] = {}
         self._seen_s: dict[int, float] = {}
 
     @property
     def reports(self) -> dict[int, GesturesReport]:
-        """The reports by arm; forgotten arms have none."""
+        """Reports by arm id; dropped arms have none."""
         return {number: hand.report for number, hand in self._hands.items()}
 
     def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:
-        """The arms of an instant with their gestures.
+        """Return the arms of a frame with their gestures.
 
         Args:
-            arms: with an id each.
-            at_s: when [s].
+            arms: each with an id.
+            at_s: capture time [s].
         """
-        told = tuple(self._told(arm, at_s) for arm in arms)
+        with_gestures = tuple(self._with_gesture(arm, at_s) for arm in arms)
         here = {arm.id for arm in arms}
         for number in [k for k in self._hands if k not in here]:
             self._hands[number].update(None, at_s)
             if not -1e-9 <= at_s - self._seen_s[number] <= self.settings.hold_s:
                 del self._hands[number], self._seen_s[number]
-        return told
+        return with_gestures
 
-    def _told(self, arm: SeenArm, at_s: float) -> SeenArm:
+    def _with_gesture(self, arm: SeenArm, at_s: float) -> SeenArm:
         hand = self._hands.setdefault(arm.id, HandGestures(self.settings, self.gestures))
         self._seen_s[arm.id] = at_s
         features = hand_features(
@@ -74,17 +74,17 @@ class ArmGestures:
 
 
 class WithGestures:
-    """An arm detector, and the gestures of the arms that it finds; itself an `ArmDetector`.
+    """An arm detector that adds gestures to another detector's arms.
 
     Args:
-        detector: finds the arms.
+        detector: of the arms.
         settings: of the gestures.
         stages: as of `mocapella.detectors.detector.Detector`.
 
     Attributes:
         name: the detector's.
-        stages: returns pictures of the stages of an image, (height, width) [m], by stage in their order, and changes
-            nothing in the detector; None where it has no stages.
+        stages: returns images of a depth image's (height, width) [m] stages, by name in order, without changing the
+            detector's state; None if it has no stages.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class WithGestures:
         self.stages: Callable[[Float32], Pictures] | None = None if stages is None else partial(stages, detector)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Look at the next image, as `ArmDetector.update` says."""
+        """Detect the arms in the next image, see `ArmDetector.update`."""
         seen = self.detector.update(depth, at_s)
         return SeenArms(self.gestures.update(seen.arms, at_s), seen.reason)
 

@@ -1,4 +1,4 @@
-"""What a detector is: the descriptor that registers it, and the object that it makes for one camera."""
+"""Interfaces of detectors: the descriptor that registers one, and the object that it makes for one camera."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class ArmDetector(Protocol):
-    """Finds arms in the depth images of one camera, one image after the other."""
+    """Detects arms in the depth images of one camera, one image after the other."""
 
     name: str
 
     def update(self, depth: NDArray[np.float32], at_s: float) -> SeenArms:
-        """Look at the next image.
+        """Detect the arms in the next image.
 
         Args:
             depth: (height, width) [m]; 0 where nothing was measured.
@@ -38,7 +38,7 @@ class ArmDetector(Protocol):
 
 @dataclass(frozen=True)
 class Detector:
-    """Describes a detector: what turns the images of one camera into observations.
+    """The descriptor of a detector, which turns the images of one camera into observations.
 
     A descriptor's module imports no kernels, so that names and summaries can be listed quickly; `settings` and `make`
     import their modules when they are called.
@@ -46,13 +46,13 @@ class Detector:
     Attributes:
         interface: of `mocapella.registry`.
         name: on the command line, and in `mocapella.model.arms.ArmFrame.method`.
-        summary: one line for people who choose.
-        frame_type: the frames that a camera's node sends with it, such as ``arms``.
+        summary: one line for users who choose.
+        frame_type: of the frames that a camera's node sends with it, such as ``arms``.
         settings: returns the frozen dataclass of its settings.
         make: makes a detector for a camera, with such a settings value; of frame type ``arms`` an `ArmDetector`.
-        stages: returns pictures of the stages of one depth image, by stage in their order: (height, width) gray or
-            (height, width, 3) blue, green, red. Takes what `make` returned and the image, (height, width) [m], and
-            changes nothing in the detector. None where it has no stages.
+        stages: returns images of a depth image's stages, by name in order: (height, width) gray or (height, width, 3)
+            blue, green, red. Takes a made detector and the image, (height, width) [m], and does not change the
+            detector's state. None if it has no stages.
     """
 
     interface: int

@@ -1,6 +1,6 @@
-"""Where an arm may be in a depth image: about one that was there before, or anywhere.
+"""Find the region of an arm in a depth image: near a predicted arm, or anywhere.
 
-All of it is looked at on a grid of every so many pixels, that is as fine as a finger wants.
+The image is sampled on a grid that is fine enough for fingers.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ArmRegionSettings:
-    """What may be an arm.
+    """Limits of the regions that may be arms.
 
     Attributes:
-        near_m, far_m: depths that are looked at.
+        near_m, far_m: range of depths.
         spacing_m: of the grid on the arm's surface.
-        seed_m: surfaces so near to the arm that was predicted belong to it …
-        grow_m: … and what is joined to them within this distance.
-        arm_m: likewise what is joined to the hand within this distance of the forearm and upper arm.
-        jump: neighbours whose depths differ by less than this part of the depth are joined.
-        palm_radii_m: least and most of the largest circle within a palm or fist.
-        forearm_m: from and to how far along the surface from the middle of the palm there is nothing but forearm.
-        columns: of the coarse grid on which palms are looked for.
-        widest_m: a forearm is no wider.
-        finger_m: nor is a finger.
-        hidden: of what may be a hand, no larger part of its edges is that of a nearer thing before it …
-        nearer_m: … by this.
-        branch_m: how far a piece sticks out at least to be looked at.
-        points: at most.
+        seed_m: surfaces nearer than this to the predicted arm belong to it.
+        grow_m: surfaces connected to those belong to it within this distance.
+        arm_m: likewise surfaces connected to the hand, within this distance of forearm and upper arm.
+        jump: neighbours whose depths differ by less than this share of the depth are connected.
+        palm_radii_m: limits of the radius of the largest circle within a palm or fist.
+        forearm_m: range of distances from the palm along the surface that only the forearm covers.
+        columns: of the coarse grid on which palms are searched.
+        widest_m: greatest width of a forearm.
+        finger_m: greatest width of a finger.
+        hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it.
+        nearer_m: least difference in depth to such a surface.
+        branch_m: least length of a branch of the surface.
+        points: most points of a region.
     """
 
     near_m: float = 0.2
@@ -84,12 +84,12 @@ class ArmRegionSettings:
 
 
 class Grid(NamedTuple):
-    """Every so manyth pixel of a part of an image.
+    """A part of a depth image, subsampled.
 
     Attributes:
-        seen: (h, w) [m]; 0 where nothing is.
+        seen: (h, w) depth [m]; 0 where nothing was measured.
         lens: (4,) fx, fy, cx, cy of the grid.
-        step: pixels.
+        step: stride [px].
     """
 
     seen: Float64
@@ -98,12 +98,12 @@ class Grid(NamedTuple):
 
 
 class Region(NamedTuple):
-    """What may be an arm, as `mocapella.kinematics.arm_fit.ArmEvidence` has it.
+    """A region that may be an arm, in the form of `mocapella.kinematics.arm_fit.ArmEvidence`.
 
     Attributes:
         points: (m, 3) camera [m].
-        front: (h, w) the arm's surface, minus other things', 0 where nothing was measured [m].
-        opposite: (h, w) the nearest column in a line that is the arm's where a pixel is not, and the other way round.
+        front: (h, w) depth of the arm's surface, minus that of others, 0 where nothing was measured [m].
+        opposite: (h, w) for pixels off the arm the nearest column of their row on it, and the reverse.
         lens: (4,) of these pixels.
     """
 
@@ -114,15 +114,15 @@ class Region(NamedTuple):
 
 
 class PalmCandidate(NamedTuple):
-    """Where a palm or a fist may be, and what grows out of it.
+    """A candidate for a palm or fist, with its forearm and fingers.
 
     Attributes:
         centre: (3,) on its surface, camera [m].
         radius_m: of the largest circle in it.
         normal: (3,) of its surface, towards the camera.
-        forearm: (3,) the direction from it to the elbow; None where no forearm is seen.
-        tips: (k, 3) ends of what is as narrow as a finger, anticlockwise as the camera sees them, from the forearm on.
-        spheres: (n, 5) about the surface within a hand's reach, as `region` takes them.
+        forearm: (3,) the direction from it to the elbow; None if no forearm is visible.
+        tips: (k, 3) ends of branches as narrow as a finger, anticlockwise in the image, starting at the forearm.
+        spheres: (n, 5) around the surface within a hand's reach, for `region`.
     """
 
     centre: Float64
@@ -134,13 +134,13 @@ class PalmCandidate(NamedTuple):
 
 
 def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -> Grid:
-    """The whole image (height, width) [m] on a coarser grid; lens (9,) or (4,) of the image."""
+    """Return a grid of the whole depth image (height, width) [m]; lens (9,) or (4,) of the image."""
     height, width = depth.shape
     return _grid(depth, lens, 0, 0, width, height, step, s)
 
 
 def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSettings) -> Grid | None:
-    """The part of the image where spheres (k, 5) are, so fine as the settings say; None where it is outside."""
+    """Return a grid, as fine as the settings require, of the image around spheres (k, 5); None if they are outside."""
     height, width = depth.shape
     z = spheres[:, 2]
     there = z > 0.1
@@ -165,7 +165,7 @@ def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, ste
 
 
 def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
-    """The surfaces near spheres (k, 5) [m], and what is joined to them."""
+    """Return the surfaces near spheres (k, 5) [m], and those connected to them."""
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
     hand = np.ascontiguousarray(spheres[spheres[:, 4] > 0])
@@ -178,7 +178,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 
 
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
-    """What a surface that may be an arm's says."""
+    """Return the region of a segmented surface, as `Region.front`."""
     k = kernels()
     opposite = np.empty(front.shape, np.int64)
     k.opposite(front, opposite)
@@ -188,7 +188,7 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
 
 def others_edges(front: Float64, s: ArmRegionSettings) -> float:
-    """Which part of the edges of a surface, as `Region.front` has it, is that of nearer things, from 0 to 1."""
+    """Return the share of a surface's edges that belong to nearer surfaces, 0 to 1; ``front`` as in `Region`."""
     return float(kernels().others_edges(front, s.nearer_m))
 
 
@@ -196,15 +196,15 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
     depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None,
     but: Float64 | None = None,
 ) -> Steps[list[PalmCandidate]]:  # fmt: skip
-    """Where palms and fists may be, the likeliest first: middles of surfaces as wide as a palm, at the end of an arm.
+    """Return candidates for palms and fists, the likeliest first: surfaces as wide as a palm, at the end of an arm.
 
     Args:
         depth: (height, width) [m].
         lens: (4,) or (9,).
-        s: see there.
-        most: so many at most.
-        near: (3,) or (k, 3) only those within 15 cm of a place [m].
-        but: (k, 4) not those within these balls [m].
+        s: limits.
+        most: greatest number of candidates.
+        near: (3,) or (k, 3) points [m]; only candidates within 15 cm are returned.
+        but: (k, 4) balls [m]; candidates within them are left out.
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
     k, (height, width) = kernels(), grid.seen.shape
@@ -234,12 +234,12 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
 
 
 def within(point: Float64, balls: Float64) -> bool:
-    """Whether a point (3,) is in any of some balls (k, 4) or (k, 5), whose radii are the fourth numbers [m]."""
+    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5), with radii in the fourth column [m]."""
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 
 def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> Steps[list[tuple[int, int]]]:
-    """Places before the ends of surfaces, where the hand of an arm would be: a fist's, and an open hand's."""
+    """Return pixels short of the ends of surfaces, at the distances of a fist's and an open hand's palm."""
     k, places = kernels(), []
     pixel = (grid.seen / grid.lens[0]) ** 2
     areas = np.bincount(labels.ravel(), pixel.ravel(), count + 1)
@@ -254,7 +254,7 @@ def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSet
             if end[2] < 0.12:
                 continue
             for back in _BEFORE_END_M:
-                # As thick as can be, so far from the end, and on the way to it.
+                # The thickest pixel at this distance from the end.
                 ys, xs = np.nonzero((away > end[2] - back - 0.02) & (away < end[2] - back + 0.02))
                 if len(ys):
                     at = _points(grid, ys, xs) - _points(grid, end[:1].astype(int), end[1:2].astype(int))
@@ -267,7 +267,7 @@ def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSet
 
 
 def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[int, int]]:
-    """Local maxima of the distance from the edge, the largest first."""
+    """Return local maxima of the distance from the edge, the largest first."""
     height, width = inner.shape
     padded = np.pad(inner, 1)
     peak = (inner >= least) & (inner <= most)
@@ -286,7 +286,7 @@ def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[
     return kept
 
 
-def _candidate(  # noqa: PLR0911 - each says why it is none
+def _candidate(  # noqa: PLR0911 - each rejects for its own reason
     depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
 ) -> tuple[float, PalmCandidate] | None:
     inner_m, outer_m = s.forearm_m
@@ -304,12 +304,12 @@ def _candidate(  # noqa: PLR0911 - each says why it is none
     points, d = _points(grid, ys, xs), away[ys, xs]
     if (d < 0.05).sum() < 12:
         return None
-    # The wall between two bodies is as wide as a hand, too; but its edges are theirs.
+    # The wall between two people can be as wide as a hand, but its edges belong to them.
     hidden = others_edges(np.where(away < np.inf, grid.seen, -grid.seen), s)
     if hidden > s.hidden:
         return None
     area = (points[:, 2] / grid.lens[0]) ** 2
-    # Beyond the fingers' reach there is nothing but the forearm; where it is as wide as a body, this is no hand.
+    # Beyond the fingers' reach there is only the forearm; if it is as wide as a body, this is not a hand.
     beyond = (d >= inner_m) & (d < outer_m)
     wide = float(area[beyond].sum() / (outer_m - inner_m))
     if wide > s.widest_m:
@@ -321,7 +321,7 @@ def _candidate(  # noqa: PLR0911 - each says why it is none
     found = found[: k.branches(grid.seen, away, grid.lens, s.jump, s.branch_m, found)]
     ends, middles = _points(grid, *found[:, :2].T.astype(int)), _points(grid, *found[:, 5:7].T.astype(int))
     long, wide_m = found[:, 2], found[:, 4]
-    # Fingers do not reach so far; where the forearm is foreshortened, it is still wider than they are.
+    # Fingers do not reach that far; a foreshortened forearm is still wider than a finger.
     arm = long >= inner_m
     if ((long >= inner_m + 0.02) & (found[:, 3] > 0.08) & (wide_m > s.finger_m)).sum() > 1:
         return None  # in the middle of an arm, or of a body
@@ -345,13 +345,13 @@ def _candidate(  # noqa: PLR0911 - each says why it is none
 
 
 def _points(grid: Grid, ys: Int64, xs: Int64) -> Float64:
-    """(n, 3) of pixels, camera [m]."""
+    """Return (n, 3) points of pixels, camera [m]."""
     z = grid.seen[ys, xs]
     return np.stack([(xs - grid.lens[2]) * z / grid.lens[0], (ys - grid.lens[3]) * z / grid.lens[1], z], axis=-1)
 
 
 def _turn(direction: Float64, begin: Float64) -> float:
-    """Anticlockwise angle as the camera sees it, from 0 to 2π; y is down."""
+    """Return the anticlockwise angle in the image, 0 to 2π; y is down."""
     angle = np.arctan2(-direction[1], direction[0]) - np.arctan2(-begin[1], begin[0])
     return float(angle % (2 * np.pi))
 
@@ -360,19 +360,19 @@ _GRID: Final = 1500
 _SURFACE: Final = 2000
 _LOOKED_AT: Final = 3000
 _LOOKED_AT_COARSELY: Final = 1000
-"""How long it takes: what comes first, a surface's ends, and a candidate [µs]."""
+"""Time of each step [µs]: the grid, a surface's ends, and a candidate."""
 _SURFACES: Final = 6
-"""So many of the largest surfaces are looked at for arms."""
+"""Number of the largest surfaces that are searched for arms."""
 _LEAST_AREA_M2: Final = 0.004
 _WIDE_JUMP: Final = 1.8
-"""Fingers before the palm are joined to it, on the way to an arm's end."""
+"""Factor on the jump towards an arm's end, so that fingers in front of the palm stay connected to it."""
 _BEFORE_END_M: Final = (0.05, 0.10)
 _FINE: Final = 0.75
 _COARSE: Final = 1.4
-"""The grid on which a candidate is looked at is so many times as coarse: anywhere, and where an arm is followed."""
+"""Factors on the spacing of a candidate's grid: anywhere, and near given points."""
 _NEAR_M: Final = 0.15
 _COARSER: Final = 3
-"""Every so manyth sphere is enough for what lies far around."""
+"""Stride between spheres of the wide bands."""
 _BRANCHES: Final = 24
 
 

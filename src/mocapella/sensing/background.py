@@ -1,8 +1,8 @@
-"""Where a body is, by what the image is like without anybody: the simple alternative to `region_contour`.
+"""Contours by background subtraction: the simple alternative to `region_contour`.
 
-Shadows are told by their colour, which is that of the background with less light (T. Horprasert, D. Harwood, L. Davis,
-A Statistical Approach for Real-time Robust Background Subtraction and Shadow Detection, 1999); in gray images, they
-cannot be told from dark clothes and are taken for a body.
+Shadows are recognised by their colour, the background's with less light (T. Horprasert, D. Harwood, L. Davis,
+A Statistical Approach for Real-time Robust Background Subtraction and Shadow Detection, 1999); in gray images they
+cannot be distinguished from dark clothes, and count as foreground.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ Bool = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
 SPREAD_UNIT: Final = 4
-"""Spreads are kept in fourths of a grey level."""
+"""Units of a spread in a grey level."""
 FEWEST: Final = 3
-"""Images to learn of."""
+"""Least number of images to learn from."""
 SD_OF_MAD: Final = 1.4826
 
 
 class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
-    """What an image is like without anybody.
+    """A pixel-wise model of the empty scene.
 
     Attributes:
         usual: (height, width) or (height, width, 3) uint8, the median of every pixel.
         spread: of the same shape, uint8, four times its standard deviation [grey levels], cut off at 63.
-        least_sd: no density is narrower [grey levels].
-        darkest: a shadow leaves at least so much of a pixel's light; 1 where there are none.
-        shadow_nats: what it costs to say that a pixel is in the shadow.
+        least_sd: least standard deviation of a density [grey levels].
+        darkest: least share of its light for a pixel in shadow; 1: there are no shadows.
+        shadow_nats: cost of a pixel in shadow [nats].
     """
 
     usual: UInt8
@@ -66,7 +66,7 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
         check(0 <= self.shadow_nats <= 100, "shadow_nats", self.shadow_nats, "from 0 to 100")
 
     def costs(self, band: Band, settings: RegionSettings = DEFAULT) -> Float32:
-        """(blocks, size) −log p of a band's values where nobody is [nats], as of three channels of half grey levels.
+        """Return (blocks, size) −log p of a band's values being background [nats], as of three channels in half levels.
 
         Raises:
             SettingsError: the band is of an image of another size or number of channels.
@@ -94,7 +94,7 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundModel:
-    """Medians and spreads of images without anybody, or with somebody who does not stay where they are.
+    """Learn medians and spreads from images without people, or with people who keep moving.
 
     Args:
         images: at least 3, of one shape, (height, width) or (height, width, 3) uint8.
@@ -125,26 +125,26 @@ def background_contour(
     settings: RegionSettings = DEFAULT,
     energies: bool = False,
 ) -> RegionContour:
-    """The outline of what is not the background, whatever its colour.
+    """Return the contour of the foreground, whatever its colour.
 
     Args:
         image: (height, width) or (height, width, 3) uint8.
         model: of images of its size and camera.
-        window: where to look; its phi is a prior where ``guided``, and not looked at otherwise.
+        window: the part of the image that is segmented; its phi is the prior if ``guided``, else it is ignored.
         guided: whether the window's phi is a prior, as for `region_contour`.
-        ignore: (height, width) bool pixels that say nothing.
-        settings: how; of those of densities, only the share of outliers and the median say anything.
-        energies: whether they are told; that takes longer.
+        ignore: (height, width) bool pixels without information.
+        settings: of the densities' settings only the share of outliers and the median are used.
+        energies: whether energies are computed, which takes longer.
 
     Raises:
         SettingsError: an array of another shape or type.
     """
     band = read_band(image, window, None, ignore, settings, guided=guided)
     outside = model.costs(band, settings)
-    # A body's pixels may have any value.
+    # A person's pixels may have any value: a uniform density.
     inside_cost = 3 * (math.log(HALF_LEVELS) - 0.5 * math.log(2 * math.pi))
     if not guided:
-        # Without a prior everything is undecided, and so in one of the blocks, row by row.
+        # Without a prior all samples are undecided, so all are in the blocks, row by row.
         band.inside[:] = ((outside > inside_cost) & (band.known > 0)).reshape(band.inside.shape)
         band.phi[:] = -1.0
     return settle(band, outside, inside_cost, settings, guided=guided, energies=energies)

@@ -65,7 +65,7 @@ class ForegroundBounds(NamedTuple):
     """Bounds between background, shadow and foreground.
 
     Attributes:
-        most: squared deviation, in variances, from which a sample differs from the background.
+        most: least squared deviation of a changed sample, in variances.
         least: variance [grey levels²].
         darkest: least share of its light for a sample in shadow.
         chroma2: squared distance from its darkened colour up to which a sample is in shadow [grey levels²].

@@ -1,4 +1,4 @@
-"""Boards in pictures: which corners are where, and why there are none."""
+"""Detect calibration boards in images, and explain why none was found."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 FEW_MARKERS: Final = 4
-"""Of a dictionary in a picture: fewer are found by chance, above all of small dictionaries."""
+"""Least number of markers of a dictionary in an image: fewer occur by chance, above all in small dictionaries."""
 
 
 @dataclass
 class BoardReport:
-    """What became of a camera's pictures.
+    """Counts of a camera's images.
 
     Attributes:
-        pictures: how many were looked at.
-        found: how many show the board.
-        corners: in all of them.
+        pictures: images that were searched.
+        found: images that show the board.
+        corners: found in all of them.
     """
 
     pictures: int = 0
@@ -38,7 +38,7 @@ class BoardReport:
 
 
 class BoardDetector:
-    """Finds one board in pictures of any camera; ``report`` counts."""
+    """Finds one board in images of any camera; ``report`` counts."""
 
     def __init__(self, board: Board) -> None:
         self.board = board
@@ -46,15 +46,15 @@ class BoardDetector:
         self._charuco = _charuco_detector(board) if board.kind == "charuco" else None
 
     def update(self, image: UInt8, camera: str, frame: int) -> BoardView | None:
-        """The corners in one picture.
+        """Return the corners in one image.
 
         Args:
             image: (height, width) gray or (height, width, 3) BGR.
             camera: its name.
-            frame: number of the picture.
+            frame: number of the image.
 
         Returns:
-            None where there is no corner.
+            None if there is no corner.
         """
         gray = _gray(image, self.board.inverted)
         self.report.pictures += 1
@@ -82,9 +82,9 @@ class BoardDetector:
 
 
 def _refined(gray: UInt8, corners: Float64, spacing: Float64, board: Board) -> Float64:
-    """Where the gradients around a corner say it is (Förstner and Gülch 1987), in a window that leaves the markers out.
+    """Refine corners by the gradients around them (Förstner and Gülch 1987), in a window that excludes the markers.
 
-    OpenCV 4.11 gives the corners of a ChArUco board half a pixel too far right and down: it counts from a pixel's edge.
+    OpenCV 4.11 returns the corners of a ChArUco board half a pixel too far right and down: relative to a pixel's edge.
     """
     out = corners.copy()
     apart = np.where(np.isfinite(spacing), spacing, np.nanmin(spacing, initial=np.inf))
@@ -93,7 +93,7 @@ def _refined(gray: UInt8, corners: Float64, spacing: Float64, board: Board) -> F
         start = (corner - 0.5).astype(np.float32).reshape(1, 1, 2)
         stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.002)
         refined = cv2.cornerSubPix(gray, start.copy(), (reach, reach), (-1, -1), stop)[0, 0]
-        # It goes astray where there is no corner after all, such as under a finger.
+        # The refinement diverges if there is no corner after all, such as under a finger.
         out[k] = refined if np.abs(refined - start[0, 0]).max() <= reach else start[0, 0]
     return out
 
@@ -104,7 +104,7 @@ def _gray(image: UInt8, inverted: bool) -> UInt8:
 
 
 def charuco_board(board: Board) -> Any:
-    """OpenCV's value of a ChArUco board, to draw or find it."""
+    """Return OpenCV's object of a ChArUco board, to draw or detect it."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     drawn = cv2.aruco.CharucoBoard(
         (board.columns, board.rows), board.square_m, board.square_m * board.marker_ratio, markers
@@ -114,7 +114,7 @@ def charuco_board(board: Board) -> Any:
 
 
 def draw_board(board: Board, square_px: int) -> UInt8:
-    """The board's picture for printing, a white margin of half a square around it.
+    """Draw the board for printing, with a white margin of half a square.
 
     Returns:
         (height, width) gray.
@@ -131,16 +131,16 @@ def draw_board(board: Board, square_px: int) -> UInt8:
 
 
 def board_png(board: Board, dots_per_inch: int) -> bytes:
-    """`draw_board` as a PNG file that says how large it is, so that it is printed in its size.
+    """Return `draw_board` as a PNG file with its physical size, so that it is printed to scale.
 
-    The squares' sides are whole dots: by less than half a dot they differ from what the board says.
+    The squares' sides are rounded to whole dots, so they differ from the board's by up to half a dot.
     """
     dots_per_m = round(dots_per_inch / 0.0254)
     image = draw_board(board, round(board.square_m * dots_per_m))
     data = cv2.imencode(".png", image)[1].tobytes()
     size = b"pHYs" + struct.pack(">IIB", dots_per_m, dots_per_m, 1)
     chunk = struct.pack(">I", 9) + size + struct.pack(">I", zlib.crc32(size))
-    header = 8 + 25  # the signature and IHDR, which pHYs has to follow
+    header = 8 + 25  # the signature and IHDR, before pHYs
     return data[:header] + chunk + data[header:]
 
 
@@ -149,11 +149,11 @@ def _charuco_detector(board: Board) -> Any:
 
 
 def _corners_of_chessboard(gray: UInt8, board: Board) -> tuple[NDArray[np.int64], Float64] | None:
-    """Sub-pixel corners (Duda and Frese 2018); the first square is black where that says which is the first."""
+    """Return sub-pixel corners (Duda and Frese 2018); the first square is black if colours determine the order."""
     shape = (board.columns - 1, board.rows - 1)
     found, corners, larger = _largest_chessboard(gray, shape)
     if not found or set(larger) != set(shape):
-        return None  # a part of a larger board has its corners elsewhere
+        return None  # part of a larger board, whose corners have other positions
     if larger != shape:
         found, corners = cv2.findChessboardCornersSB(gray, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         if not found:
@@ -165,14 +165,14 @@ def _corners_of_chessboard(gray: UInt8, board: Board) -> tuple[NDArray[np.int64]
 
 
 def _largest_chessboard(gray: UInt8, least: tuple[int, int]) -> tuple[bool, Any, tuple[int, int]]:
-    """A chessboard of at least so many inner corners in a row and in a column; its corners, and how many."""
+    """Detect a chessboard with at least so many inner corners a row and column; return its corners and their counts."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     found, corners, squares = cv2.findChessboardCornersSBWithMeta(gray, least, flags)
     return found, corners, (squares.shape[1], squares.shape[0]) if found else (0, 0)
 
 
 def _first_square_is_light(gray: UInt8, corners: Float64, board: Board) -> bool:
-    """Whether the squares that are black on the board are the lighter ones, by the middles of the inner squares."""
+    """Return whether the board's black squares are the lighter ones, by the centres of the inner squares."""
     H = homography(board.corners_m[:, :2], corners)
     row, column = np.mgrid[1 : board.rows - 1, 1 : board.columns - 1].reshape(2, -1)
     middle = np.column_stack([column + 0.5, row + 0.5, np.ones(len(row))]) * [board.square_m, board.square_m, 1]
@@ -183,7 +183,7 @@ def _first_square_is_light(gray: UInt8, corners: Float64, board: Board) -> bool:
 
 
 def _spacing(ids: NDArray[np.int64], corners: Float64, board: Board) -> Float64:
-    """Of each corner to its nearest found neighbour on the board, (n,) [px]; NaN where it has none."""
+    """Return (n,) the distance of each corner to its nearest detected neighbour on the board [px]; NaN without one."""
     row, column = np.divmod(ids, board.columns - 1)
     next_to = abs(row[:, None] - row) + abs(column[:, None] - column) == 1
     distance = np.where(next_to, np.linalg.norm(corners[:, None] - corners, axis=-1), np.inf).min(axis=1)
@@ -191,9 +191,9 @@ def _spacing(ids: NDArray[np.int64], corners: Float64, board: Board) -> Float64:
 
 
 def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
-    """How wide the edges at the corners are: contrast by the steepest slope, in the median over the corners [px].
+    """Return the width of the edges at the corners: contrast over steepest slope, median over the corners [px].
 
-    A step that a Gaussian of standard deviation s has blurred is √(2π) s wide.
+    A step blurred by a Gaussian of standard deviation s is √(2π) s wide.
     """
     widths = []
     for (x, y), space in zip(corners, spacing, strict=True):
@@ -212,10 +212,10 @@ def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
 
 
 def why_not_found(images: Sequence[UInt8], board: Board) -> str:
-    """What the pictures show instead of the board, as far as can be told; slow, for when nothing was found.
+    """Explain what images show instead of the board; slow, for use when nothing was found.
 
     Returns:
-        one line, which says what to change.
+        one line that suggests what to change.
     """
     wanted = _describe(board)
     for image in images:
@@ -257,7 +257,7 @@ def _other_dictionary(gray: UInt8, board: Board) -> str:
     for name in (board.dictionary, *DICTIONARIES):
         markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         ids = cv2.aruco.ArucoDetector(markers).detectMarkers(gray)[1]
-        # Of dictionaries that contain one another, the smallest that finds as many is named.
+        # Of nested dictionaries, the smallest with the most markers is named.
         if ids is not None and len(np.unique(ids)) > most:
             best, most, highest = name, len(np.unique(ids)), int(ids.max())
     if most < FEW_MARKERS:

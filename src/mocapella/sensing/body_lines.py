@@ -1,11 +1,11 @@
-"""The line skeleton of whole bodies: range, floor, outlines, thinning and lines, one depth image by itself.
+"""The line skeleton of whole bodies in single depth images: range, floor, outlines, thinning and lines.
 
     seen = body_lines(depth_m, camera, BodyLinesSettings(far_m=3.5))
     for body in seen.bodies:
-        body.segments, body.ends        # lines in space, and where they end: head, hands, feet
+        body.segments, body.ends        # lines in space, and their ends: head, hands, feet
 
-The stages are those of `mocapella.sensing.line_skeleton` from the separation of 16 and 8 bits to the Hough transform,
-at the distance of a room. It knows nothing of people: whatever stands in the range is thinned.
+It runs the stages of `mocapella.sensing.line_skeleton`, from the separation of 16 and 8 bits to the Hough transform, at
+room distances. It has no model of people: every object in the range is thinned.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 _HYPOTHESES: Final = 300
 _STEP_PX: Final = 8
 _INLIER_PART: Final = 0.012
-"""A point lies in a plane where it is at most this part of its depth from it: the noise of a camera at a slant."""
+"""Greatest distance of a plane's inlier, as a share of its depth: the noise of a camera at a slant."""
 _LEAST_SHARE: Final = 0.05
 _BELOW_SHARE: Final = 0.03
 _NEIGHBOURS: Final = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.float32)
@@ -40,16 +40,16 @@ _NEIGHBOURS: Final = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.float3
 
 @dataclass(frozen=True)
 class BodyLinesSettings:
-    """What counts as a body.
+    """Limits of bodies, floor and range.
 
     Attributes:
         near_m, far_m: the range along the optical axis; a wall beyond it is left out.
-        floor: whether the floor is looked for and left out. It is the plane that most points are in, of those that lie
-            at most tilt_deg from level and have next to nothing below them.
-        floor_clear_m: what is so near above the floor is left out with it.
-        tilt_deg: of the camera, at most.
-        least_m2: a body's outline has at least this area, at its distance.
-        image: of the stages after that; its range and reach are those above.
+        floor: whether the floor is detected and removed: the plane with most inliers among planes at most tilt_deg
+            from level that have almost no points below them.
+        floor_clear_m: height up to which points are removed with the floor.
+        tilt_deg: greatest tilt of the camera.
+        least_m2: least area of a body's outline, at its distance.
+        image: settings of the later stages; its range and reach are replaced by the above.
     """
 
     near_m: float = 0.8
@@ -75,11 +75,11 @@ class BodyLines:
 
     Attributes:
         mask: (height, width) 255 within its outline, else 0.
-        thinned: (height, width) 255 where its thin lines are, else 0.
+        thinned: (height, width) 255 on its thin lines, else 0.
         distance_m: median along the optical axis.
         segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first.
         segments: (n, 2, 3) the same on the surface, in the camera's space [m].
-        ends_px: (m, 2) where thin lines end.
+        ends_px: (m, 2) ends of thin lines.
         ends: (m, 3) the same on the surface [m].
     """
 
@@ -94,14 +94,14 @@ class BodyLines:
 
 @dataclass(frozen=True, eq=False)
 class BodyLinesResult:
-    """What came of an image.
+    """The result of an image.
 
     Attributes:
-        floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera's space [m]; None where there is none.
-        separated: of what is left of the image in the range, above the floor.
-        outline: of the nearest; None without any.
+        floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera's space [m]; None if there is none.
+        separated: the image in the range, above the floor.
+        outline: of the nearest object; None without any.
         bodies: the nearest first.
-        reason: why there is none; empty where there are.
+        reason: why there is no body; empty if there are any.
     """
 
     floor: Float64 | None
@@ -112,12 +112,12 @@ class BodyLinesResult:
 
 
 def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | None = None) -> BodyLinesResult:
-    """Look at an image.
+    """Return the lines of the bodies in a depth image.
 
     Args:
-        depth: (height, width) [m]; what is not above 0 was not measured.
+        depth: (height, width) [m]; values not above 0 were not measured.
         camera: its size and lens.
-        settings: see there.
+        settings: limits.
 
     Raises:
         SettingsError: the image has another size than the camera's.
@@ -151,10 +151,10 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
 
 
 def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
-    """(4,) unit normal, upwards, and offset of the floor in the camera's space [m]; None where none is seen.
+    """Return (4,) unit normal, upwards, and offset of the floor in the camera's space [m]; None if it is not seen.
 
-    Random sample consensus (M. Fischler and R. Bolles, 1981) with the same samples for the same image; then least
-    squares of the points that agree.
+    Random sample consensus (M. Fischler and R. Bolles, 1981), with the same samples for the same image; then least
+    squares of the inliers.
     """
     points = _points(metres, camera)
     if len(points) < 100:
@@ -163,7 +163,7 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
     near = _INLIER_PART * points[:, 2]
     upright = np.cos(np.radians(settings.tilt_deg))
     best: Any = (0, None)
-    low = points[points[:, 1] >= np.median(points[:, 1])]  # y is down: a floor is in the lower half
+    low = points[points[:, 1] >= np.median(points[:, 1])]  # y is down: the floor is in the lower half
     for three in low[rng.integers(len(low), size=(_HYPOTHESES, 3))]:
         plane = _plane(three)
         if plane is None or plane[1] > -upright:
@@ -177,7 +177,7 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
         return None
     for _ in range(3):
         off = np.abs(points @ plane[:3] + plane[3])
-        # What stands on the floor is near it, too: only what is as near as most of it is kept.
+        # Objects on the floor have points near it, too: only points as near as most inliers are kept.
         flat = points[off < np.minimum(near, 3 * np.median(off[off < near]) + 1e-4)]
         middle = flat.mean(axis=0)
         normal = np.linalg.svd(flat - middle, full_matrices=False)[2][2]
@@ -187,7 +187,7 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
 
 
 def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
-    """The picture of each stage that was reached, by its name, in order: gray, or blue, green, red."""
+    """Return an image of each stage that was reached, by its name, in order: gray, or blue, green, red."""
     first = seen.separated
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {
@@ -210,7 +210,7 @@ def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
 
 
 def _of(of: ArmOutline, metres: Float32, distance_m: float, camera: Camera, s: LineSkeletonSettings) -> BodyLines:
-    """A body's lines; ``metres`` is 0 where it is not."""
+    """Return a body's lines; ``metres`` is 0 outside of it."""
     made = lines(of, s)
     thin = made.skeleton.thinned
     count = cv2.filter2D((thin > 0).astype(np.float32), -1, _NEIGHBOURS, borderType=cv2.BORDER_CONSTANT)
@@ -224,7 +224,7 @@ def _of(of: ArmOutline, metres: Float32, distance_m: float, camera: Camera, s: L
 
 
 def _on_surface(pixels: Float64, metres: Float32, otherwise_m: float, camera: Camera) -> Float64:
-    """(..., 3) of pixels (..., 2): the median depth of 7 × 7 pixels, or that of the whole body where there is none."""
+    """Return (..., 3) points of pixels (..., 2) at the median depth of 7 × 7 pixels, else of the whole body."""
     flat = pixels.reshape(-1, 2)
     wide = np.pad(np.where(metres > 0, metres, np.nan), 3, constant_values=np.nan)
     z = np.full(len(flat), otherwise_m)
@@ -237,7 +237,7 @@ def _on_surface(pixels: Float64, metres: Float32, otherwise_m: float, camera: Ca
 
 
 def _points(metres: Float32, camera: Camera) -> Float64:
-    """(n, 3) of every eighth pixel of every eighth row that was measured [m]."""
+    """Return (n, 3) the measured points of every eighth pixel of every eighth row [m]."""
     y, x = np.mgrid[_STEP_PX // 2 : metres.shape[0] : _STEP_PX, _STEP_PX // 2 : metres.shape[1] : _STEP_PX]
     z = metres[y, x].astype(np.float64)
     there = z > 0
@@ -247,7 +247,7 @@ def _points(metres: Float32, camera: Camera) -> Float64:
 
 
 def _plane(three: Float64) -> Float64 | None:
-    """(4,) through three points, its normal upwards; None where they are in a line."""
+    """Return (4,) the plane through three points, its normal upwards; None if they are collinear."""
     normal = np.cross(three[1] - three[0], three[2] - three[0])
     size = float(np.linalg.norm(normal))
     if size < 1e-6:
@@ -257,7 +257,7 @@ def _plane(three: Float64) -> Float64 | None:
 
 
 def _height(metres: Float32, floor: Float64, camera: Camera) -> Float64:
-    """(height, width) above the floor [m]; of a lens without distortion, which is enough for what is left out."""
+    """Return (height, width) heights above the floor [m]; lens distortion is neglected."""
     fx, fy, cx, cy = camera.lens[:4]
     y, x = np.mgrid[: metres.shape[0], : metres.shape[1]]
     ray = floor[0] * (x - cx) / fx + floor[1] * (y - cy) / fy + floor[2]

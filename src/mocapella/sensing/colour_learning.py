@@ -1,7 +1,7 @@
-"""Colours learnt by pointing at them: a click on every marker, one on skin, and frames without markers, if any.
+"""Learn marker colours from clicks: one on every marker, one on skin, and optional images without markers.
 
-Around a click the region of like colour is grown, its edge, where it mixes with what is behind, is left out, and what
-is far from its middle is trimmed.
+A region of similar colour is grown around a click. Its edge, which mixes with the background, is left out, and outliers
+of colour are trimmed.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ UInt8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 LIKE: Final = 0.3
-"""How far in u and v, across its hue, a region's pixels may be from its middle."""
+"""Greatest distance of a region's pixels from its median, across its hue, in u and v."""
 LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
-"""Nearer to grey than this is no colour."""
+"""Least chromaticity of a colour, as distance from grey."""
 _SEED_PX: Final = 4
 _EDGE_PX: Final = 8
-"""So far around a marker nothing is learnt of the background."""
+"""Margin around markers that is not learnt as background."""
 
 
 @dataclass(frozen=True)
 class ColourSample:
-    """An image and where somebody pointed in it.
+    """An image, and the clicks in it.
 
     Attributes:
         image: (height, width, 3) uint8 blue, green, red.
@@ -63,7 +63,7 @@ def learn_colours(
     backgrounds: Sequence[UInt8] = (),
     controls: CameraControls | None = None,
 ) -> ColourProfile:
-    """A profile of what was pointed at; labels are in the order in which names first come.
+    """Return a profile of the clicked colours; labels follow the order in which names first occur.
 
     Args:
         camera: its name.
@@ -109,10 +109,10 @@ def learn_colours(
 
 
 def check_image(image: Any) -> None:
-    """Refuse what is no image of three 8-bit channels.
+    """Check for an image of three 8-bit channels.
 
     Raises:
-        SettingsError: it is none; says what it is.
+        SettingsError: it is another array or object; states its type and shape.
     """
     if not (isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3):
         what = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
@@ -120,10 +120,10 @@ def check_image(image: Any) -> None:
 
 
 def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
-    """(height, width) the connected pixels around a click whose colour is like that of the middle.
+    """Return (height, width) the connected pixels around a click with a similar colour.
 
     Raises:
-        InputError: the click is outside, on something without colour, or the region has no end.
+        InputError: the click is outside, on a pixel without colour, or the region is too large.
     """
     height, width = image.shape[:2]
     x, y = round(click[0]), round(click[1])
@@ -156,7 +156,7 @@ def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
 
 
 def _smooth(at: Float64, x: int, y: int) -> Float64:
-    """Medians of 5 × 5 within reach of the seed; as it was elsewhere."""
+    """Apply a 5 × 5 median near the seed only."""
     out = at.copy()
     part = (slice(max(y - 2 * _SEED_PX, 0), y + 2 * _SEED_PX), slice(max(x - 2 * _SEED_PX, 0), x + 2 * _SEED_PX))
     for k in range(2):
@@ -165,7 +165,7 @@ def _smooth(at: Float64, x: int, y: int) -> Float64:
 
 
 def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tuple[Float64, float]:
-    """Chromaticity and luma to grow from: those clicked at, or, beside a reflection, the strongest of that hue."""
+    """Return the chromaticity and luma to grow from: the clicked pixel's, or the strongest nearby of its hue."""
     part = (slice(max(y - _SEED_PX, 0), y + _SEED_PX + 1), slice(max(x - _SEED_PX, 0), x + _SEED_PX + 1))
     clicked, near = at[y, x], at[part].reshape(-1, 2)
     strength = np.linalg.norm(near, axis=-1)
@@ -178,7 +178,7 @@ def _seed(at: Float64, light: Float64, x: int, y: int, *, strongest: bool) -> tu
 
 
 def _like(at: Float64, middle: Float64) -> Mask:
-    """Which chromaticities are near a middle, or between it and white, where a reflection's are."""
+    """Return which chromaticities are near a median, or between it and white, as in reflections."""
     size = max(float(np.linalg.norm(middle)), 1e-9)
     along = at @ middle / size
     across = np.abs(at @ np.array([-middle[1], middle[0]]) / size)
@@ -186,13 +186,13 @@ def _like(at: Float64, middle: Float64) -> Mask:
 
 
 def inside(region: Mask) -> Mask:
-    """A region without its edge, two pixels of it, or one where little would be left."""
+    """Return a region without its edge of two pixels, or of one if little would be left."""
     inner = np.asarray(ndimage.binary_erosion(region, iterations=2))
     return inner if inner.sum() >= LEAST_PX else np.asarray(ndimage.binary_erosion(region))
 
 
 def learn(bgr: UInt8) -> Chromaticities:
-    """What pixels (n, 3) of one colour are like; reflections and what else is far from the middle is left out."""
+    """Return the distribution of pixels (n, 3) of one colour, without reflections and other outliers."""
     at, luma = chromaticity(bgr), brightness(bgr)
     kept = np.ones(len(at), np.bool_)
     centre = np.median(at, axis=0)
@@ -212,10 +212,9 @@ def learn(bgr: UInt8) -> Chromaticities:
 
 
 def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
-    """What is no marker in images, where their masks (height, width) say so.
+    """Return the colours of images in their masks (height, width), which exclude the markers.
 
-    Counted are means of 3 × 3: things remain, while a pixel that noise alone has coloured is none, and no piece of an
-    image that is large enough for a marker.
+    Means of 3 × 3 pixels are counted: they keep objects as large as a marker, but not single pixels coloured by noise.
     """
     counts = np.zeros((BINS, BINS))
     for image, mask in images:
@@ -227,7 +226,7 @@ def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
 
 
 def light_of(bgr: UInt8) -> tuple[float, float, float]:
-    """The medians of luma, u and v of pixels (..., 3)."""
+    """Return the medians of luma, u and v of pixels (..., 3)."""
     flat = bgr.reshape(-1, 3)
     u, v = np.median(chromaticity(flat), axis=0)
     return float(np.median(brightness(flat))), float(u), float(v)

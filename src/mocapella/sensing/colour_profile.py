@@ -1,7 +1,7 @@
-"""What one camera's colours are: learnt once by pointing at them, kept as JSON, made a look-up table at the start.
+"""The marker colours of one camera: learnt once from clicks, stored as JSON, made into a look-up table at the start.
 
-Colours are told apart by chromaticity in logarithms, u = ln (R + 8)/(G + 8), v = ln (B + 8)/(G + 8), of 8-bit values:
-more or less light multiplies all three and moves neither, and gamma only scales both.
+Colours are distinguished by logarithmic chromaticity, u = ln (R + 8)/(G + 8), v = ln (B + 8)/(G + 8), of 8-bit values:
+brightness multiplies all three and changes neither, and gamma only scales both.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Version of the file's layout."""
 OFFSET: Final = 8.0
-"""Added to a value before the logarithm, so that a dark pixel's noise is no colour."""
+"""Added to a value before the logarithm, so that the noise of dark pixels does not look like colour."""
 BINS: Final = 56
 SPAN: Final = 3.5
 """The histogram of chromaticities has BINS × BINS cells from -SPAN to SPAN; no 8-bit pixel lies outside."""
 SKIN: Final = "skin"
-"""The name that points at skin instead of a marker."""
+"""Name of the sample of skin."""
 
 
 def chromaticity(bgr: NDArray[Any]) -> Float64:
@@ -46,7 +46,7 @@ def brightness(bgr: NDArray[Any]) -> Float64:
 
 @dataclass(frozen=True)
 class CameraControls:
-    """How the camera was set, in its driver's own numbers; None where it has no such control.
+    """The camera's controls, in its driver's units; None where it has no such control.
 
     Attributes:
         automatic: names of the automatic modes that could not be switched off; none is best.
@@ -62,7 +62,7 @@ class CameraControls:
 
 @dataclass(frozen=True)
 class Chromaticities:
-    """Where pixels of one kind lie: their mean (u, v) and covariance (uu, uv, vv), luma of 5, 50 and 95 %, how many."""
+    """Distribution of a colour's pixels: mean (u, v), covariance (uu, uv, vv), luma percentiles 5, 50, 95; count."""
 
     mean: tuple[float, float]
     covariance: tuple[float, float, float]
@@ -85,8 +85,8 @@ class Colour:
 
     Attributes:
         name: of the marker.
-        seen: what its pixels are like.
-        area_px: how large the marker was where it was pointed at.
+        seen: distribution of its pixels.
+        area_px: area of the marker where it was clicked.
     """
 
     name: str
@@ -100,12 +100,12 @@ class Colour:
 
 @dataclass(frozen=True)
 class BackgroundColours:
-    """What is no marker.
+    """Colours of everything but the markers.
 
     Attributes:
         counts: (BINS, BINS) numbers of pixels by u and v.
         luma: their median.
-        chromaticity: (u, v), their medians; those drift when the light changes its colour.
+        chromaticity: (u, v), their medians; they drift with the colour of the light.
     """
 
     counts: tuple[tuple[int, ...], ...]
@@ -122,15 +122,15 @@ class BackgroundColours:
 
 @dataclass(frozen=True)
 class ColourProfile:
-    """All that was learnt of the colours before one camera.
+    """The colours learnt for one camera.
 
     Attributes:
         camera: the camera's name.
         size_px: (width, height) of its images.
-        colours: 1 to 100, in the order of their labels, which begin with 1.
-        background: what is no marker.
-        skin: what skin is like; None where nobody pointed at it.
-        controls: how the camera was set.
+        colours: 1 to 100, in the order of their labels, which start at 1.
+        background: colours of the rest of the scene.
+        skin: distribution of skin; None if it was not clicked.
+        controls: of the camera.
         version: of the file's layout.
     """
 
@@ -152,14 +152,14 @@ class ColourProfile:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the markers, in the order of their labels."""
+        """Names of the markers, in the order of their labels."""
         return tuple(colour.name for colour in self.colours)
 
     def check_camera(self, camera: str, size_px: tuple[int, int]) -> None:
-        """Refuse another camera or size of image than this was learnt from.
+        """Check that camera and image size are the profile's.
 
         Raises:
-            SettingsError: it is another; says which it is.
+            SettingsError: they differ; states both.
         """
         learn = "load that camera's profile, or learn the colours anew"
         if camera != self.camera:
@@ -173,15 +173,15 @@ class ColourProfile:
 
 
 def encode_profile(profile: ColourProfile) -> bytes:
-    """As JSON, to be read by people too."""
+    """Return a profile as JSON."""
     return msgspec.json.encode(asdict(profile)) + b"\n"
 
 
 def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
-    """A profile of JSON.
+    """Return the profile of a JSON text.
 
     Raises:
-        InputError: it is none; names the field, its value and what would be right.
+        InputError: it is not a profile; states the field, its value and a valid one.
     """
     fix = "learn the colours anew and save"
     try:
@@ -195,7 +195,7 @@ def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
 
 
 def save_profile(path: Path | str, profile: ColourProfile) -> None:
-    """Write a profile; the file appears complete or stays as it was.
+    """Write a profile atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -207,6 +207,6 @@ def load_profile(path: Path | str) -> ColourProfile:
     """Read a profile.
 
     Raises:
-        InputError: there is no such file, or it is no profile.
+        InputError: the file does not exist, or is not a profile.
     """
     return decode_profile(read_whole(path, fix="learn the colours first"), file=path)

@@ -1,9 +1,8 @@
-"""A profile → one look-up table of all colours, by likelihood ratio; and how well the colours can be told apart.
+"""Classify colours by likelihood ratio: a look-up table of a profile, and the separability of its colours.
 
-A cell of 8 × 8 × 8 values is a colour's where the colour is likelier than what is no marker, and than any other colour,
-by the margins. No marker is a mixture: the background's histogram, skin, skin with light glancing off it (which lies
-between skin and white), and anything at all. That a colour's likelihood falls with the noise of dark or clipped pixels
-is in its covariance.
+A cell of 8 × 8 × 8 values gets a colour's label if the colour is likelier than the background and any other colour, by
+the margins. The background is a mixture: its histogram, skin, skin in specular light (between skin and white), and a
+uniform density. The noise of dark or clipped pixels widens a colour's covariance.
 """
 
 from __future__ import annotations
@@ -33,19 +32,19 @@ CELLS: Final = 32
 CELL: Final = 256 // CELLS
 _ANYTHING: Final = 1 / (2 * SPAN) ** 2
 _GLANCES: Final = (0.25, 0.5, 0.75, 1.0, 1.2)
-"""Where skin in and out of reflections lies, from white (0) through skin as learnt (1)."""
+"""Positions of skin in and out of reflections, from white (0) through skin as learnt (1)."""
 
 
 @dataclass(frozen=True)
 class TableSettings:
-    """How much surer than not a cell must be.
+    """Margins of the classification.
 
     Attributes:
-        margin: times likelier than what is no marker.
-        margin_of_others: times likelier than any other colour.
-        light_sd: how far the light may change its colour, standard deviation of u and v.
-        value_sd: noise of a pixel's 8-bit values, a cell's width included.
-        brightness_range: how many times darker and brighter than learnt a colour may be, in 8-bit values.
+        margin: least likelihood ratio to the background.
+        margin_of_others: least likelihood ratio to any other colour.
+        light_sd: standard deviation of u and v by changes of the light.
+        value_sd: noise of a pixel's 8-bit values, including a cell's width.
+        brightness_range: factor by which a colour may be darker or brighter than learnt, in 8-bit values.
     """
 
     margin: float = 3.0
@@ -64,13 +63,13 @@ class TableSettings:
 
 @dataclass(frozen=True)
 class Separability:
-    """How well colours can be told from each other and from the rest.
+    """Separability of colours from each other and from the background.
 
     Attributes:
-        kept: of every colour, which part of its pixels is labelled as it.
-        in_background: of every colour, which part of the background looks like it.
+        kept: share of every colour's pixels that get its label.
+        in_background: share of the background that looks like each colour.
         distances: (colours, colours) between means, in standard deviations.
-        problems: what is wrong, in sentences that say what to do; empty where all is well.
+        problems: in sentences that suggest a remedy; empty if there are none.
     """
 
     kept: dict[str, float]
@@ -80,20 +79,20 @@ class Separability:
 
 
 def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) -> UInt8:
-    """(32768,) label of the cell (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 is none, k the profile's k-th colour."""
+    """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour."""
     values = (np.arange(CELLS) + 0.5) * CELL - 0.5
     red, green, blue = np.meshgrid(values, values, values, indexing="ij")
     return classify(profile, np.stack([blue, green, red], axis=-1).reshape(-1, 3), settings)
 
 
 def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
-    """(..., 3) uint8 → (...) the cell's place in the table."""
+    """Return (...) indices in the table of pixels (..., 3) uint8."""
     cell = np.asarray(bgr).astype(np.int64) // CELL
     return np.asarray(cell[..., 0] + CELLS * cell[..., 1] + CELLS * CELLS * cell[..., 2])
 
 
 def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
-    """(..., 3) blue, green, red, 0 … 255 → (...) labels, as the table has them for the middles of its cells."""
+    """Return (...) labels of pixels (..., 3) blue, green, red, 0 … 255; the table holds those of its cells' centres."""
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
     at, luma, noise = chromaticity(values), brightness(values), _noise(values, s)
@@ -110,7 +109,7 @@ def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings 
 
 
 def _noise(values: Float64, s: TableSettings) -> Float64:
-    """(..., 3) variances uu, uv, vv of the chromaticity of 8-bit values; clipped ones say little."""
+    """Return (..., 3) variances uu, uv, vv of the chromaticity of 8-bit values; large for clipped ones."""
     sd = np.where(values >= 256 - CELL, 10 * s.value_sd, s.value_sd)
     blue, green, red = np.moveaxis((sd / (values + OFFSET)) ** 2, -1, 0)
     light = s.light_sd**2
@@ -118,7 +117,7 @@ def _noise(values: Float64, s: TableSettings) -> Float64:
 
 
 def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) -> Float64:
-    """(...) density at chromaticities (..., 2); noise (..., 3) is added to the covariance uu, uv, vv."""
+    """Return (...) the density at chromaticities (..., 2); noise (..., 3) is added to the covariance uu, uv, vv."""
     uu, uv, vv = np.moveaxis(np.asarray(seen.covariance) + noise, -1, 0)
     x, y = np.moveaxis(at - np.asarray(seen.mean), -1, 0)
     det = uu * vv - uv * uv
@@ -126,9 +125,9 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """(...) density of what is no marker, beside that of markers of these areas (...).
+    """Return (...) the density of the background, relative to that of markers of these areas (...).
 
-    The wall counts by its pixels: a thing as large as the marker is as likely met as the marker is.
+    The scene's histogram is scaled by area: an object as large as the marker is as likely as the marker.
     """
     counts = np.array(profile.background.counts, np.float64)
     per_image = profile.size_px[0] * profile.size_px[1] / max(counts.sum(), 1)
@@ -147,7 +146,7 @@ def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Flo
 
 
 def separability(profile: ColourProfile, settings: TableSettings | None = None) -> Separability:
-    """How well the colours can be told apart, and what is wrong with them."""
+    """Return the separability of a profile's colours, and their problems."""
     s = settings or TableSettings()
     count, names = len(profile.colours), profile.names
     distances = np.zeros((count, count))
@@ -187,7 +186,7 @@ _UNIT: Final = np.array([1.0, 0.0, 1.0])
 
 
 def _kept(profile: ColourProfile, k: int, s: TableSettings) -> float:
-    """Of pixels as colour k was learnt, in its middle brightness, the part that is labelled k."""
+    """Return the share of pixels drawn from colour k, at its median brightness, that are labelled k."""
     seen = profile.colours[k].seen
     uu, uv, vv = seen.covariance
     draws = np.random.default_rng(0).multivariate_normal(seen.mean, [[uu, uv], [uv, vv]], 2000)
@@ -195,7 +194,7 @@ def _kept(profile: ColourProfile, k: int, s: TableSettings) -> float:
 
 
 def _in_background(profile: ColourProfile, k: int, s: TableSettings) -> float:
-    """The part of the background within 2 standard deviations of colour k, those of moving light included."""
+    """Return the share of the background within 2 standard deviations of colour k, including changes of the light."""
     counts = np.array(profile.background.counts, np.float64)
     middles = (np.arange(BINS) + 0.5) * 2 * SPAN / BINS - SPAN
     at = np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1)
@@ -205,7 +204,7 @@ def _in_background(profile: ColourProfile, k: int, s: TableSettings) -> float:
 
 
 def _values(at: Float64, luma: float) -> Float64:
-    """(n, 3) blue, green, red of chromaticities (n, 2) at a luma."""
+    """Return (n, 3) blue, green, red of chromaticities (n, 2) at a luma."""
     ratios = np.stack([np.exp(at[:, 1]), np.ones(len(at)), np.exp(at[:, 0])], axis=-1)
     green = (luma + OFFSET) / brightness(ratios)
     return np.asarray(np.clip(ratios * green[:, None] - OFFSET, 0, 255))

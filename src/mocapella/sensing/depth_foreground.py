@@ -1,4 +1,4 @@
-"""What came nearer to a depth camera than what was there when it was last looked at."""
+"""Foreground of a depth camera: surfaces nearer than the remembered background."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Float64 = NDArray[np.float64]
 
 
 class DepthForeground:
-    """Remembers how far everything was, on a coarse grid.
+    """Remembers the background's depth on a coarse grid.
 
-    What goes farther away is taken in at once; what comes nearer is new until it was `looked` at. Where nothing is
-    measured beside something, it is in that thing's shadow, and what comes out of it is as far as the shadow's edges.
+    Depths that increase update the background at once; nearer ones are foreground until `learn` is called. Unmeasured
+    pixels beside a surface lie in its shadow, and take the depth of the shadow's edges.
     """
 
     def __init__(self, lens: Float64, settings: ArmRegionSettings) -> None:
@@ -32,16 +32,16 @@ class DepthForeground:
         seen = depth[_STEP // 2 :: _STEP, _STEP // 2 :: _STEP].astype(np.float64)
         return np.where((seen >= self.settings.near_m) & (seen <= self.settings.far_m), seen, 0.0)
 
-    def looked(self, depth: Float32) -> None:
-        """All of an image (height, width) [m] is known."""
+    def learn(self, depth: Float32) -> None:
+        """Take a whole image (height, width) [m] as background."""
         self._before = self._coarse(depth)
 
     def places(self, depth: Float32, arms: Iterable[Float64]) -> Float64:
-        """(k, 3) of what is nearer in an image (height, width) [m] than what was there before; each as large as a hand.
+        """Return (k, 3) points of foreground surfaces that are large enough for a hand, camera [m].
 
         Args:
-            depth: see there.
-            arms: (k, 5) spheres of each arm [m], about which everything is its own.
+            depth: (height, width) [m].
+            arms: (k, 5) spheres of each tracked arm [m], around which no foreground is reported.
         """
         seen = self._coarse(depth)
         before = seen if self._before is None else self._before
@@ -59,10 +59,10 @@ class DepthForeground:
 
 
 _STEP: Final = 8
-"""Pixels."""
+"""Stride of the grid [px]."""
 _SHADOW: Final = 13
-"""Steps that a shadow is wide."""
+"""Greatest width of a shadow [steps]."""
 _NEARER_M: Final = 0.05
-"""What moves by less is the same thing."""
+"""Least decrease of depth of the foreground."""
 _ABOUT_M: Final = 0.08
-"""About an arm: its clothes, and what is predicted or fitted wrongly."""
+"""Margin around an arm, for clothes and errors of prediction and fit."""

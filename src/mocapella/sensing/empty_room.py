@@ -1,8 +1,7 @@
-"""What says, without any model of a body, whether somebody is where a body was found: the empty room, and what moves.
+"""Verify a segmented body without a body model: by the empty room, and by motion.
 
-A region model always finds an outline where it expects one. So a camera in whose image the body is not keeps what it
-shows, and what is later taken for the body there is compared; and what has changed since the first image has to be
-where the body was or is.
+A region model finds a contour wherever it expects one. So each camera keeps an image without the person, and later
+segmentations are compared with it; and changes since the first image must lie where the body was or is.
 """
 
 from __future__ import annotations
@@ -20,33 +19,33 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 DIFFERS: Final = 25
-"""Grey levels in a channel by which a pixel differs from an empty room, whatever the light does."""
+"""Least difference in a channel between a foreground pixel and the empty room, whatever the light [grey levels]."""
 FEWEST: Final = 0.2
-"""Of what a body covers: where less has changed, nobody has moved."""
+"""Changed area, in units of the body's, below which the person has not moved."""
 GROWN: Final = 0.1
-"""Of a body's height: so much beside it may change with it, as its shadow does."""
+"""Margin around a body that may change with it, such as its shadow, as a share of its height."""
 _STEP_PX: Final = 2
 _GRAIN: Final = 7
-"""Samples: what changes in less than half of a square of so many is noise."""
+"""Side of a square [samples]; changes in less than half of it are noise."""
 
 
 class EmptyRoom:
-    """Each camera's last image with nobody in it, put together of images with somebody elsewhere in them."""
+    """Each camera's image of the empty room, composed of images in which people were elsewhere."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
         self._known: dict[str, Bool] = {}
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return the state for `recall`."""
         return [self._images, self._known]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made."""
+        """Restore a state of `memory`."""
         self._images, self._known = memory
 
     def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
-        """Nobody is in these images (height, width, 3), by camera, but for ``people``, about whom nothing is learnt."""
+        """Learn from images (height, width, 3), by camera, that are empty except near ``people``."""
         for name, image in images.items():
             free = np.ones(image.shape[:2], np.bool_)
             if people is not None and name in people:
@@ -58,17 +57,17 @@ class EmptyRoom:
                 self._known[name] |= free
 
     def knows(self, name: str) -> bool:
-        """Whether an image of that camera has been seen with nobody in it."""
+        """Return whether that camera's empty room was learnt."""
         return name in self._images
 
     def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
-        """Share of what was taken for a body that is not as in the empty room; NaN where most of that was never seen.
+        """Return the share of a segmented body that differs from the empty room; NaN if most of it was never learnt.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
-            taken: for the body.
-            others: (height, width) where other people are: what differs there is not of this body.
+            taken: the segmented body.
+            others: (height, width) other people, whose pixels are left out.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -81,13 +80,13 @@ class EmptyRoom:
         return float(_differ(image[known], empty[known]).mean())
 
     def silhouette(self, name: str, image: UInt8, things: int = 1, others: Bool | None = None) -> Silhouette | None:
-        """The largest things in an image (height, width, 3) that are not in the empty room; None where none was seen.
+        """Return the largest foreground objects in an image; None where the empty room is unknown.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
-            things: how many at most.
-            others: (height, width) where people are who are not meant.
+            things: most objects.
+            others: (height, width) people who are left out.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -104,26 +103,26 @@ class EmptyRoom:
 
 
 class MovedSince:
-    """What has changed in each camera since its first image."""
+    """Changes in each camera's image since its first one."""
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
 
     def memory(self) -> dict[str, tuple[UInt8, Bool]]:
-        """All that `recall` wants."""
+        """Return the state for `recall`."""
         return self._first
 
     def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:
-        """Be as when `memory` was made."""
+        """Restore a state of `memory`."""
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
-        """Share of what has changed that is where the body was or is; NaN where next to nothing has.
+        """Return the share of the changed pixels at the body's first or present position; NaN if few have changed.
 
         Args:
             name: of the camera.
             image: (height, width, 3).
-            covered: by the body as it was found.
+            covered: the pixels that the estimated body covers.
         """
         mask = covered.mask((image.shape[1], image.shape[0]))[::_STEP_PX, ::_STEP_PX]
         image = image[::_STEP_PX, ::_STEP_PX]
@@ -138,7 +137,7 @@ class MovedSince:
 
 
 def _grown(mask: Bool, high: int | None = None) -> Bool:
-    """What is in a mask or near it, for a body that is so many rows high; without ``high``, as many as it has."""
+    """Dilate the mask of a body that is ``high`` rows high; None: as high as the mask."""
     high = int(np.count_nonzero(mask.any(axis=1))) if high is None else high
     side = 2 * round(GROWN * high) + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)

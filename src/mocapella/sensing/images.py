@@ -1,4 +1,4 @@
-"""Images from their encoded bytes, and back."""
+"""Decode and encode images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocapella.model.images import ImageFrame
 UInt8 = NDArray[np.uint8]
 
 QUALITY: Final = 85
-"""Of a JPEG, 0 to 100."""
+"""Default quality of a JPEG, 0 to 100."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _START_OF_FRAME: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of segments that hold the image's size."""
@@ -25,16 +25,16 @@ _ALONE: Final = frozenset((0x01, *range(0xD0, 0xD9)))
 
 
 def decode_image(frame: ImageFrame) -> UInt8:
-    """The pixels (height, width, 3) uint8 BGR of an image; of ``raw``, the frame's own array, not a copy.
+    """Return the pixels (height, width, 3) uint8 BGR of a frame; of a ``raw`` one its own array, not a copy.
 
     Raises:
-        InputError: there is no picture, its bytes are damaged or cut short, or it is of another size than it says.
+        InputError: there is no image, its bytes are damaged or truncated, or its size is not the frame's.
     """
     if isinstance(frame.data, np.ndarray):
         image: UInt8 | None = frame.data
         whole = frame.data.dtype == np.uint8 and frame.data.ndim == 3 and frame.data.shape[2] == 3
     else:
-        # The size stands in the header: what claims to be enormous is not decoded.
+        # The header's size is checked first, so that an image that claims to be enormous is not decoded.
         whole = _encoded_size(frame.data, frame.format) == frame.size_px
         image = _decoded(frame.data) if whole else None
     if image is None or not whole or image.shape[:2] != frame.size_px[::-1]:
@@ -46,15 +46,15 @@ def decode_image(frame: ImageFrame) -> UInt8:
 
 
 def encode_image(image: UInt8, format: Literal["jpeg", "png"] = "jpeg", quality: int = QUALITY) -> bytes:
-    """The encoded bytes of an image.
+    """Return the encoded bytes of an image.
 
     Args:
         image: (height, width, 3) uint8 BGR.
-        format: PNG loses nothing.
+        format: PNG is lossless.
         quality: of a JPEG, 0 to 100.
 
     Raises:
-        SettingsError: another format, or an array that is no image.
+        SettingsError: another format, or an array that is not an image.
     """
     known = {"jpeg": (".jpg", [cv2.IMWRITE_JPEG_QUALITY, quality]), "png": (".png", [cv2.IMWRITE_PNG_COMPRESSION, 1])}
     if format not in known:
@@ -82,7 +82,7 @@ def _decoded(data: bytes) -> UInt8 | None:
 
 
 def _chunks_fit(data: bytes) -> bool:
-    """Whether a PNG's chunks fill its bytes, up to IEND; a decoder reserves memory for what a chunk claims to have."""
+    """Return whether a PNG's chunks fill its bytes, up to IEND; a decoder allocates the size that a chunk claims."""
     at = len(_PNG)
     while at + 12 <= len(data):
         kind, at = data[at + 4 : at + 8], at + 12 + int.from_bytes(data[at : at + 4], "big")
@@ -92,7 +92,7 @@ def _chunks_fit(data: bytes) -> bool:
 
 
 def _encoded_size(data: bytes, format: str) -> tuple[int, int] | None:
-    """(width, height) that an encoded image says it has; None where it is no whole image of that format."""
+    """Return (width, height) from an encoded image's header; None if it is not a complete image of that format."""
     if format == "png":
         whole = data.startswith(_PNG) and len(data) > 24 and _chunks_fit(data)
         return struct.unpack(">II", data[16:24]) if whole else None

@@ -1,8 +1,8 @@
 """The detector `line-skeleton`: an arm of eight joints by the image processing of 2012.
 
-It is kept as a baseline, as the document that it comes from describes it; `docs/detectors/line-skeleton.md` tells the
-stages, which of them the document leaves open, and where it fails. It knows no earlier image and no hand: fingers have
-their names by the order of their angles alone.
+A baseline that follows its source document; `docs/detectors/line-skeleton.md` describes the stages, the choices that
+the document leaves open, and the failures. It uses neither earlier images nor a hand model: fingers are named by the
+order of their angles alone.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 MEASURED_SD_M: Final = 0.03
-"""Of a joint that was found, in each coordinate: see `docs/detectors/line-skeleton.md` for how far off they are."""
+"""Standard deviation of a coordinate of a detected joint; measured errors are in `docs/detectors/line-skeleton.md`."""
 INFERRED_SD_M: Final = 0.1
-"""Of a finger that was not found, and put into the palm: a finger's length."""
+"""Standard deviation of an undetected finger, which is placed at the palm: a finger's length."""
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """What came of each half of the detector; None where it did not get so far.
+    """Results of the detector's stages; None for stages that were not reached.
 
     Attributes:
-        separated, outline, lines, grid, hand: see there.
+        separated, outline, lines, grid, hand: results of the stages of these names.
         joints: (8, 3) in the camera's space [m], in the order of `ARM_JOINTS`.
-        found: (8,) bool; False of a finger that was put into the palm, and of a joint that is NaN because the
-            lens shows nothing there.
-        reason: why there are none; empty where there are.
+        found: (8,) bool; False for a finger placed at the palm, and for a joint that is NaN because it is outside the
+            lens's domain.
+        reason: why there are no joints; empty if there are.
     """
 
     separated: Separated
@@ -59,7 +59,7 @@ class Looked:
 
 
 class LineSkeleton:
-    """Finds one arm in each image by itself; a `mocapella.detectors.ArmDetector`."""
+    """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`."""
 
     name = "line-skeleton"
 
@@ -73,11 +73,11 @@ class LineSkeleton:
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the id 0 again; there is nothing else to forget."""
+        """Restart ids at 0; there is no other state."""
         self._id, self._seen = 0, False
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Look at the next image, as `mocapella.detectors.ArmDetector` says; the instant does not matter.
+        """Process the next image, see `mocapella.detectors.ArmDetector`; the time is ignored.
 
         Raises:
             SettingsError: the image has another size than the camera's.
@@ -91,17 +91,17 @@ class LineSkeleton:
         states = np.full(len(ARM_POINTS), JointState.NOT_TRACKED, np.uint8)
         sd, joints = np.full(len(ARM_POINTS), np.nan, dtype=np.float32), list(ARM_JOINTS)
         points[joints] = looked.joints
-        known = np.isfinite(looked.joints).all(axis=-1)  # not where the lens shows nothing
+        known = np.isfinite(looked.joints).all(axis=-1)  # unknown outside the lens's domain
         guessed = np.where(known, JointState.INFERRED, JointState.NOT_TRACKED)
         states[joints] = np.where(looked.found, JointState.TRACKED, guessed)
         sd[joints] = np.where(looked.found, MEASURED_SD_M, np.where(known, INFERRED_SD_M, np.nan))
         return SeenArms((SeenArm(self._id, False, 0.5, points, states, sd, np.full(len(ANGLES), np.nan)),))
 
     def look(self, depth: Float32) -> Looked:
-        """All that comes of an image, for people who want to see it.
+        """Return the results of all stages of an image.
 
         Args:
-            depth: (height, width) [m]; what is not above 0 was not measured.
+            depth: (height, width) [m]; values not above 0 were not measured.
 
         Raises:
             SettingsError: the image has another size than the camera's.
@@ -118,20 +118,22 @@ class LineSkeleton:
         if second is None:
             return Looked(first, reason=f"no outline is larger than {s.least_area_px:g} px²: no arm, or it is too far")
         if np.count_nonzero(second.arm) > s.fills_most * second.arm.size:
-            return Looked(first, second, reason=f"what is near takes up more than {s.fills_most:.0%} of the image: "
+            return Looked(first, second, reason=f"near surfaces cover more than {s.fills_most:.0%} of the image: "
                           "the arm is too near, or it is a wall")  # fmt: skip
         third, points = lines(second, s), grid(second, self._rays, s)
         if not len(third.segments):
-            return Looked(first, second, third, points, reason="no line in the skeleton: what is near is no arm")
+            return Looked(
+                first, second, third, points, reason="no line in the skeleton: the nearest object is not an arm"
+            )
         if not len(points.metres):
             return Looked(first, second, third, points, reason="no point of the grid is in the arm and the cube region")
         fourth = hand(second, third, points, 0.5 * float(self.camera.lens[0] + self.camera.lens[1]), s)
         return Looked(first, second, third, points, fourth, *self._placed(points, fourth))
 
     def stages(self, depth: Float32) -> Mapping[str, UInt8]:
-        """The picture of each stage by its name, in order: (height, width) gray, or (height, width, 3) BGR.
+        """Return an image of each stage by its name, in order: (height, width) gray, or (height, width, 3) BGR.
 
-        Stages that were not reached are left out.
+        Stages that were not reached are omitted.
 
         Raises:
             SettingsError: as of `look`.
@@ -150,7 +152,7 @@ class LineSkeleton:
         )
 
     def _placed(self, points: PointGrid, found: HandJoints) -> tuple[Float64, NDArray[np.bool_]]:
-        """Joints in space by the depth of the grid's nearest points, and the position rules."""
+        """Return joints in space, by the depth of the grid's nearest points and the position rules."""
         s = self.settings
         pixels = np.concatenate([[found.elbow, found.wrist, found.palm], found.tips])
         z = points.metres[[nearest(points, pixel) for pixel in pixels]]
@@ -162,7 +164,7 @@ class LineSkeleton:
         return joints, seen
 
     def _in_space(self, pixels: Float64, z: Float64) -> Float64:
-        """(n, 3) of pixels of the mirrored picture at a depth."""
+        """Return (n, 3) points of pixels of the mirrored image at a depth."""
         unmirrored: Any = pixels.copy()
         if self.settings.mirror:
             unmirrored[:, 0] = self.camera.size_px[0] - 1 - unmirrored[:, 0]

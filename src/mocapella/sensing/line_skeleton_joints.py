@@ -1,7 +1,7 @@
-"""From an arm's outline and lines to the pixels of its eight joints.
+"""Locate the eight joints of an arm in the mirrored image, from its outline and lines.
 
-The second half of `mocapella.sensing.line_skeleton`: elbow, palm, wrist, the fingers that the outline shows and those
-that lie before the hand, in the mirrored picture.
+The second half of `mocapella.sensing.line_skeleton`: elbow, palm, wrist, fingers on the outline, and fingers in front
+of the hand.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _HARRIS_K: Final = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointGrid:
-    """The points that are looked at: those of the arm in the cube region.
+    """The arm's points in the cube region, on a grid.
 
     Attributes:
         pixels: (n, 2) x and y [px].
@@ -44,16 +44,16 @@ class PointGrid:
 
 @dataclass(frozen=True, eq=False)
 class HandJoints:
-    """Joints in the mirrored picture [px], and what they were made of.
+    """Joints in the mirrored image [px], and intermediate results.
 
     Attributes:
         elbow, palm, wrist: (2,).
-        inside_px: the radius of the circular region scaled to the inside of the hand, around the palm.
-        corners: (n, 2) of Harris, on the outline.
-        hulls: (n, 2) int32 each, that pass the area filter.
-        outer: (n, 2) fingertips that the outline shows.
-        blobs: (n, 2) fingertips that lie before the hand.
-        tips: (5, 2), thumb to little finger as far as the order tells; (0, 0) where there is none.
+        inside_px: radius of the circular region, scaled to the inside of the hand around the palm.
+        corners: (n, 2) Harris corners on the outline.
+        hulls: (n, 2) int32 each; convex hulls that pass the area filter.
+        outer: (n, 2) fingertips on the outline.
+        blobs: (n, 2) fingertips in front of the hand.
+        tips: (5, 2), thumb to little finger by the order of their angles; (0, 0) for none.
     """
 
     elbow: Float64
@@ -68,12 +68,12 @@ class HandJoints:
 
 
 def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
-    """Every ``grid_px``-th pixel of every so many rows that is of the arm and lies in the cube region.
+    """Return every ``grid_px``-th pixel of every ``grid_px``-th row that is on the arm and in the cube region.
 
     Args:
-        of: see there.
-        rays: (height, width, 2) of the mirrored picture's pixels x/z and y/z.
-        s: see there.
+        of: the arm.
+        rays: (height, width, 2) x/z and y/z of the mirrored image's pixels.
+        s: settings.
     """
     step = s.grid_px
     z, side = of.metres[::step, ::step], 0.5 * (s.far_m - s.near_m)
@@ -86,7 +86,7 @@ def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the hand is in the mirrored picture [px]; see `HandJoints`. A metre is px_per_m pixels there."""
+    """Positions of the hand in the mirrored image [px], see `HandJoints`; px_per_m is its scale."""
 
     elbow: Float64
     palm: Float64
@@ -96,11 +96,11 @@ class Place:
 
 
 def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Float64:
-    """The end of a line that is taken for the elbow, by the arm's angle of rotation.
+    """Select the line end that is the elbow, by the arm's angle of rotation.
 
-    Below 60° the first point, from 60 to 130° the one of least x, above 130° the one of greatest x or the first. The
-    document does not say which point is the first, nor when it is taken: here the first is the lowest, as the arms of
-    the document come from below, and above 130° it is taken where the one of greatest x lies above the centre.
+    Below 60° the first point, from 60 to 130° the one with least x, above 130° the one with greatest x or the first.
+    The document defines neither the first point nor when it is used: here it is the lowest, because the document's arms
+    enter from below, and above 130° it is used if the point with greatest x lies above the centre.
 
     Args:
         segments: (n, 4) as of `Lines`, n > 0.
@@ -119,17 +119,17 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
 
 
 def palm_and_wrist(centre: Float64, elbow: Float64) -> tuple[Float64, Float64]:
-    """Palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2 of the region's centre R and the elbow E; (..., 2) each."""
+    """Return palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2; R is the region's centre, E the elbow, (..., 2)."""
     palm = 2.0 * centre - (elbow + centre) / 2.0
     return palm, ((elbow + palm) / 2.0 + palm) / 2.0
 
 
 def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: LineSkeletonSettings) -> HandJoints:
-    """All joints of an arm that has at least one line and one point of the grid.
+    """Locate all joints of an arm with at least one line and one grid point.
 
     Args:
-        of, found, points, s: see there.
-        focal_px: how many pixels a metre is at a distance of a metre.
+        of, found, points, s: the arm, its lines, its grid points and the settings.
+        focal_px: focal length [px].
     """
     elbow = elbow_of(found.segments, found.rotation_degrees, of.centre)
     palm, wrist = palm_and_wrist(of.centre, elbow)
@@ -179,7 +179,7 @@ def _corners(of: ArmOutline, s: LineSkeletonSettings) -> Float64:
 
 
 def _hulls(of: ArmOutline, at: Place, s: LineSkeletonSettings) -> tuple[Int32, ...]:
-    """Convex hulls of the outlines of what lies beyond the wrist."""
+    """Return the convex hulls of the arm's parts beyond the wrist."""
     height, width = of.arm.shape
     along = at.palm - at.wrist
     y, x = np.ogrid[:height, :width]
@@ -190,7 +190,7 @@ def _hulls(of: ArmOutline, at: Place, s: LineSkeletonSettings) -> tuple[Int32, .
 
 
 def _outer(of: ArmOutline, corners: Float64, hulls: tuple[Int32, ...], at: Place, s: LineSkeletonSettings) -> Float64:
-    """Corners of the hulls that are Harris corners, too, and small enough for a tip; one of those that are close."""
+    """Return hull corners that are also Harris corners and narrow enough for a tip; one of each close group."""
     radius = s.tip_radius_m * at.px_per_m
     kept: list[Float64] = []
     for corner in np.concatenate(hulls).astype(np.float64) if hulls else np.zeros((0, 2)):
@@ -207,7 +207,7 @@ def _outer(of: ArmOutline, corners: Float64, hulls: tuple[Int32, ...], at: Place
 
 
 def _fill(arm: UInt8, tip: Float64, radius: float) -> float:
-    """How much of the disc around a tip is arm; what lies outside the picture counts as none."""
+    """Return the share of the disc around a tip that is arm; pixels outside the image count as background."""
     height, width = arm.shape
     r, x, y = max(math.ceil(radius), 1), round(float(tip[0])), round(float(tip[1]))
     x0, x1, y0, y1 = max(x - r, 0), min(x + r + 1, width), max(y - r, 0), min(y + r + 1, height)
@@ -217,7 +217,7 @@ def _fill(arm: UInt8, tip: Float64, radius: float) -> float:
 
 
 def _blobs(points: PointGrid, at: Place, s: LineSkeletonSettings) -> Float64:
-    """Middles of the parts of the hand that are nearer than the palm."""
+    """Return the centres of the hand's parts that are nearer than the palm."""
     if at.inside_px <= 0:
         return np.zeros((0, 2))
     in_hand = np.hypot(*(points.pixels - at.palm).T) <= at.inside_px
@@ -236,7 +236,7 @@ def _blobs(points: PointGrid, at: Place, s: LineSkeletonSettings) -> Float64:
 
 
 def _merged(outer: Float64, blobs: Float64, apart_px: float) -> Float64:
-    """The tips that the outline shows, and blobs that are none of them, five at most."""
+    """Return the tips on the outline and the blobs apart from them, five at most."""
     both = list(outer)
     for blob in blobs:
         if len(both) < FINGERS and all(np.hypot(*(blob - other)) > apart_px for other in outer):

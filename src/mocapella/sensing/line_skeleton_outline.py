@@ -1,6 +1,6 @@
-"""From a depth image to the outline of an arm, its circular region, and the lines of its skeleton.
+"""Extract the outline of an arm, its circular region and the lines of its skeleton from a depth image.
 
-The first half of `mocapella.sensing.line_skeleton`: pictures in the order in which they are made of each other.
+The first half of `mocapella.sensing.line_skeleton`: images in the order of processing.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 _PAD_PX = 2
-"""Around the picture, so that what reaches its border has a closed outline."""
+"""Padding around the image, so that objects at its border have closed outlines."""
 _LEAST_OUTLINE = 5
-"""Points of which an ellipse can be made."""
+"""Least number of points to fit an ellipse."""
 _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Separated:
-    """A depth image as what is measured and what is seen, and what is near in it; (height, width).
+    """A depth image in 16 and 8 bits, and its near part; (height, width).
 
     Attributes:
         millimetres: uint16, 0 where nothing was measured.
         gray: uint8: 255 at the near end of the cube region, 1 at its far end, 0 elsewhere.
         median, gaussian: after each blur.
-        near: 255 where the blurred picture is above the threshold.
-        mirrored: that in a mirror, or not where the settings say so.
+        near: 255 where the blurred image is above the threshold.
+        mirrored: ``near`` mirrored, if the settings require it.
     """
 
     millimetres: UInt16
@@ -50,16 +50,16 @@ class Separated:
 
 @dataclass(frozen=True, eq=False)
 class ArmOutline:
-    """An arm in the mirrored picture.
+    """An arm in the mirrored image.
 
     Attributes:
-        edges: of Canny.
+        edges: Canny edges.
         outlines: (n, 2) int32 each [px]: all that pass the area filter, the nearest first.
         arm: 255 within the nearest, else 0.
         centre: (2,) of the smallest circle around it [px].
         radius_px: its radius.
         metres: float32, the mirrored depth; within the region the noise is replaced.
-        noisy: bool, where it was.
+        noisy: bool, the replaced pixels.
     """
 
     edges: UInt8
@@ -73,10 +73,10 @@ class ArmOutline:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """An arm's lines in the mirrored picture.
+    """An arm's lines in the mirrored image.
 
     Attributes:
-        skeleton: see there.
+        skeleton: its stages.
         segments: (n, 4) x and y of the first and of the last point [px], the longest first.
         rotation_degrees: of the ellipse that fits the outline: 0 is upright, 90 level, below 90 leaning to the right.
     """
@@ -87,11 +87,11 @@ class Lines:
 
 
 def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
-    """16 bits for measuring and 8 bits for seeing; blurs, threshold, mirror.
+    """Convert depth to 16 bits for measuring and 8 bits for image processing; blur, threshold and mirror it.
 
     Args:
-        metres: (height, width); what is not above 0 was not measured.
-        s: see there.
+        metres: (height, width); values not above 0 were not measured.
+        s: settings.
     """
     measured = np.where(metres > 0, metres, np.float32(0))  # NaN, too
     millimetres = np.minimum(np.rint(measured * np.float32(1000)), np.float32(65535)).astype(np.uint16)
@@ -100,7 +100,7 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
     gray[within] = np.rint(_gray(measured[within], s)).astype(np.uint8)
     median: Any = cv2.medianBlur(gray, s.median_px) if s.median_px > 1 else gray
     gaussian: Any = cv2.GaussianBlur(median, (s.gaussian_px, s.gaussian_px), 0)
-    # The nearest 1 % of what there is: a single pixel that is nearer than all is noise.
+    # The nearest 1 % of the pixels: a single nearest pixel is noise.
     counts = np.cumsum(np.bincount(median.ravel(), minlength=256)[:0:-1])
     nearest = 255 - int(np.searchsorted(counts, 0.01 * counts[-1], side="right")) if counts[-1] else 255
     threshold = nearest - 254.0 * s.reach_m / (s.far_m - s.near_m)
@@ -110,11 +110,11 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
 
 
 def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
-    """Edges, outlines, area filter, circular region and noise; None where no outline is large enough."""
+    """Run edges, outlines, area filter, circular region and noise; return None if no outline is large enough."""
     p = _PAD_PX
     padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
     edges = cv2.Canny(padded, s.canny_low, s.canny_high)
-    # With what they enclose, because a gap of one pixel in an edge would leave an outline of no area.
+    # With the enclosed area, because an edge with a gap of one pixel would have an outline of no area.
     found, _ = cv2.findContours(cv2.bitwise_or(edges, padded), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     large = [one for one in found if len(one) >= _LEAST_OUTLINE and cv2.contourArea(one) >= max(s.least_area_px, 1.0)]
     if not large:
@@ -137,7 +137,7 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
 
 
 def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
-    """The skeleton's stages and the probabilistic Hough transform of what they leave."""
+    """Return the skeleton's stages and the probabilistic Hough transform of its lines."""
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
@@ -146,7 +146,7 @@ def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
 
 
 def filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
-    """255 within an outline, else 0."""
+    """Return an image with 255 within a contour, else 0."""
     out = np.zeros(shape, dtype=np.uint8)
     cv2.drawContours(out, [contour], -1, (255,), cv2.FILLED)
     return out
@@ -157,7 +157,7 @@ def _gray(metres: Float32, s: LineSkeletonSettings) -> Float32:
 
 
 def _medians(metres: Float32, where: NDArray[np.bool_]) -> Float32:
-    """Of each pixel ``where``, the median of its neighbours that are above 0; 0 where none is."""
+    """Return the median of the neighbours above 0 of each pixel ``where``; 0 without any."""
     wide = np.pad(metres, 1)
     y, x = np.nonzero(where)
     around = np.stack([wide[y + 1 + dy, x + 1 + dx] for dy, dx in _NEIGHBOURS], axis=-1)

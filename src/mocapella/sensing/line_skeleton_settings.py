@@ -10,35 +10,34 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class LineSkeletonSettings:
-    """What the document names has its value; of the others the docstring says what they are for.
+    """Values that the source document gives are kept.
 
     Attributes:
         near_m, far_m: the cube region: along the optical axis from near to far, and as far to the sides of the axis as
             half its depth.
-        reach_m: the threshold lies this far behind the nearest part of the picture. Whoever stands nearer than that to
-            their arm is taken for a part of it.
+        reach_m: distance of the threshold behind the nearest part of the image. A torso nearer than that to the arm
+            counts as part of it.
         median_px, gaussian_px: sizes of the blurs, odd.
         canny_low, canny_high: thresholds of the hysteresis.
         least_area_px: the area filter of the outlines.
-        mirror: whether the picture is turned over, as in a mirror. It decides which end of a level arm is its elbow,
-            and which end of the fingers is the thumb.
-        noise: what is put where nothing was measured within the region: ``far`` puts noise_m, ``median`` the median of
-            the neighbours that were measured, of eight.
-        noise_m: see there.
+        mirror: whether the image is mirrored. It decides which end of a level arm is the elbow, and which end of the
+            fingers is the thumb.
+        noise: replacement for unmeasured pixels in the region: ``far`` uses noise_m, ``median`` the median of the
+            measured ones among the eight neighbours.
+        noise_m: see ``noise``.
         ridge_least: of `mocapella.sensing.line_skeleton_thinning.skeleton`.
         hough_votes, hough_length_px, hough_gap_px: of the probabilistic Hough transform.
-        corner_part: a Harris corner is at least this part of the strongest.
+        corner_part: least strength of a Harris corner, as a share of the strongest.
         least_hull_px2: the area filter of the convex hulls.
-        finger_degrees: a finger is at most this far from the direction elbow–palm, or elbow–wrist.
-        angle_at: from where the angle is measured: palm or wrist.
-        tip_radius_m, tip_fill_most: the tip-size filter: of a disc of this radius around a tip, at most this part is
-            arm.
-        palm_forward_m: so much nearer than its pixel the palm is.
-        blob_nearer_m: a part of the hand so much nearer than the palm is a blob.
+        finger_degrees: greatest angle between a finger and the direction elbow–palm or elbow–wrist.
+        angle_at: vertex of that angle: palm or wrist.
+        tip_radius_m, tip_fill_most: the tip-size filter: greatest share of arm in a disc of this radius around a tip.
+        palm_forward_m: distance of the palm in front of its pixel's surface.
+        blob_nearer_m: a part of the hand nearer than the palm by this is a blob.
         blob_least_m2: the area filter of blobs, at their distance.
-        grid_px: points are looked at in every so many pixels of every so many rows.
-        longest_m: the position rule: a finger that would be longer goes to the palm.
-        fills_most: an arm takes up at most this part of the picture.
+        grid_px: stride of the point grid.
+        longest_m: the position rule: a longer finger is placed at the palm.
+        fills_most: greatest share of the image that an arm covers.
     """
 
     near_m: float = 0.2

@@ -1,4 +1,4 @@
-"""The stages of `mocapella.sensing.line_skeleton` as pictures for people, and as files."""
+"""Draw the stages of `mocapella.sensing.line_skeleton`, and write them to files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BITS: Final = 4
 
 
 def pictures(looked: Looked) -> Mapping[str, UInt8]:
-    """The picture of each stage that was reached, by its name, in order."""
+    """Return an image of each stage that was reached, by its name, in order."""
     first, second, third, hand = looked.separated, looked.outline, looked.lines, looked.hand
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {
@@ -67,7 +67,7 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
 
 
 def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8:
-    """All pictures beside each other, each under its number and name; (height, width, 3) BGR."""
+    """Return all images in rows, each under its number and name; (height, width, 3) BGR."""
     tiles: list[Any] = []
     for number, (name, picture) in enumerate(stages.items(), start=1):
         image: Any = picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
@@ -86,12 +86,12 @@ def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8
 
 
 def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages") -> tuple[Path, ...]:
-    """Write each picture and the contact sheet as PNG into a folder, which is made where there is none.
+    """Write each image and the contact sheet as PNG into a folder, which is created if missing.
 
     Args:
         stages: of `LineSkeleton.stages`.
         folder: see above.
-        name: what the files begin with, such as that of the image.
+        name: prefix of the files, such as the image's name.
 
     Returns:
         The files; the contact sheet is the last.
@@ -104,12 +104,12 @@ def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages"
 
 
 def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") -> tuple[Path, ...]:
-    """As `write_stages`, without the contact sheet, and for pictures of any size.
+    """Write images as numbered PNG files, of any size, without a contact sheet.
 
     Args:
-        stages: pictures by name, in order.
-        folder: see there.
-        prefix: what the files begin with; their numbers follow.
+        stages: images by name, in order.
+        folder: created if missing.
+        prefix: of the files' names; their numbers follow.
 
     Raises:
         SettingsError: they cannot be written there.
@@ -126,7 +126,7 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
 
 
 def write_picture(path: Path, picture: UInt8) -> Path:
-    """Write a picture, (height, width) gray or (height, width, 3) blue, green, red, as PNG; returns the path.
+    """Write an image, (height, width) gray or (height, width, 3) blue, green, red, as PNG; return the path.
 
     Raises:
         SettingsError: it cannot be written there.

@@ -1,7 +1,7 @@
-"""The skeleton of a picture of what is and is not hand: thin lines in its middle, which lines are then looked for in.
+"""The skeleton of a binary image: thin lines along its medial axis.
 
-Thinning is that of Zhang and Suen (1984), pixel for pixel as in OpenCV's `ximgproc.thinning`: pixels of the picture's
-border are never removed. Everything is done in the rectangle around the hand alone.
+Thinning by Zhang and Suen (1984), pixel for pixel as in OpenCV's `ximgproc.thinning`: pixels at the image's border are
+never removed. Only the mask's bounding box is processed.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
 _MARGIN_PX: Final = 2
-"""Around what is drawn: as far as the Laplacian and the dilation reach beyond it."""
+"""Margin around the mask: the reach of the Laplacian and the dilation."""
 _WORD_PX: Final = 64
 _TOGETHER_PX: Final = 32
-"""A multiple of what OpenCV takes at a time."""
+"""A multiple of the number of pixels that OpenCV processes at a time."""
 _KERNEL: Final = np.ones((3, 3), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """The pictures of the skeleton stages, (height, width) each.
+    """The images of the skeleton stages, (height, width) each.
 
     Attributes:
-        thinned: 255 where thin lines are, else 0.
-        distance: float32, of each pixel to the nearest one that is 0 [px].
-        ridges: its negative Laplacian, from 0 to 255.
-        dilated: the ridges, a pixel wider to all sides.
-        lines: 255 where a thin line is on a wide ridge, else 0.
+        thinned: 255 on thin lines, else 0.
+        distance: float32, of each pixel to the nearest 0 [px].
+        ridges: its negative Laplacian, normalised to 0 to 255.
+        dilated: the ridges, dilated by a pixel.
+        lines: 255 on thin lines that lie on a dilated ridge, else 0.
     """
 
     thinned: UInt8
@@ -45,10 +45,10 @@ class Skeleton:
 
 
 def thin(mask: UInt8) -> UInt8:
-    """Lines of a pixel's width.
+    """Thin a mask to lines of one pixel's width.
 
     Args:
-        mask: (height, width), not 0 where there is something.
+        mask: (height, width), not 0 on the object.
 
     Returns:
         of the same shape, 255 or 0.
@@ -62,12 +62,12 @@ def thin(mask: UInt8) -> UInt8:
 
 
 def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
-    """Thinning, distance transform, Laplacian, normalisation, dilation.
+    """Run thinning, distance transform, Laplacian, normalisation and dilation.
 
     Args:
-        mask: (height, width), not 0 where there is something.
-        ridge_least: a thinned pixel is kept where the dilated, normalised negative Laplacian is at least this, 0 to
-            255: it is high in the middle of a limb, where distances to both edges meet.
+        mask: (height, width), not 0 on the object.
+        ridge_least: least value, 0 to 255, of the dilated, normalised negative Laplacian at a thinned pixel that is
+            kept: it is high on the axis of a limb, where distances to both edges meet.
     """
     shape = mask.shape
     x, y, width, height = cv2.boundingRect(mask)
@@ -83,7 +83,7 @@ def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
     negative = cv2.Laplacian(distance[around], cv2.CV_32F, scale=-1)
     ridge = cv2.normalize(negative, np.empty(negative.shape, dtype=np.uint8), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     wide = cv2.dilate(ridge, _KERNEL)
-    # What 0 became: at the corner of a side that is not the picture's. Without such a side there is nothing to fill.
+    # The value that 0 was normalised to, from a corner inside the image; without one there is nothing to fill.
     flat = ridge[-1 if y1 < shape[0] else 0, -1 if x1 < shape[1] else 0]
     ridges, dilated = (np.full(shape, flat, dtype=np.uint8) for _ in range(2))
     lines = np.zeros(shape, dtype=np.uint8)
@@ -93,9 +93,9 @@ def skeleton(mask: UInt8, ridge_least: int = 128) -> Skeleton:
 
 
 def _columns(begin: int, end: int, width: int) -> tuple[int, int]:
-    """As many columns around these as make no difference to the last bit of a number.
+    """Widen columns so that results stay the same to the last bit.
 
-    OpenCV rounds what is left over at the end of a row after several pixels at a time in another way.
+    OpenCV processes several pixels at a time, and rounds the remaining ones at the end of a row differently.
     """
     if width % _TOGETHER_PX:
         return 0, width
@@ -103,14 +103,14 @@ def _columns(begin: int, end: int, width: int) -> tuple[int, int]:
 
 
 def _at_border(shape: tuple[int, ...], x: int, y: int, width: int, height: int) -> tuple[bool, bool, bool, bool]:
-    """Which sides of a box are the picture's: top, bottom, left, right."""
+    """Return which sides of a box are the image's: top, bottom, left, right."""
     return y == 0, y + height == shape[0], x == 0, x + width == shape[1]
 
 
 def _thin_box(mask: UInt8, border: tuple[bool, bool, bool, bool], out: UInt8) -> None:
-    """Thin all of a box, of which the sides that are ``border`` are never removed."""
+    """Thin a box; pixels on the sides marked in ``border`` are never removed."""
     height, width = mask.shape
-    stride = width // _WORD_PX + 1  # with a bit to spare
+    stride = width // _WORD_PX + 1  # with a spare bit
     strips = -(-height // _kernels().ROWS)
     words = _words(mask, stride)
     free = np.full(len(words), np.iinfo(np.uint64).max)
@@ -120,8 +120,7 @@ def _thin_box(mask: UInt8, border: tuple[bool, bool, bool, bool], out: UInt8) ->
             if side:
                 edge[:] = 0
         free = _words(inside, stride)
-    # Apart from the others by more than a strip: what is compiled for several words at a time is left out where the
-    # processor has to assume that they overlap.
+    # In memory more than a strip apart from the others: the vectorised loop runs only if arrays cannot overlap.
     apart = (_kernels().ROWS + 2) * (stride + 1)
     gone = np.empty(len(words) + 2 * apart, dtype=np.uint64)[apart:-apart]
     _kernels().thin(words, free, gone, np.empty(strips + 2, dtype=np.int64), np.zeros(strips + 2, dtype=np.bool_),
@@ -131,7 +130,7 @@ def _thin_box(mask: UInt8, border: tuple[bool, bool, bool, bool], out: UInt8) ->
 
 
 def _words(mask: UInt8, stride: int) -> NDArray[np.uint64]:
-    """Bits in the layout of `line_skeleton_kernels.thin`."""
+    """Return a mask as bits in the layout of `line_skeleton_kernels.thin`."""
     height = len(mask)
     words = np.zeros((height + 2) * stride + 2, dtype=np.uint64)
     packed = np.packbits(mask, axis=1, bitorder="little")

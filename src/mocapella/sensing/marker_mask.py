@@ -1,4 +1,4 @@
-"""What a detector takes for markers, as a picture: for people who choose colours, and for the view."""
+"""Draw the marker pixels and detected markers of an image, to choose colours and for the view."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from mocapella.sensing.colour_table import CELL, CELLS
 UInt8 = NDArray[np.uint8]
 
 _DIMMED: Final = 0.35
-"""How bright what is no marker stays."""
+"""Brightness of pixels off the markers."""
 _ARM_PX: Final = 9
-"""From the middle of a marker's cross to its ends."""
+"""Length of the arms of a marker's cross [px]."""
 QUALITY: Final = 85
-"""Of JPEG."""
+"""Quality of a JPEG, 0 to 100."""
 
 
 def labels_of(image: UInt8, table: UInt8) -> UInt8:
-    """(height, width) of every pixel of an image the label that a look-up table has for it; 0 is none."""
+    """Return (height, width) the label of every pixel in a look-up table; 0 for none."""
     blue, green, red = (image[..., k].astype(np.uint16) // np.uint16(CELL) for k in range(3))
     return np.asarray(table[blue + green * np.uint16(CELLS) + red * np.uint16(CELLS * CELLS)])
 
 
 def paint_of(profile: ColourProfile) -> UInt8:
-    """(colours + 1, 3) blue, green, red as bright as can be, of the hue that was learnt; of label 0 black."""
+    """Return (colours + 1, 3) the brightest blue, green, red of each learnt hue; black for label 0."""
     uv = np.array([colour.seen.mean for colour in profile.colours])
     values = np.exp(np.stack([uv[:, 1], np.zeros(len(uv)), uv[:, 0]], axis=-1))
     painted = np.zeros((len(uv) + 1, 3))
@@ -39,13 +39,13 @@ def paint_of(profile: ColourProfile) -> UInt8:
 
 
 def mask_image(image: UInt8, profile: ColourProfile, table: UInt8, frame: MarkerFrame | None = None) -> UInt8:
-    """The image, dimmed and gray, with every pixel of a colour painted in it, and a cross on every marker found.
+    """Return the image, dimmed and gray, with labelled pixels in their colour and a cross on every detected marker.
 
     Args:
         image: (height, width, 3) uint8 blue, green, red.
-        profile: whose colours they are.
+        profile: of the colours.
         table: its look-up table (`mocapella.sensing.colour_table.lookup_table`).
-        frame: what was found in the image.
+        frame: markers detected in the image.
 
     Returns:
         of the image's shape.
@@ -63,10 +63,10 @@ def mask_image(image: UInt8, profile: ColourProfile, table: UInt8, frame: Marker
 
 
 def encode_image(image: UInt8, kind: Literal["jpeg", "png"], scale: float = 1.0) -> bytes:
-    """The image as a file's bytes, ``scale`` times as large.
+    """Encode the image, scaled by ``scale``.
 
     Raises:
-        SettingsError: nothing of it would be left, or it cannot be encoded.
+        SettingsError: the result would be empty, or the image cannot be encoded.
     """
     if min(image.shape[:2]) * scale < 1:
         raise SettingsError(f"scale is {scale:g}: nothing of {image.shape[1]} × {image.shape[0]} px would be left")
@@ -83,7 +83,7 @@ def encode_image(image: UInt8, kind: Literal["jpeg", "png"], scale: float = 1.0)
 
 
 def _cross(image: Any, x: float, y: float, name: str) -> None:
-    bits = 4  # of a pixel, so that the cross stands where the centre is
+    bits = 4  # fractional bits of a pixel, for a sub-pixel position
     at = round(x * 2**bits), round(y * 2**bits)
     arm = _ARM_PX << bits
     for dx, dy in ((1, 0), (0, 1)):

@@ -1,10 +1,10 @@
-"""Colour markers in an image: where they are, how sure, and what was rejected.
+"""Detect colour markers in images, with confidence, and count rejected candidates.
 
     detector = MarkerDetector(profile)
     frame, report = detector.update(image, at_s), detector.report
 
-Every marker is looked for in a window around where a constant velocity in the image takes it; when one is not there,
-the whole image is searched at once. `docs/markers.md` says how a marker is told from what only looks like one.
+Every marker is searched in a window around its prediction at constant velocity in the image; when one is not found, the
+whole image is searched at once. `docs/markers.md` describes how markers are distinguished from similar objects.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 RUNS: Final = 20_000
-"""Of one image; a noisy image that has more is not read to its end, which is counted."""
+"""Most runs of an image; a noisier image is not read to its end, which the report counts."""
 LIGHT_STEP: Final = 16
-"""Every so many pixels of every so many rows the light is looked at, whenever the whole image is."""
+"""Stride of the pixels and rows at which the light is measured [px]."""
 
 
 @dataclass(frozen=True)
 class MarkerSettings:
-    """How markers are looked for.
+    """How markers are searched.
 
     Attributes:
-        window_px: side of the window around where a marker should be; the thesis' 40.
+        window_px: side of the search window around a prediction; 40 as in the thesis.
         acceleration_px_s2: by which a prediction may be wrong; the window grows by half of it times the age squared.
         forget_s: a marker unseen for longer has no prediction.
-        whole_image_s: so often the whole image is looked at though nothing is lost.
-        light_s: so often the light is looked at.
-        least_px, largest_share: a marker's area, in pixels and as part of the image.
-        area_range: how many times smaller or larger than learnt it may be; 10 is three times as far or near.
+        whole_image_s: interval between searches of the whole image while no marker is lost.
+        light_s: interval between measurements of the light.
+        least_px, largest_share: limits of a marker's area, in pixels and as a share of the image.
+        area_range: factor by which its area may differ from the learnt one; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
         sd_floor_px, sd_scale: of a centre's standard deviation: the floor and, in squares, times the edge's roughness.
-        brighter, chroma_drift: a change of the light that the report tells of: factor of 8-bit values, shift of u or v.
+        brighter, chroma_drift: changes of the light that the report warns of: factor of 8-bit values, shift of u or v.
     """
 
     window_px: float = 40.0
@@ -90,18 +90,18 @@ class MarkerSettings:
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """What happened to the images since the detector was made or reset; arrays over markers.
+    """Counts since the detector was made or reset; arrays over markers.
 
     Attributes:
-        images: how many came in.
-        whole_images: of how many all was looked at.
-        overflows: how many had more pieces than room, so that their end was not read.
-        found: images in which the marker was.
-        ambiguous: images in which more than one piece could have been it, and the likeliest was taken.
-        merged, too_small, too_big, wrong_shape: pieces of its colour that were put together, and rejected, by reason.
-        brightness: of the image over that of the profile's, the last time the light was looked at; 1 is as learnt.
-        chroma_shift: how far u or v of the image are from the profile's.
-        light: what is wrong with the light, in a sentence; empty where nothing is.
+        images: processed.
+        whole_images: searched as a whole.
+        overflows: images with more runs than capacity, whose end was not read.
+        found: images with the marker.
+        ambiguous: images with more than one candidate, of which the likeliest was taken.
+        merged, too_small, too_big, wrong_shape: pieces of its colour that were joined, and rejected, by reason.
+        brightness: the image's over the profile's when last measured; 1 is as learnt.
+        chroma_shift: difference of u or v between image and profile.
+        light: a warning about the light, in a sentence; empty if there is none.
     """
 
     names: tuple[str, ...]
@@ -120,7 +120,7 @@ class MarkerReport:
 
 
 class MarkerDetector:
-    """Follows the markers of a profile through the images of its camera."""
+    """Tracks the markers of a profile through the images of its camera."""
 
     def __init__(self, profile: ColourProfile, settings: MarkerSettings | None = None, *, node_id: int = 0) -> None:
         self.profile, self.settings, self.node_id = profile, settings or MarkerSettings(), node_id
@@ -146,7 +146,7 @@ class MarkerDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget all images."""
         self._memory = np.zeros((len(self.profile.colours), at.MEMORY))
         self._memory[:, at.SEEN_S] = -np.inf
         self._memory[:, at.USUAL] = [colour.area_px for colour in self.profile.colours]
@@ -156,14 +156,14 @@ class MarkerDetector:
         self._brightness, self._chroma_shift = 1.0, 0.0
 
     def update(self, image: UInt8, at_s: float) -> MarkerFrame:
-        """The markers in the next image.
+        """Return the markers in the next image.
 
         Args:
             image: (height, width, 3) uint8 blue, green, red, of the profile's size.
             at_s: when it was captured [s]; not before the last.
 
         Raises:
-            SettingsError: the image is none, or of another size than the profile was learnt at.
+            SettingsError: the array is not an image, or of another size than the profile's.
         """
         profile, s = self.profile, self.settings
         width, height = profile.size_px
@@ -171,7 +171,7 @@ class MarkerDetector:
             check_image(image)
             profile.check_camera(profile.camera, (image.shape[1], image.shape[0]))
         if not image.flags.c_contiguous or not image.flags.writeable:
-            image = image.copy()  # a view, or of a message: compiled for one kind of array
+            image = image.copy()  # a view, or read-only: the kernel is compiled for one array layout
         reported = np.empty(self._out.shape, np.float32)
         rows = self._rows(self._memory, self._out, self._sums, reported)
         whole = at_s - self._whole_s >= s.whole_image_s
@@ -214,7 +214,7 @@ class MarkerDetector:
 
     @property
     def report(self) -> MarkerReport:
-        """What happened since the beginning."""
+        """Counts since the beginning."""
         sums, s = self._sums, self.settings
         light = ""
         if abs(math.log(self._brightness)) > math.log(s.brighter):
@@ -241,7 +241,7 @@ class MarkerDetector:
 
 
 def linear_light() -> Float64:
-    """(256,) linear light of 8-bit values, after sRGB (IEC 61966-2-1); near enough for other cameras' gamma."""
+    """Return (256,) linear light of 8-bit values by sRGB (IEC 61966-2-1), which approximates other cameras' gamma."""
     x = np.arange(256) / 255
     return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4))
 

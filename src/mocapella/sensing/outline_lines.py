@@ -1,4 +1,4 @@
-"""The border of a silhouette as lines of few points, to be drawn or sent."""
+"""The border of a silhouette as polylines of few points, to draw or send."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 MOST_POINTS: Final = 300
-"""Of all lines of a silhouette together, about."""
+"""Approximate limit of the points of a silhouette's lines together."""
 FEWEST: Final = 3
-"""A line of fewer samples encloses nothing."""
+"""Least number of samples of a line that encloses an area."""
 _BETWEEN: Final = np.full((1, 2), np.nan, np.float32)
 
 
 def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
-    """(n, 2) outermost samples of the silhouette [px], in order; of each of its parts and holes."""
+    """Yield (n, 2) the border samples of each part and hole of a silhouette [px], in order."""
     mask = (silhouette.phi > 0).astype(np.uint8)
     for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
         yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
 
 
 def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
-    """(k, 2) float32 closed lines [px], one after the other, a row of NaN between two; (0, 2) where it covers nothing.
+    """Return (k, 2) float32 closed lines [px], separated by rows of NaN; (0, 2) if the silhouette is empty.
 
     Args:
         silhouette: its border is returned.
@@ -40,10 +40,10 @@ def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
 
 
 def mask_lines(mask: UInt8, origin_px: tuple[int, int], step_px: int, most: int = MOST_POINTS) -> Float32:
-    """The same of (rows, columns), not 0 where a sample is covered.
+    """Return the border lines of a mask, as `border_lines` does.
 
     Args:
-        mask: of a window of an image.
+        mask: (rows, columns) of a window of an image, not 0 on covered samples.
         origin_px, step_px: of the window, as of `Silhouette`.
         most: see `border_lines`.
     """

@@ -1,4 +1,4 @@
-"""Pictures with outlines drawn in: what each model would look like, and where the image's outline is elsewhere."""
+"""Draw contours into images: each body model's, and the image's where it deviates."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Int64 = NDArray[np.int64]
 
 _QUALITY: Final = 85
 _SMOOTHED: Final = 5
-"""Over so many samples of an outline its side is the one that most of them are on."""
+"""Samples of a contour over which its side is decided by majority."""
 
 
 class Outlines(msgspec.Struct, frozen=True, eq=False):
-    """One body in one image.
+    """The contours of one body in one image.
 
     Attributes:
-        contour: what was segmented.
-        covered: what the model covers.
-        colour: of the model's outline.
+        contour: the segmented silhouette.
+        covered: the model's silhouette.
+        colour: of the model's contour.
     """
 
     contour: Silhouette
@@ -39,11 +39,11 @@ class Outlines(msgspec.Struct, frozen=True, eq=False):
 
 
 def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = None) -> UInt8:
-    """An image with each model's outline, and the image's own where it is elsewhere: outside of it, or inside.
+    """Draw each model's contour, and the parts of the image's contour outside and inside of it.
 
     Args:
-        image: (height, width, 3) BGR; stays as it is.
-        bodies: who is seen.
+        image: (height, width, 3) BGR; not modified.
+        bodies: the people in it.
         width: of the result [px]; None: the image's.
 
     Returns:
@@ -52,7 +52,7 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
     scale = 1.0 if width is None else width / image.shape[1]
     size = (image.shape[1], image.shape[0]) if width is None else (width, max(1, round(image.shape[0] * scale)))
     out = image.copy() if scale == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    thick = max(1, round(max(size) / (500 if width is None else 180)))  # small ones are looked at from afar
+    thick = max(1, round(max(size) / (500 if width is None else 180)))  # relatively thicker in small images
 
     def draw(lines: list[Int64], colour: Colour, *, closed: bool) -> None:
         places = [np.round(((line + 0.5) * scale - 0.5) * 16).astype(np.int32) for line in lines]
@@ -62,23 +62,23 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
         outside, inside = deviations(body.contour, body.covered)
         draw(outside, OUTSIDE, closed=False)
         draw(inside, INSIDE, closed=False)
-    for body in bodies:  # on top: what differs by less than a line is wide does not show
+    for body in bodies:  # on top: hides deviations below the line width
         draw(list(border_samples(body.covered)), body.colour, closed=True)
     return np.asarray(out, dtype=np.uint8)
 
 
 def deviations(contour: Silhouette, covered: Silhouette) -> tuple[list[Int64], list[Int64]]:
-    """The image's outline where it is beyond the model's by half a sample of it and more, outside and inside.
+    """Return the parts of the segmented contour at least half a sample outside and inside the model's.
 
     Args:
-        contour: what was segmented.
-        covered: what the model covers.
+        contour: the segmented silhouette.
+        covered: the model's silhouette.
 
     Returns:
         Lines (n, 2) of pixels each.
     """
     mask = (covered.phi > 0).astype(np.uint8)
-    # The outermost samples of one and the same outline are the outermost of the model, which this takes away.
+    # Samples on the model's own border do not deviate; the erosion removes them.
     within = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), borderValue=(0.0,))
     outside: list[Int64] = []
     inside: list[Int64] = []
@@ -92,17 +92,17 @@ def deviations(contour: Silhouette, covered: Silhouette) -> tuple[list[Int64], l
 
 
 def _most(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) of a closed line: what most of the samples about each say."""
+    """Return (n,) the majority of the flags around each sample of a closed line."""
     half = _SMOOTHED // 2
     around = np.pad(flags.astype(np.int64), half, mode="wrap")
     return np.asarray(2 * np.convolve(around, np.ones(_SMOOTHED, np.int64), "valid") > _SMOOTHED)
 
 
 def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
-    """The stretches of a closed line (n, 2) that are chosen (n,), each with the sample after it."""
+    """Return the stretches of a closed line (n, 2) that are chosen (n,), each with the sample after it."""
     if chosen.all():
         return [np.concatenate([line, line[:1]])]
-    first = int(np.argmin(chosen))  # begin, and end, where none is cut in two
+    first = int(np.argmin(chosen))  # start where no stretch is cut in two
     line, chosen = (np.concatenate([np.roll(one, -first, axis=0), one[first : first + 1]]) for one in (line, chosen))
     steps = np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))
     begins, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
@@ -110,25 +110,24 @@ def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
 
 
 def side_by_side(pictures: list[UInt8], height: int = 720) -> UInt8:
-    """(height, width, 3) of pictures of any sizes, in a row."""
+    """Return images of any sizes in a row, (height, width, 3)."""
     row = [cv2.resize(one, (max(1, round(one.shape[1] * height / one.shape[0])), height)) for one in pictures]
     joined = np.concatenate(row, axis=1)
-    return np.asarray(joined[:, : joined.shape[1] // 2 * 2])  # video codecs want an even width
+    return np.asarray(joined[:, : joined.shape[1] // 2 * 2])  # video codecs require an even width
 
 
 def jpeg(picture: UInt8, quality: int = _QUALITY) -> bytes:
-    """Of (height, width, 3) BGR."""
+    """Encode an image (height, width, 3) BGR."""
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
 
 
 class OverlayWriter:
-    """Writes pictures with outlines: JPEGs in a folder, or one MP4 with all cameras in a row.
+    """Writes images with contours: JPEGs in a folder, or one MP4 with all cameras in a row.
 
     Args:
-        path: ends with .mp4, or is a folder, which is made.
+        path: ends with .mp4, or is a folder, which is created.
         rate_hz: of the MP4.
-        sizes: (width, height) of the cameras' pictures, in the order in which the MP4 has them; a camera that gives
-            none is black there.
+        sizes: (width, height) of the cameras' images, in the MP4's order; a camera without an image is black.
 
     Raises:
         InputError: it cannot be written there.
@@ -154,7 +153,7 @@ class OverlayWriter:
             raise InputError("cannot be written", file=path, field="--overlay", fix=fix)
 
     def write(self, frame: int, pictures: dict[str, UInt8]) -> None:
-        """The pictures of a frame, by camera."""
+        """Write the images of a frame, by camera."""
         if not self._is_video:
             for name, picture in pictures.items():
                 (self._path / f"{name}_{frame:06d}.jpg").write_bytes(jpeg(picture))
@@ -169,7 +168,7 @@ class OverlayWriter:
         self._video.write(joined)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Close the file."""
         if self._video is not None:
             self._video.release()
             self._video = None

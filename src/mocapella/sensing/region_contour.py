@@ -1,17 +1,17 @@
-"""Where a body's outline is in an image: local densities of grey or colour on both sides, and the model as a prior.
+"""Segment a body in an image by local densities of grey or colour on both sides of its contour, and a shape prior.
 
 Equation 15 of B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, Online Smoothing for Markerless Motion Capture, DAGM
-2007, with the sign of its length term put right:
+2007, with the sign of its length term corrected:
 
     E(Φ) = −∫ H(Φ) log p1 + (1 − H(Φ)) log p2 dx + ν ∫ |∇H(Φ)| dx + λ ∫ (Φ − Φ0)² dx
 
-It is not descended by gradients. For an outline that is given, Φ is known (Φ0 where that has the right sign, 0
-elsewhere), so the prior costs λ Φ0² wherever a sample is on the other side than in the model; the length is that of a
+It is not minimised by gradient descent. For a given contour Φ is known (Φ0 where its sign agrees, 0 elsewhere), so the
+prior costs λ Φ0² wherever a sample is on the other side than in the model; the length is measured on a
 blurred mask (S. Esedoglu, F. Otto, Threshold Dynamics for Networks with Arbitrary Surface Tensions, 2015), so that
 every sample can go at once to the side where it costs less, and E falls with every move (D. Wang, H. Li, X. Wei, X.-P.
 Wang, An Efficient Iterative Thresholding Method for Image Segmentation, 2017). p1 and p2 are Gaussian densities at the
 nodes of a lattice (T. Brox, D. Cremers, On Local Statistical Region Models, 2009), between which −log p is linear.
-`docs/methods/silhouettes.md` says what is chosen differently than in the paper, and why.
+`docs/methods/silhouettes.md` lists the deviations from the paper, and the reasons.
 """
 
 from __future__ import annotations
@@ -40,27 +40,27 @@ NOTHING: Final = np.zeros((0, 0), dtype=np.float32)
 _NO_START: Final = np.zeros((0, 0), dtype=np.uint8)
 _NO_MASK: Final = np.zeros((0, 0), dtype=np.bool_)
 HALF_LEVELS: Final = 510
-"""Values are counted in halves of grey levels."""
+"""Number of half grey levels of the scale, the unit of sample values."""
 
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """How an outline is found.
+    """Weights and limits of the segmentation.
 
     Attributes:
-        prior_weight: λ [nats/px²]: what a pixel costs that is on the other side than in the model, by the square of how
-            far it is from the model's outline; beside the sum of its three channels' log-likelihoods. A gray pixel
-            counts as three equal channels.
-        length_weight: ν [nats/px] that a pixel's length of outline costs.
-        window_px: from a node of the densities' lattice to the next; each is of what is nearer to it than that. It is
-            rounded to a multiple of 8 samples.
-        band_px: farther from the prior's outline nothing moves.
-        unsure_px: nearer to the prior's outline, nothing is learnt from before the outline is moved for the first time.
-        iterations: how many times the outline is moved, at most.
-        least_sd: of a density [grey levels].
-        outliers: share of pixels whose value is like neither side, so that one of them says only so much.
-        fewest_px2: where less than about that area is on a side, its density leans on that of both sides.
-        median: whether single wrong pixels are taken away by a median over 3 × 3.
+        prior_weight: λ [nats/px²]: cost of a pixel on the other side than the model, times its squared distance from the
+            model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as three equal
+            channels.
+        length_weight: ν [nats/px]: cost of the contour's length.
+        window_px: distance between the nodes of the densities' lattice, and radius of their neighbourhoods; rounded to
+            a multiple of 8 samples.
+        band_px: samples farther from the prior's contour do not change sides.
+        unsure_px: samples nearer to the prior's contour are not learnt from before the first move.
+        iterations: most moves of the contour.
+        least_sd: least standard deviation of a density [grey levels].
+        outliers: share of pixels whose value fits neither side; it bounds the weight of a single pixel.
+        fewest_px2: area on a side below which its density leans on that of both sides.
+        median: whether single wrong pixels are removed by a 3 × 3 median.
     """
 
     prior_weight: float = 0.05
@@ -87,26 +87,26 @@ class RegionSettings:
 
     @property
     def most_nats(self) -> float:
-        """At which −log p is cut off, without the log 2π/2 that all densities share."""
+        """The limit of −log p, without the log 2π/2 that all densities share."""
         return -math.log(self.outliers / HALF_LEVELS) - 0.5 * math.log(2 * math.pi)
 
 
 DEFAULT: Final = RegionSettings()
 GRAY: Final = RegionSettings(prior_weight=0.1, length_weight=3.0)
-"""Better for gray images: one channel is not worth three, as which it is counted, so the prior weighs twice as much."""
+"""For gray images: one channel counts as three but carries less information, so the prior weighs more."""
 
 
 class RegionContour(msgspec.Struct, frozen=True, eq=False):
-    """An outline, and how clearly the image shows it.
+    """A contour, and how clearly the image shows it.
 
     Attributes:
         silhouette: in the prior's window; phi is cut off at the prior's reach.
-        surety: (rows, columns) by how much the values about a sample are likelier on the side that they are on than on
-            the other, a mean over 5 × 5 samples, to be read beside the outline [nats a pixel]; 0 where the image shows
-            no edge, where nothing is known and far from the prior's outline.
-        iterations: after which the outline rested, or that were allowed.
-        energies: E [nats px²] at the beginning and after every iteration, but for what does not depend on the outline
-            within the band; empty unless asked for.
+        surety: (rows, columns) log-likelihood ratio between the side that a sample is on and the other, a mean over
+            5 × 5 samples, meaningful beside the contour [nats per pixel]; 0 where the image shows no edge, where it is
+            unknown, and far from the prior's contour.
+        iterations: number of moves until the contour was at rest, or the limit.
+        energies: E [nats px²] at the start and after every iteration, without terms that do not depend on the contour
+            within the band; empty unless requested.
     """
 
     silhouette: Silhouette
@@ -125,20 +125,20 @@ def region_contour(
     settings: RegionSettings = DEFAULT,
     energies: bool = False,
 ) -> RegionContour:
-    """Move an outline to where the image shows it.
+    """Move a contour to where the image shows it.
 
     Args:
         image: (height, width) or (height, width, 3) uint8; only the prior's window is read. Beyond the image, and
-            where it is ignored, the prior alone says what is inside.
-        prior: the model's outline.
-        start: where to begin, such as the outline of the image before; the prior's where not given.
-        ignore: (height, width) bool pixels that say nothing.
-        background: what the image is like without anybody, instead of a local density outside, where it knows that.
-        settings: how.
-        energies: whether they are told; that takes longer, and needs a background that knows all or none.
+            where it is ignored, the prior alone decides.
+        prior: the model's contour.
+        start: the initial contour, such as that of the previous image; the prior's if not given.
+        ignore: (height, width) bool pixels without information.
+        background: a model that replaces the local density outside, wherever it is known.
+        settings: weights and limits.
+        energies: whether energies are computed, which takes longer and needs a background known everywhere or nowhere.
 
     Raises:
-        SettingsError: an array of another shape or type, or energies of what is only known in part.
+        SettingsError: an array of another shape or type, or energies with a background that is known in part.
     """
     band = read_band(image, prior, start, ignore, settings)
     outside = NOTHING if background is None else background.costs(band, settings)
@@ -149,27 +149,28 @@ def region_contour(
 
 
 class Background(Protocol):
-    """What says what an image is like without anybody."""
+    """A model of the scene without people."""
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """(blocks, size) −log p of a band's values where nobody is [nats], as of three channels of half grey levels,
-        without the log 2π/2 of each; NaN where that is not known.
+        """Return (blocks, size) −log p of a band's values being background [nats]; NaN where unknown.
+
+        As of three channels in half grey levels, without the log 2π/2 of each.
         """
         ...
 
 
 class Band(msgspec.Struct, frozen=True, eq=False):
-    """What an image is like about an outline, in a window that is padded to whole blocks of samples.
+    """An image's samples near a contour, in a window that is padded to whole blocks of samples.
 
     Attributes:
-        prior: the outline's.
+        prior: the contour's.
         size_px: (width, height) of the image.
         pad: columns of padding before the first.
         values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
         phi: (rows, padded) the prior's.
-        inside: (rows, padded) uint8, 1 inside the outline to begin with.
-        active, known: (blocks, size) uint8, 1 where a sample is undecided, and where the image says anything of it.
-        blocks: (blocks, 2) int32 row and number of those that have undecided samples.
+        inside: (rows, padded) uint8, 1 inside the initial contour.
+        active, known: (blocks, size) uint8, 1 where a sample is undecided, and where the image shows it.
+        blocks: (blocks, 2) int32 row and number of the blocks with undecided samples.
         reach: [steps] at which distances are cut off.
     """
 
@@ -194,7 +195,7 @@ def read_band(
     *,
     guided: bool = True,
 ) -> Band:
-    """Read an image about an outline; everywhere in the window, where not ``guided``.
+    """Read an image near a contour; in the whole window if not ``guided``.
 
     Raises:
         SettingsError: an array of another shape or type.
@@ -224,7 +225,7 @@ def read_band(
 
 
 def check_silhouette(silhouette: Silhouette, name: str) -> None:
-    """Refuse one that is no window of distances.
+    """Refuse a silhouette that is not a window of distances.
 
     Raises:
         SettingsError: phi is of another shape or type, or the step is below 1.
@@ -245,7 +246,7 @@ def settle(
     guided: bool = True,
     energies: bool = False,
 ) -> RegionContour:
-    """Move the outline; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `settled`."""
+    """Move the contour; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `settled` and its weights."""
     step, columns = band.prior.step_px, band.prior.phi.shape[1]
     k = kernels()
     weights = k.ContourWeights(
@@ -268,12 +269,12 @@ def settle(
 
 
 def block_of(settings: RegionSettings, step_px: int) -> int:
-    """How many samples it is from a node of the densities to the next."""
+    """Return the distance between nodes of the densities' lattice [samples]."""
     return max(8 * round(settings.window_px / (8 * step_px)), 8)
 
 
 def starting(prior: Silhouette, start: Silhouette) -> UInt8:
-    """(rows, columns) 1 inside the outline to begin with, on the prior's samples; beyond its window the prior's."""
+    """Return (rows, columns) 1 inside the initial contour, at the prior's samples; beyond its window the prior's."""
     inside: UInt8 = (prior.phi > 0).astype(np.uint8)
     check_silhouette(start, "start")
     picked: list[NDArray[np.int64]] = []
@@ -285,7 +286,7 @@ def starting(prior: Silhouette, start: Silhouette) -> UInt8:
     of_columns = np.flatnonzero((columns >= 0) & (columns < start.phi.shape[1]))
     if len(of_rows) and len(of_columns):
         i, j = slice(of_rows[0], of_rows[-1] + 1), slice(of_columns[0], of_columns[-1] + 1)
-        if prior.step_px == start.step_px:  # one after another: no list of places
+        if prior.step_px == start.step_px:  # contiguous: no index arrays
             part = start.phi[rows[i][0] : rows[i][-1] + 1, columns[j][0] : columns[j][-1] + 1]
         else:
             part = start.phi[np.ix_(rows[i], columns[j])]

@@ -105,7 +105,7 @@ def _began_elsewhere(phi: Float32, inside: UInt8, prior: UInt8) -> np.bool_:
 
 @njit(cache=True, error_model="numpy")
 def _wholly_modelled(outside_costs: Float32, count: int) -> UInt8:
-    """Return (count,) uint8, 1 for blocks of which a background model gives all costs."""
+    """Return (count,) uint8, 1 for blocks with all costs from a background model."""
     modelled = np.zeros(count, np.uint8)
     for n in range(len(outside_costs)):
         unknown = False

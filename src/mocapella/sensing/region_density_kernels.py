@@ -95,7 +95,7 @@ def add_sample(
 
 @njit(cache=True, error_model="numpy")
 def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows: int, odd: Int32, sums: Int64) -> None:
-    """Add all samples to the sums of their new side and subtract them from those of their old one.
+    """Add all samples to their new side's sums and subtract them from their old side's.
 
     Moments are first taken over a block, about its left end, then spread to the four nodes.
 

@@ -1,12 +1,12 @@
-"""Square tags (ArUco, AprilTag) in a picture: their four corners, as markers.
+"""Detect square tags (ArUco, AprilTag) in images, with their four corners as markers.
 
 Tags are found and read by OpenCV (S. Garrido-Jurado et al., Pattern Recognition 47 (2014) 2280; E. Olson, ICRA 2011,
-for the AprilTag dictionaries). Where a corner is, is measured anew: along each side many short profiles across it say
-where dark becomes light, by the area under the profile, which blur does not move; a line is fitted to them, and two
-lines meet in the corner. So a corner is as sure as two lines are, and says how sure that is.
+for the AprilTag dictionaries). Corners are then refined: many short profiles across each side locate its edge, by the
+area under the profile, which blur does not change; a line is fitted to the edges, and two lines intersect in a corner.
+The lines' uncertainty gives the corner's standard deviation.
 
 Corners are markers with names of their own, ``tag7.0`` to ``tag7.3``, clockwise from the upper left one of the upright
-tag as OpenCV draws it. `mocapella.model.markers.joined` puts them beside the colour markers of the same picture.
+tag as OpenCV draws it. `mocapella.model.markers.joined` joins them with the colour markers of the same image.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ UInt8 = NDArray[np.uint8]
 
 _LINEAR: Final = 255.0 * linear_light()
 _STEP_PX: Final = 0.5
-"""Between the samples of a profile."""
+"""Distance between the samples of a profile."""
 _REFINED_TWICE: Final = 2
 _FRAME_PX: Final = 16
 _UNREFINED_SD_PX: Final = 0.7
-"""Of a corner as OpenCV finds it, from a contour of whole pixels."""
+"""Standard deviation of OpenCV's corner, from a contour of whole pixels."""
 
 
 @dataclass(frozen=True)
 class TagSettings:
-    """Which tags are looked for, and how exact their corners are.
+    """Which tags are detected, and how precise their corners are.
 
     Attributes:
-        dictionary: as OpenCV calls it, ``DICT_`` may be left out, in capitals or not.
-        ids: numbers of the tags that are wanted; empty takes every tag of the dictionary. Small dictionaries find tags
-            where there are none: name the wanted ones.
-        sd_floor_px: a corner is not surer than that: sides are bent a little by the lens, and by the print.
-        reach_px: how far across a side its profiles reach at most.
-        least_contrast: from dark to light at a side, of 255; a side with less is not measured.
+        dictionary: OpenCV's name of it, in any case, with or without ``DICT_``.
+        ids: numbers of the wanted tags; empty for all of the dictionary. Small dictionaries give false detections: name
+            the wanted tags.
+        sd_floor_px: least standard deviation of a corner: lens and print bend sides a little.
+        reach_px: greatest reach of the profiles across a side.
+        least_contrast: least difference of dark and light at a side, of 255; other sides are not measured.
     """
 
     dictionary: str = "APRILTAG_36H11"
@@ -71,20 +71,20 @@ class TagSettings:
 
     @property
     def opencv_name(self) -> str:
-        """Of the dictionary."""
+        """OpenCV's name of the dictionary."""
         name = self.dictionary.upper()
         return name if name.startswith("DICT_") else f"DICT_{name}"
 
 
 class TagReport(msgspec.Struct, frozen=True):
-    """What became of a camera's pictures.
+    """Counts of a camera's images.
 
     Attributes:
-        images: how many were looked at.
-        found: tags in all of them that were told.
+        images: processed.
+        found: tags that were reported.
         unwanted: tags that are not among the wanted ones.
-        twice: numbers that were there more than once in one picture, of which none was told.
-        unrefined: corners whose sides could not be measured, which are where OpenCV says.
+        twice: numbers that occurred more than once in an image, and were not reported.
+        unrefined: corners whose sides could not be measured, at OpenCV's position.
     """
 
     images: int = 0
@@ -95,7 +95,7 @@ class TagReport(msgspec.Struct, frozen=True):
 
 
 class TagDetector:
-    """Finds the tags in the pictures of one camera.
+    """Detects the tags in the images of one camera.
 
     Attributes:
         report: counts since it was made.
@@ -110,21 +110,21 @@ class TagDetector:
         self.report = TagReport()
 
     def update(self, image: UInt8, at_s: float) -> MarkerFrame:
-        """The tags in the next picture; those that are not wanted or not there are not in it.
+        """Return the wanted tags in the next image.
 
         Args:
             image: (height, width) gray or (height, width, 3) BGR, uint8.
             at_s: when it was captured [s].
 
         Raises:
-            SettingsError: the image is none.
+            SettingsError: the array is not an image.
         """
         if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
             wanted = "(height, width) gray or (height, width, 3) BGR, uint8"
             raise SettingsError(f"an image of the shape {image.shape}, {image.dtype}; wanted is {wanted}")
         grey: Any = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         gray: UInt8 = np.ascontiguousarray(grey)
-        # Beside the image's edge some versions of OpenCV (4.14) find no tag: so there is something beyond it.
+        # Some versions of OpenCV (4.14) find no tags at the image's border, so the image is padded.
         framed = cv2.copyMakeBorder(gray, _FRAME_PX, _FRAME_PX, _FRAME_PX, _FRAME_PX, cv2.BORDER_REPLICATE)
         outlines, numbers, _ = self._detector.detectMarkers(framed)
         ids = [] if numbers is None else [int(i) for i in numbers.ravel()]
@@ -159,12 +159,12 @@ class TagDetector:
         )
 
     def _corners(self, gray: UInt8, corners: Float64) -> tuple[Float64, Float64]:
-        """Corners (4, 2) and their standard deviations (4,) [px]."""
+        """Return refined corners (4, 2) and their standard deviations (4,) [px]."""
         s, found = self.settings, corners
         sd = np.full(4, np.nan)
         for _ in range(_REFINED_TWICE):
             found, sd = refined_corners(gray, found, self._cells, s.reach_px, s.least_contrast)
-        # What is far from where OpenCV saw it is another edge.
+        # A corner far from OpenCV's belongs to another edge.
         cell = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min() / self._cells
         good = np.isfinite(sd) & (np.linalg.norm(found - corners, axis=1) < max(2.0, 0.5 * cell))
         return np.where(good[:, None], found, corners), np.where(good, np.maximum(sd, s.sd_floor_px), _UNREFINED_SD_PX)
@@ -173,17 +173,17 @@ class TagDetector:
 def refined_corners(
     gray: UInt8, corners: Float64, cells: int, reach_px: float, least_contrast: float
 ) -> tuple[Float64, Float64]:
-    """Where the sides of a dark square on light ground meet.
+    """Refine the corners of a dark square on light ground.
 
     Args:
         gray: (height, width).
-        corners: (4, 2) about where, in order round the square [px].
-        cells: on a side of the square, of which the outermost are dark.
-        reach_px: across a side, at most.
+        corners: (4, 2) approximate, in order round the square [px].
+        cells: along a side of the square; the outermost are dark.
+        reach_px: greatest reach across a side.
         least_contrast: of a side.
 
     Returns:
-        (4, 2) corners, as given where a side cannot be measured, and (4,) their standard deviations [px], NaN there.
+        (4, 2) corners, unchanged if a side cannot be measured, and (4,) their standard deviations [px], NaN then.
     """
     centre = corners.mean(axis=0)
     lines = []
@@ -207,7 +207,7 @@ def refined_corners(
 def _side(
     gray: UInt8, side: Float64, centre: Float64, reach: float, least_contrast: float
 ) -> tuple[Float64, float, float] | None:
-    """The line n·x = d of a side, and the standard deviation of d at its ends; None where there is none."""
+    """Return n and d of a side's line n·x = d, and the standard deviation of d at its ends; None without a line."""
     a, b = side
     length = _length(side)
     if reach < 1.0:
@@ -227,7 +227,7 @@ def _side(
     at, x, y = at[inside], x[inside], y[inside]
     i, j = x.astype(np.intp), y.astype(np.intp)
     u, v = x - i, y - j
-    # Of light, not of its code: in that, blur brings the edge of a bright area outwards, by half a pixel.
+    # In linear light: in encoded values blur shifts the edge of a bright area outwards, by half a pixel.
     w = _LINEAR
     value = (1 - v) * ((1 - u) * w[gray[j, i]] + u * w[gray[j, i + 1]]) + v * (
         (1 - u) * w[gray[j + 1, i]] + u * w[gray[j + 1, i + 1]]
@@ -242,7 +242,7 @@ def _side(
 
 
 def _line(points: Float64, outwards: Float64) -> tuple[Float64, float, float] | None:
-    """The line along points (n, 2) by total least squares, without those that are far from it."""
+    """Fit a line to points (n, 2) by total least squares, without outliers."""
     keep = np.ones(len(points), dtype=np.bool_)
     for _ in range(3):
         if keep.sum() < 5:
@@ -254,7 +254,7 @@ def _line(points: Float64, outwards: Float64) -> tuple[Float64, float, float] | 
     n = n if n @ outwards > 0 else -n
     rest = (points[keep] - middle) @ n
     scatter = float(np.sqrt((rest @ rest) / max(keep.sum() - 2, 1)))
-    # At the end of a fitted line its variance is four times that of a mean, and more beyond the outermost point.
+    # At its end a fitted line's variance is four times a mean's, and more beyond the outermost point.
     return n, float(n @ middle), scatter * float(np.sqrt(6.0 / keep.sum()))
 
 
@@ -268,13 +268,13 @@ def _area(corners: Float64) -> float:
 
 
 def draw_tag(dictionary: str, number: int, side_px: int) -> UInt8:
-    """The tag's picture for printing, a white margin of two cells around it.
+    """Draw a tag for printing, with a white margin of two cells.
 
     Returns:
         (height, width) gray; the tag itself is ``side_px`` wide.
 
     Raises:
-        SettingsError: there is no such dictionary or tag.
+        SettingsError: the dictionary or tag does not exist.
     """
     settings = TagSettings(dictionary, (number,))
     tags = _dictionary(settings.opencv_name)
