@@ -48,9 +48,9 @@ class RegionSettings:
     """Weights and limits of the segmentation.
 
     Attributes:
-        prior_weight: λ [nats/px²]: cost of a pixel on the other side than the model, times its squared distance from the
-            model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as three equal
-            channels.
+        prior_weight: λ [nats/px²]: cost of a pixel on the other side than the model, times its squared distance
+            from the model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as
+            three equal channels.
         length_weight: ν [nats/px]: cost of the contour's length.
         window_px: distance between the nodes of the densities' lattice, and radius of their neighbourhoods; rounded to
             a multiple of 8 samples.
