@@ -1,4 +1,4 @@
-"""How steady and how right the arms are that a camera gives, as far as that shows without knowing the truth."""
+"""Quality metrics of a camera's arms without ground truth: noise and misdetections."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from mocapella.model.arms import ARM_JOINT_NAMES
 Float64 = NDArray[np.float64]
 
 LEAST_SEEN_S: Final = 1.0
-"""An arm that was seen for less has no misdetections a minute."""
+"""Least observed time for a rate of misdetections."""
 
 
 class Misdetections(msgspec.Struct, frozen=True):
-    """Counts of what cannot be true.
+    """Counts of implausible changes between frames.
 
     Attributes:
-        jumped: joints that were elsewhere in the next frame.
-        appeared, vanished: fingertips that became known, and unknown, of an arm that was there before and after.
-        swapped: pairs of fingertips that changed places, and arms that changed their side.
-        lost: arms that were there no more; also those that went out of the image.
+        jumped: joints that moved too far.
+        appeared, vanished: fingertips that became known, and unknown, while their arm was tracked.
+        swapped: pairs of fingertips that exchanged positions, and arms that changed their side.
+        lost: arms that were lost, including those that left the image.
     """
 
     jumped: int = 0
@@ -34,28 +34,28 @@ class Misdetections(msgspec.Struct, frozen=True):
 
     @property
     def of_joints(self) -> int:
-        """All but whole arms."""
+        """Misdetections except lost arms."""
         return self.jumped + self.appeared + self.vanished + self.swapped
 
     def plus(self, other: Misdetections) -> Misdetections:
-        """Both together."""
+        """Return the sum of both."""
         pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
         return Misdetections(*(one + two for one, two in pairs))
 
 
 class ArmQuality(msgspec.Struct, frozen=True, eq=False):
-    """What was measured up to an instant.
+    """The quality measured so far.
 
     Attributes:
         noise_m: (8,) root mean square motion of each of `mocapella.model.arms.ARM_JOINTS` about its mean while the arm
-            was still, of late [m]; NaN where it has not been still.
-        noise_whole_m: (8,) likewise of all the time.
+            was still, recently [m]; NaN if it was never still.
+        noise_whole_m: (8,) the same over the whole time.
         still: whether an arm is still now.
-        per_minute: misdetections of joints a minute, of late; NaN where too little was seen.
-        lately: misdetections that this is of.
-        whole: of all the time.
-        seen_s: how long arms were seen in all, summed over arms [s].
-        still_s: how much of it they were still [s].
+        per_minute: misdetections of joints per minute, recently; NaN if arms were seen too briefly.
+        lately: the recent misdetections.
+        whole: misdetections over the whole time.
+        seen_s: time for which arms were seen, summed over arms [s].
+        still_s: time of it for which they were still [s].
     """
 
     noise_m: Float64
@@ -68,7 +68,7 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
     still_s: float
 
     def as_json(self) -> dict[str, object]:
-        """For a summary; null where nothing was measured."""
+        """Return values for a summary; None if not measured."""
 
         def number(value: float, digits: int) -> float | None:
             return round(float(value), digits) if np.isfinite(value) else None

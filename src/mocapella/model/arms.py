@@ -1,4 +1,4 @@
-"""An arm and its hand as one depth camera sees them."""
+"""Observations of arms and hands by one depth camera."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 ARM_POINTS: Final = (*LANDMARKS, "palm", "elbow")
-"""The hand's 21 landmarks, the middle of the palm and the elbow."""
+"""The hand's 21 landmarks, the centre of the palm and the elbow."""
 PALM: Final = len(LANDMARKS)
 ELBOW: Final = PALM + 1
 ARM_JOINTS: Final = (ELBOW, WRIST, PALM, *TIPS)
-"""The eight joints of an arm, where they are in `ARM_POINTS`: elbow, wrist, palm, thumb tip … little fingertip."""
+"""Indices in `ARM_POINTS` of an arm's eight joints: elbow, wrist, palm, thumb tip … little fingertip."""
 ARM_JOINT_NAMES: Final = tuple(ARM_POINTS[k] for k in ARM_JOINTS)
 ARM_BONES: Final = ((0, 1), (1, 2), *((2, k) for k in range(3, 8)))
-"""Which of the eight joints are joined by a line."""
+"""Pairs of the eight joints that form bones."""
 
 
 class SeenArm(msgspec.Struct, frozen=True, eq=False):
-    """An arm in one camera's space: x right, y down, z out of the lens.
+    """An arm in the camera frame: x right, y down, z out of the lens.
 
-    The middle of the palm is halfway between the wrist and the knuckle of the middle finger.
+    The centre of the palm is halfway between the wrist and the knuckle of the middle finger.
 
     Attributes:
-        id: stays the same for as long as the camera's detector believes that it is the same arm.
-        left: whether it is a left one.
-        left_sure: from 0.5, which is a guess, to 1: how sure that is.
+        id: constant for as long as the camera's detector tracks the arm.
+        left: whether it is a left arm.
+        left_sure: certainty of the side, from 0.5 (a guess) to 1.
         points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where the detector has none.
-        T_camera_palm: (4, 4); None where the detector has none.
-        gesture: in a word, such as open or fist; empty where none is recognised.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN if the detector has none.
+        T_camera_palm: (4, 4); None if the detector has none.
+        gesture: its name, such as open or fist; empty if none is recognised.
         gesture_sure: from 0 to 1.
         grabbing: whether the hand holds on to something.
     """
@@ -69,11 +69,11 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
 
 
 class SeenArms(msgspec.Struct, frozen=True, eq=False):
-    """What a detector found in one image.
+    """The arms that a detector found in one image.
 
     Attributes:
         arms: in the order of their ids.
-        reason: why there is none, or what is doubtful about the image, in a sentence; empty where all is well.
+        reason: why there is none, or a warning about the image, in a sentence; empty if there is neither.
     """
 
     arms: tuple[SeenArm, ...]
@@ -87,7 +87,7 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
         size_px: (width, height) of the depth image.
         lens: (9,) of `mocapella.geometry.lens`.
         method: name of the detector that found them.
-        arms: see there.
+        arms: in the order of their ids.
         reason: as of `SeenArms`.
     """
 
@@ -99,5 +99,5 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def bodies(self) -> int:
-        """How many arms are seen: what a table of sensors shows."""
+        """Number of arms, which the sensor table shows."""
         return len(self.arms)

@@ -1,4 +1,4 @@
-"""What a calibration board is, and what a camera sees of one."""
+"""Calibration boards, and a camera's view of one."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ DICTIONARIES: Final = (
     "DICT_ARUCO_ORIGINAL",
     *(f"DICT_APRILTAG_{name}" for name in ("16H5", "25H9", "36H10", "36H11")),
 )
-"""Of ArUco markers."""
+"""Dictionaries of ArUco markers."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board of squares, black where row + column is even, whose inner corners are found in pictures.
+    """A flat board of squares, black where row + column is even, whose inner corners are detected in images.
 
     Its own space has the origin at the outer corner of the first square, x along the columns, y along the rows and z
     into the board, so that whoever looks at it sees x to the right and y down.
@@ -39,10 +39,10 @@ class Board:
         columns: squares in a row.
         rows: squares in a column.
         square_m: side of a square, as measured on the print.
-        marker_ratio: side of a marker by that of a square, of a ChArUco board.
+        marker_ratio: side of a marker over side of a square, of a ChArUco board.
         dictionary: of the markers.
         inverted: printed with black and white exchanged.
-        legacy: a ChArUco board of a program from before OpenCV 4.6: with an even number of rows, its first square is
+        legacy: a ChArUco board by OpenCV before 4.6: with an even number of rows, its first square is
             white.
     """
 
@@ -64,31 +64,31 @@ class Board:
 
     @property
     def corners(self) -> int:
-        """How many inner corners there are."""
+        """Number of inner corners."""
         return (self.columns - 1) * (self.rows - 1)
 
     @cached_property
     def corners_m(self) -> Float64:
-        """(corners, 3) in the board's own space, in the order of their ids: along a row first, then row by row."""
+        """(corners, 3) in the board's frame [m], in the order of their ids: row by row."""
         y, x = np.mgrid[1 : self.rows, 1 : self.columns].reshape(2, -1) * self.square_m
         return np.column_stack([x, y, np.zeros(len(x))]).astype(np.float64)
 
     @property
     def turnable(self) -> bool:
-        """Whether it looks the same when turned by 180°, so that no picture says which corner is the first."""
+        """Whether it looks the same when rotated by 180°, so that images do not determine the first corner."""
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
 
 class BoardView(msgspec.Struct, frozen=True, eq=False):
-    """What one camera saw of a board in one picture.
+    """The board's corners in one image of one camera.
 
     Attributes:
         camera: name.
-        frame: number of the picture in its video, from 0.
-        size_px: (width, height) of the picture.
-        ids: (n,) of the corners that were found, rising.
-        corners_px: (n, 2) [px], refined; the pixel (0, 0) is the middle of the first one.
-        edge_px: how wide the edges beside the corners are, in the median [px]: large where the picture is blurred; NaN
+        frame: number of the image in its video, from 0.
+        size_px: (width, height) of the image.
+        ids: (n,) of the detected corners, ascending.
+        corners_px: (n, 2) [px], refined; (0, 0) is the centre of the first pixel.
+        edge_px: median width of the edges at the corners [px]: large if the image is blurred; NaN
             where that was not measured.
     """
 
@@ -105,7 +105,7 @@ _KEYS: Final = "kind, columns, rows, square_m, and of a ChArUco board marker_rat
 
 
 def load_board(path: Path | str) -> Board:
-    """Read a board's TOML file; Caliscope's ``charuco.toml`` is understood, too.
+    """Read a board's TOML file, or Caliscope's ``charuco.toml``.
 
     Raises:
         InputError: there is no such file, it is no TOML, or something in it cannot be; says what can.
@@ -118,7 +118,7 @@ def load_board(path: Path | str) -> Board:
 
 
 def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
-    """A board of its TOML file's text; ``path`` is what errors call it.
+    """Return the board of a TOML text; ``path`` names it in errors.
 
     Raises:
         InputError: as `load_board`.
@@ -140,14 +140,14 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
 
 
 def encode_board(board: Board) -> str:
-    """The text of its TOML file."""
+    """Return the text of a board's TOML file."""
     import tomli_w
 
     return tomli_w.dumps(asdict(board))
 
 
 def _of_caliscope(data: Mapping[str, Any], path: Path | str) -> dict[str, Any]:
-    """The same board in our words; the size of the paper follows from the squares and says nothing more."""
+    """Convert Caliscope's keys to ours; the paper size is redundant."""
     try:
         side_cm = next(float(data[key]) for key in _CALISCOPE if key in data)
         given = {key: data[key] for key in ("columns", "rows", "dictionary", "inverted") if key in data}

@@ -1,4 +1,4 @@
-"""How a calibration with a board goes, as a view shows it."""
+"""Progress of a calibration with a board, for the view."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ BoardPhase = Literal["idle", "filming", "calibrating", "done"]
 
 
 class CameraProgress(msgspec.Struct, frozen=True):
-    """What one camera has seen.
+    """One camera's progress.
 
     Attributes:
         name: of the camera.
-        views: of the board that are kept.
-        fields: rows of the picture's fields, and how many corners each had so far.
-        size_px: (width, height) of its picture; None before the first.
-        corners_px: x, y of the board's corners in its newest picture.
-        problem: why it does not see the board, where that is known.
+        views: number of kept views of the board.
+        fields: number of corners so far in each field of the image, by rows.
+        size_px: (width, height) of its image; None before the first.
+        corners_px: x, y of the board's corners in its newest image.
+        problem: why it does not see the board, if known.
     """
 
     name: str
@@ -30,14 +30,14 @@ class CameraProgress(msgspec.Struct, frozen=True):
 
 
 class RigQuality(msgspec.Struct, frozen=True):
-    """How good a rig is.
+    """The quality of a calibrated rig.
 
     Attributes:
-        headings: of the table: words and unit.
+        headings: of the table: title and unit.
         rows: one for each camera.
-        sentences: what is said beside it.
-        tape: what to compare with a tape measure; empty of one camera.
-        hints: what would make it better.
+        sentences: shown beside the table.
+        tape: a distance to compare with a tape measure; empty for one camera.
+        hints: suggested improvements.
     """
 
     headings: tuple[tuple[str, str], ...]
@@ -48,19 +48,19 @@ class RigQuality(msgspec.Struct, frozen=True):
 
 
 class BoardProgress(msgspec.Struct, frozen=True):
-    """All of it.
+    """The state of a calibration.
 
     Attributes:
-        phase: ``idle`` before the first run and after one that was cancelled.
-        board: what is looked for, in words.
+        phase: ``idle`` before the first run and after a cancelled one.
+        board: description of the board.
         cameras: that take part.
-        shared: instants at which two or more saw the board.
-        hints: what to do next, the most urgent first.
-        problem: why it could not be finished; empty where nothing is wrong.
-        quality: of the rig that was found.
-        file: the name under which the rig was saved, or would be.
-        busy: what is being done that takes long; empty where nothing is.
-        saved, used: whether it was saved, and whether the server tracks with it.
+        shared: instants at which two or more cameras saw the board.
+        hints: next actions, the most urgent first.
+        problem: why it failed; empty if it did not.
+        quality: of the calibrated rig.
+        file: name of the rig's file.
+        busy: the long operation in progress; empty if there is none.
+        saved, used: whether the rig was saved, and whether the server tracks with it.
         has_rig: whether the session's method tracks with a rig already.
     """
 

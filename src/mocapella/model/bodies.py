@@ -10,20 +10,20 @@ from mocapella.model.observations import BodyFrame
 from mocapella.model.topology import Topology
 
 BodyKey = tuple[str, int]
-"""(sensor, tracking id): one body for as long as that sensor does not lose it."""
+"""(sensor, tracking id) of a body, constant until that sensor loses it."""
 
 
 def body_name(tracking_id: int) -> str:
-    """A body in a text for people: real sensors count in 17 digits, of which the last three tell bodies apart."""
+    """Return a short label of a body: the last three digits of a real sensor's 17-digit id suffice."""
     return f"body {tracking_id}" if tracking_id < 1000 else f"body …{tracking_id % 1000:03d}"
 
 
 class Bodies(msgspec.Struct, frozen=True, eq=False):
-    """What a frame says of the bodies that are tracked, in the order of their ids.
+    """The tracked bodies of a frame, in the order of their ids.
 
     Attributes:
-        sensor: whose they are.
-        topology: which joints.
+        sensor: its name.
+        topology: of the joints.
         ids: (bodies,) tracking ids, ascending.
         positions: (bodies, joints, 3) float64, camera space [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
@@ -37,22 +37,22 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def keys(self) -> tuple[BodyKey, ...]:
-        """(bodies,) what identifies each."""
+        """(bodies,) keys of the bodies."""
         return tuple((self.sensor, body) for body in self.ids)
 
     def only(self, kept: NDArray[np.bool_]) -> Bodies:
-        """Those of the bodies; kept (bodies,)."""
+        """Return the bodies where ``kept`` (bodies,) is True."""
         ids = tuple(body for body, stays in zip(self.ids, kept.tolist(), strict=True) if stays)
         return Bodies(self.sensor, self.topology, ids, self.positions[kept], self.states[kept])
 
 
 def tracked_bodies(frame: BodyFrame) -> Bodies:
-    """The tracked bodies of a frame, sorted by id, so that what follows does not depend on the order in the frame."""
+    """Return the tracked bodies of a frame, sorted by id, so that results do not depend on the frame's order."""
     ids: list[int] = frame.tracking_ids.tolist()
     positions, states = frame.positions, frame.states
     if not frame.tracked.all() or ids != sorted(ids):
         tracked: list[bool] = frame.tracked.tolist()
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
         ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
-    # Arrays of their own: those of a message cannot be written, which to a compiler is another type.
+    # Copies: a message's arrays are read-only, which is another type for numba.
     return Bodies(frame.sensor, frame.topology, tuple(ids), positions.astype(np.float64), states.copy())

@@ -1,7 +1,7 @@
 """The JSON from which a reader rebuilds a fitted body's mesh (`mocapella.model.scene.TrackedBody.build`).
 
 {"model": "female", "height_m": 1.68, "proportions": {"thigh": 0.43}}
-{"model": "robot.glb", "sha256": "…"}      the mesh is a file's, which is not in the JSON
+{"model": "robot.glb", "sha256": "…"}      a mesh file, whose contents are not in the JSON
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ MODELS: Final = ("male", "female", "legs")
 
 
 class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How a body's mesh is made.
+    """The parameters of a body's mesh.
 
     Attributes:
-        model: of `MODELS`, or the name of a mesh's file.
-        height_m: where it was given.
+        model: of `MODELS`, or the name of a mesh file.
+        height_m: subject height, if given.
         proportions: measured lengths of segments [m] and girth, by name.
         sha256: of the mesh's file, in hexadecimal digits; empty of `MODELS`.
     """
@@ -36,7 +36,7 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def mesh_of_build(build: str) -> RiggedMesh:
-    """The mesh that a body was fitted with; of the same text the same mesh.
+    """Rebuild the mesh that a body was fitted with, deterministically.
 
     Raises:
         SettingsError: the text is no build, its values are impossible, or its mesh is a file's.
@@ -53,13 +53,13 @@ def mesh_of_build(build: str) -> RiggedMesh:
 
 
 def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
-    """The mesh of one of `MODELS`.
+    """Return the mesh of one of `MODELS`.
 
     Raises:
         SettingsError: nobody's height or proportions.
     """
     if model == "legs":
         return legs_mesh("male", height_m, proportions)
-    # Real people nod and turn: without that, the head pulls the trunk.
+    # Real people nod and turn: without these joints, the head pulls the trunk.
     sex: Sex = "female" if model == "female" else "male"
     return body_mesh(sex, height_m, proportions, supple=True)

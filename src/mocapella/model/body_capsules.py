@@ -1,7 +1,7 @@
-"""Limbs as capsules: how deep a body's limbs are in each other.
+"""Limbs as capsules, to measure how deeply a body's limbs penetrate each other.
 
-A capsule is what is nearer than a radius to the line between two landmarks; three quarters of a limb's surface are
-outside of its own.
+A capsule is the set of points nearer than a radius to the segment between two landmarks; three quarters of a limb's
+surface lie outside its capsule.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ _LIMBS: Final[dict[str, tuple[str, str]]] = {
            ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"), ("hand", "wrist", "hand"),
            ("thigh", "hip", "knee"), ("shank", "knee", "ankle"), ("foot", "heel", "toe"))},
 }  # fmt: skip
-"""The landmarks between which each is; the second one is at its far end and moves with it."""
+"""The landmarks at both ends of each limb; the second one, at the distal end, moves with it."""
 _TOUCHING: Final = {
     frozenset({"left thigh", "right thigh"}),
     *(frozenset({one, f"{side} {other}"}) for side in ("left", "right")
       for one, other in (("trunk", "upper arm"), ("head", "upper arm"), ("trunk", "thigh"), (f"{side} shank", "foot"))),
 }  # fmt: skip
-"""These overlap in everybody; those that share a landmark do, too."""
+"""Pairs that always overlap, besides pairs that share a landmark."""
 
 
 class Capsules(msgspec.Struct, frozen=True, eq=False):
-    """A body's limbs.
+    """A body's limbs as capsules.
 
     Attributes:
         names: one for each.
-        part: (c,) which part of the mesh moves each.
-        ends: (c, 2) the landmarks between which each is, as numbers of the mesh's.
+        part: (c,) the part of the mesh that moves each.
+        ends: (c, 2) indices of the mesh's landmarks at both ends.
         radii: (c,) [m].
-        pairs: (p, 2) which can meet, the lower number first.
+        pairs: (p, 2) limbs that can collide, the lower index first.
     """
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class Capsules(msgspec.Struct, frozen=True, eq=False):
 
 
 def capsules_of(mesh: RiggedMesh) -> Capsules:
-    """The limbs of a body that a mesh has, by its landmarks' names; none of what is no body."""
+    """Return the limbs of a mesh by its landmarks' names; none for a mesh that is not a body."""
     marks = list(mesh.landmarks)
     there = {name: both for name, both in _LIMBS.items() if mesh.landmarks.keys() >= set(both)}
     pairs = [
@@ -68,24 +68,24 @@ def capsules_of(mesh: RiggedMesh) -> Capsules:
 
 
 def depths_m(capsules: Capsules, landmarks: Float64) -> Float64:
-    """(..., p) how deep the limbs of each pair are in each other, 0 where they are apart; landmarks (..., n, 3) [m]."""
+    """Return (..., p) the penetration depth of each pair, 0 if apart; landmarks (..., n, 3) [m]."""
     one, other = (landmarks[..., capsules.ends[capsules.pairs[:, k]], :] for k in (0, 1))
     between = segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
     return np.asarray(np.maximum(capsules.radii[capsules.pairs].sum(axis=1) - between, 0.0))
 
 
 def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
-    """(c,) a quarter of the vertices that no other axis is nearer to are nearer than this; 0 where there are none."""
+    """Return (c,) the lower quartile of the distances of each axis' nearest vertices; 0 without any."""
     points, x = np.array([mark.point for mark in mesh.landmarks.values()]).reshape(-1, 3), mesh.vertices
     if not len(ends):
         return np.empty(0)
     distances = np.array([segment_distance(x, x, *np.broadcast_arrays(*points[both], x)[:2]) for both in ends])
-    nearest = distances == distances.min(axis=0)  # what is in the middle is of both sides: left and right are alike
+    nearest = distances == distances.min(axis=0)  # vertices in the middle belong to both sides, for symmetry
     return np.array([np.percentile(d[n], 25) if n.any() else 0.0 for d, n in zip(distances, nearest, strict=True)])
 
 
 def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
-    """Distances between segments from a to b and from c to d, all (..., 3); a point is a segment, too.
+    """Return distances between segments from a to b and from c to d, all (..., 3), possibly of length 0.
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
     """

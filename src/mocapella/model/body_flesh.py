@@ -1,6 +1,6 @@
-"""The flesh of a person about joints that stand at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
+"""A person's body at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
-`mocapella.model.body_meshes` says how a person stands at rest.
+`mocapella.model.body_meshes` defines the rest pose.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from mocapella.model.body_proportions import HEEL, TOE, Flesh, Lengths
 Float64 = NDArray[np.float64]
 
 TRUNK, ARM, LEG = range(3)
-"""Groups of limbs: of arms and legs, the left ones only. The right ones are their mirror image."""
+"""Groups of limbs; only the left arm and leg. The right ones are mirrored."""
 WITHIN: Final = (0.010, 0.003, 0.004)
 BETWEEN: Final = 0.030
-"""How far limbs of a group, and groups, flow into each other, over the height."""
+"""Blending radii between limbs of a group, and between groups, over the height."""
 APART: Final = 0.014
-"""What is left free between the thighs, each side, over the height: legs that touch at rest could not be parted."""
+"""Gap between each thigh and the middle, over the height: legs that touch at rest cannot be separated."""
 ARM_DOWN: Final = float(np.sqrt(0.5))
 
 
 def joint_places(lengths: Lengths) -> dict[str, Float64]:
-    """Where the joints' centres are at rest, and other points that have names: (3,) each [m]."""
+    """Return the joint centres and other named points at rest, (3,) each [m]."""
     hip = lengths.ankle_height + lengths.shank + lengths.thigh
     neck, top = hip + lengths.trunk, lengths.height
     head, foot = lengths.head, lengths.foot
@@ -61,13 +61,13 @@ def joint_places(lengths: Lengths) -> dict[str, Float64]:
 
 
 def body_limbs(flesh: Flesh, lengths: Lengths, girth: float, *, legs_only: bool = False) -> Float64:
-    """(n, 9) limbs of trunk, left arm and left leg, sorted by group.
+    """Return (n, 9) limbs of trunk, left arm and left leg, sorted by group.
 
     Args:
-        flesh: of the people there are, over their height.
-        lengths: of this one.
-        girth: over that of those people.
-        legs_only: nothing above the waist.
+        flesh: of average people, over their height.
+        lengths: of this person.
+        girth: over that of average people.
+        legs_only: leave out everything above the waist.
     """
     made = _Limbs(flesh, lengths, girth)
     made.trunk(up_to=0.3 if legs_only else np.inf)
@@ -79,7 +79,7 @@ def body_limbs(flesh: Flesh, lengths: Lengths, girth: float, *, legs_only: bool 
 
 
 class _Limbs:
-    """Rows as they come; h is the height, g what radii over it are multiplied with."""
+    """Collects rows; h is the height, g the factor on radii over the height."""
 
     def __init__(self, flesh: Flesh, lengths: Lengths, girth: float) -> None:
         self.rows: list[list[float]] = []
@@ -87,11 +87,11 @@ class _Limbs:
         self.h, self.g = lengths.height, lengths.height * girth
 
     def add(self, group: int, a: Any, b: Any, radii: tuple[float, float]) -> None:
-        """A limb from a to b."""
+        """Add a limb from a to b."""
         self.rows.append([*map(float, a), *map(float, b), *map(float, radii), group])
 
     def trunk(self, up_to: float) -> None:
-        """Four columns side by side make its oval."""
+        """Add the trunk; four columns side by side form its oval."""
         h, g, flesh, trunk = self.h, self.g, self.flesh, self.lengths.trunk
         hip = self.places["pelvis"][1]
         for (u0, a0, b0, z0), (u1, a1, b1, z1) in pairwise(row for row in flesh.trunk if row[0] <= up_to):
@@ -106,7 +106,7 @@ class _Limbs:
                 self.add(TRUNK, [x, y, 0.032 * g], [x, y + 0.03 * h, 0.014 * g], (r, 0.9 * r))
 
     def head(self) -> None:
-        """And the neck, down to the shoulders."""
+        """Add the head, and the neck down to the shoulders."""
         h, g, neck = self.h, self.g, self.places["neck"][1]
         k = self.lengths.head / 0.182
 
@@ -124,7 +124,7 @@ class _Limbs:
             self.add(TRUNK, at(0.858, -0.012), np.add(shoulder, [0, -0.004 * h, -0.006 * h]), (0.8 * r, 0.025 * g))
 
     def segment(self, group: int, rows: Any, start: str, end: str) -> None:
-        """From a joint to the next; legs keep apart."""
+        """Add limbs from a joint to the next; legs stay apart."""
         a, b = self.places[start], self.places[end]
         apart = self.h * APART if group == LEG else -np.inf
 
@@ -136,7 +136,7 @@ class _Limbs:
             self.add(group, at(*one), at(*other), (one[1] * self.g, other[1] * self.g))
 
     def leg(self) -> None:
-        """With a shoe."""
+        """Add a leg, with a shoe."""
         for deep in (-1.0, 1.0):
             rows = [(u, r, z + deep * d) for u, r, z, d in self.flesh.thigh]
             self.segment(LEG, rows, "left hip", "left knee")
@@ -151,7 +151,7 @@ class _Limbs:
             self.add(LEG, ball, [x + aside * f, 0.016 * f + sole, end * f], (0.019 * f, 0.0145 * f))
 
     def arm(self) -> None:
-        """With a mitten."""
+        """Add an arm, with a mitten."""
         self.segment(ARM, self.flesh.upper_arm, "left shoulder", "left elbow")
         self.segment(ARM, self.flesh.forearm, "left elbow", "left wrist")
         wrist, k = self.places["left wrist"], self.lengths.hand / 0.108

@@ -1,4 +1,4 @@
-"""Bodies to be fitted to pictures: a woman or a man of 26 degrees of freedom, and a pair of legs.
+"""Body meshes to fit to images: a woman or a man with 26 degrees of freedom, and a pair of legs.
 
     body = body_mesh("female", 1.68)
     body = body_mesh("male", proportions=BodyProportions(thigh=0.43, upper_arm=0.31))
@@ -6,8 +6,8 @@
 **Rest.** x to the person's left, y up, z forwards, the ground at y = 0, x = 0 between the feet [m]. The person stands
 straight, the legs straight down, the arms straight and 45° below the horizontal, thumbs forwards.
 
-**Joints** are turns about axes that are fixed at rest; left and right mirror each other, so that a number means the
-same on both sides::
+**Joints** are rotations about axes fixed at rest; left and right are mirrored, so that an angle means the same on both
+sides::
 
     waist           bend forwards, bend to the left
     shoulder        swing forwards, raise sidewards, turn outwards
@@ -18,14 +18,13 @@ same on both sides::
 
 A body that is ``supple`` has three more, 29 degrees of freedom: the neck nods and tilts, and the waist turns.
 
-Three turns in a row lose a degree of freedom where the second brings the axis of the third onto that of the first. The
-swing comes first, about the axis that is perpendicular to the arm at rest and to z, because the poles are then where
-the arm seldom is: 45° above the horizontal to the side, and across the trunk. Were the raise first, they would be
-straight forwards, where people reach and where an arm passes as it is lifted. Those of a leg are at an abduction of
-90°, beyond its limits.
+Three successive rotations are singular where the second aligns the third axis with the first (gimbal lock). The swing
+is first, about the axis perpendicular to the arm at rest and to z, because its singularities are rare arm poses: 45° above
+the horizontal to the side, and across the trunk. With the raise first they would be straight forwards, where people
+reach and where an arm passes when it is lifted. A leg's are at an abduction of 90°, beyond its limits.
 
-**Flesh** is a smooth union of tapered limbs (`mocapella.geometry.limb_surface`), of breadths and depths of a table in
-``body_shapes``. Vertices near a joint go with both of its parts, blended.
+**Flesh** is a smooth union of tapered limbs (`mocapella.geometry.limb_surface`), with breadths and depths from
+``body_shapes``. Vertices near a joint move with a blend of its two parts.
 """
 
 from __future__ import annotations
@@ -68,13 +67,13 @@ _JOINTS: Final[dict[str, tuple[tuple[str, float, float], ...]]] = {
     "ankle": (("flexion", -50, 20),),
     "neck": (("nod", -45, 45), ("tilt to the left", -45, 45)),
 }
-"""Of each joint: what its turns are called and their limits [degrees], from American Academy of Orthopaedic Surgeons,
-*Joint motion: method of measuring and recording* (1965), but for the shoulder. Its raise has the 180° from a hanging
-arm, which is 45° below the rest, and 40° more to cross the trunk. How far it can turn depends on the way it came; it
-has 90° both ways."""
+"""Each joint's rotations, with names and limits [degrees], by the American Academy of Orthopaedic Surgeons,
+*Joint motion: method of measuring and recording* (1965), except the shoulder. Its raise has 180° from a hanging arm,
+which is 45° below the rest pose, and 40° more to cross the trunk. Its turn depends on the other angles; it has 90° both
+ways."""
 _TURN_OF_WAIST: Final = ("turn to the left", -45.0, 45.0)
 _HEAD: Final = "head"
-"""The part that a supple body has beside `PARTS`; it hangs on the torso."""
+"""The additional part of a supple body; its parent is the torso."""
 DETAIL: Final = (0.8, 4.0)
 _ABOVE: Final = ("torso", "upper arm", "forearm")
 
@@ -87,17 +86,17 @@ def body_mesh(
     *,
     supple: bool = False,
 ) -> RiggedMesh:
-    """A person; of the same arguments the same mesh.
+    """Return the mesh of a person; it is deterministic.
 
     Args:
-        sex: whose widths and girths, and whose proportions where they are not known.
-        height_m: from the ground to the top of the head; None: as the known segments say, or the average.
-        proportions: what is known of the segments.
-        detail: how fine the mesh is: so many times as many vertices along a line.
+        sex: table of widths and girths, and of unknown proportions.
+        height_m: from the ground to the top of the head; None: from the known segments, or the average.
+        proportions: the known segments.
+        detail: factor on the number of vertices along a line.
         supple: whether the neck moves and the waist turns.
 
     Raises:
-        SettingsError: no such sex, nobody's height or proportions, or detail out of range.
+        SettingsError: unknown sex, implausible height or proportions, or detail out of range.
     """
     return _mesh(sex, height_m, proportions, detail, legs_only=False, supple=supple)
 
@@ -105,7 +104,7 @@ def body_mesh(
 def legs_mesh(
     sex: Sex = "male", height_m: float | None = None, proportions: BodyProportions = AVERAGE, detail: float = 1.0
 ) -> RiggedMesh:
-    """A person's pelvis and legs; arguments and errors as of `body_mesh`, the height being that of the whole person."""
+    """Return the mesh of a pelvis and legs; arguments as of `body_mesh`, the height is that of the whole person."""
     return _mesh(sex, height_m, proportions, detail, legs_only=True)
 
 
@@ -136,7 +135,7 @@ _PART_OF: Final = {
     "ankle": "shank",
     **dict.fromkeys(("heel", "toe"), "foot"),
 }
-"""The part that each landmark is told of."""
+"""The part that each landmark belongs to."""
 _JOINT_OF: Final = {
     "torso": "waist",
     "upper arm": "shoulder",
@@ -150,7 +149,7 @@ _OF_HEAD: Final = ("head", "nose", "eye", "ear")
 
 
 def _split(name: str) -> tuple[str, str]:
-    """("left ", "knee") of "left knee"."""
+    """Split "left knee" into ("left ", "knee")."""
     side, _, rest = name.partition(" ")
     return (f"{side} ", rest) if side in ("left", "right") else ("", name)
 
@@ -160,7 +159,7 @@ def _turns(joint: str, supple: bool) -> tuple[tuple[str, float, float], ...]:
 
 
 def _axes(joint: str, side: str) -> Float64:
-    """(turns, 3) at rest."""
+    """Return (rotations, 3) axes of a joint at rest."""
     sign = -1.0 if side == "right " else 1.0
     x, y, z = np.eye(3)
     arm = np.array([sign * ARM_DOWN, -ARM_DOWN, 0.0])
@@ -178,7 +177,7 @@ def _axes(joint: str, side: str) -> Float64:
 
 
 def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[str, Any]:
-    """What a mesh of these parts has beside its surface."""
+    """Return the tree, names and landmarks of a mesh with these parts."""
     supple = _HEAD in parts
     parents = [-1 if k < 0 else parts.index(PARTS[k]) for p, k in zip(PARTS, _PARENTS, strict=True) if p in parts]
     if supple:
@@ -208,7 +207,7 @@ def _rig(name: str, places: dict[str, Float64], parts: tuple[str, ...]) -> dict[
     }
 
 
-@lru_cache(maxsize=32)  # of a tracker that tries many sizes not all
+@lru_cache(maxsize=32)  # bounded: a tracker may try many sizes
 def _made(
     shape: BodyShape, lengths: Lengths, girth: float, detail: float, *, legs_only: bool, supple: bool
 ) -> RiggedMesh:
@@ -237,7 +236,7 @@ def _made(
 
 
 def _to_height(vertices: Float64, lengths: Lengths) -> Float64:
-    """The top of the head, which lies between nodes of the grid, where it belongs."""
+    """Move the top of the head, which lies between nodes of the grid, to its exact height."""
     out, neck = vertices.copy(), lengths.height - lengths.head
     above = np.maximum(out[:, 1] - neck, 0.0)
     out[:, 1] += above * (lengths.head / above.max() - 1.0)
@@ -245,7 +244,7 @@ def _to_height(vertices: Float64, lengths: Lengths) -> Float64:
 
 
 def _steps(bands: list[tuple[float, float, float]]) -> Float64:
-    """Coordinates from the first band's start to the last one's end, the bands' steps apart: (start, end, step)."""
+    """Return coordinates through all bands (start, end, step), each with its step."""
     out = [bands[0][0]]
     for _, end, step in bands:
         span = end - out[-1]
@@ -256,7 +255,7 @@ def _steps(bands: list[tuple[float, float, float]]) -> Float64:
 
 
 def _grid(limbs: Float64, lengths: Lengths, places: dict[str, Float64], detail: float) -> Float64:
-    """(a, b, c, 3) nodes of x > 0: fine about head, hands and feet. Beyond the shoulders they follow the arm down."""
+    """Return (a, b, c, 3) grid nodes with x > 0: fine near head, hands and feet, and along the arm."""
     h, fine = lengths.height, 1.25 * lengths.height / detail
     shoulder, wrist, tip = (places[f"left {name}"] for name in ("shoulder", "wrist", "fingertip"))
     r = limbs[:, 6:8].max(axis=1)
@@ -288,12 +287,12 @@ def _smooth(x: Float64, start: float, end: float) -> Float64:
 
 
 def _weights(vertices: Float64, distance: Float64, places: dict[str, Float64], h: float) -> dict[str, Float64]:
-    """How much each part moves each vertex: a joint hands over from one part to the next within about a radius.
+    """Return each part's weight for each vertex; it changes from part to part within about a radius of a joint.
 
     Args:
         vertices: (n, 3).
         distance: (n, 3) from the groups of limbs, the nearer arm and leg.
-        places: of the joints.
+        places: positions of the joints.
         h: the height.
     """
     y, near_trunk = vertices[:, 1], _smooth(-distance[:, TRUNK], -0.025 * h, -0.005 * h)
@@ -308,7 +307,7 @@ def _weights(vertices: Float64, distance: Float64, places: dict[str, Float64], h
         of_arm = nearer * _smooth((vertices - shoulder) @ along, -0.030 * h, 0.045 * h)
         bent = _smooth((vertices - elbow) @ along, -0.022 * h, 0.022 * h)
         weights[f"{side} upper arm"], weights[f"{side} forearm"] = of_arm * (1 - bent), of_arm * bent
-        # Between the legs half of the flesh stays with the pelvis, and the rest goes with both legs.
+        # Between the legs half of the weight is the pelvis', the rest is shared by both legs.
         x = sign * vertices[:, 0]
         held = 0.5 * near_trunk * (1.0 - _smooth(np.abs(x), 0.0, 0.035 * h))
         beside = near_trunk * _smooth(x, -0.03 * h, 0.03 * h) + (1.0 - near_trunk) * np.heaviside(x, 0.5)

@@ -1,4 +1,4 @@
-"""How long a person's segments are: of the people of a height, or measured.
+"""Lengths of a person's segments: average for the height, or measured.
 
 Widths and girths follow; `mocapella.model.body_meshes` makes a body of them.
 """
@@ -20,22 +20,22 @@ from mocapella.settings import check, parse
 
 Sex = Literal["female", "male"]
 UPRIGHT: Final = ("ankle_height", "shank", "thigh", "trunk", "head")
-"""What a height is made of."""
+"""Segments that add up to the height."""
 SPREAD: Final = (0.6, 1.6)
-"""How much shorter or longer than that of the people of a height a segment may be."""
+"""Range of a segment's length over the average for the height."""
 HEEL: Final = (0.12, -0.27)
 TOE: Final = (0.08, 0.73)
-"""Where the landmarks of a foot are, upwards and forwards of where the ankle is over the ground, over its length."""
+"""Landmarks of a foot, up and forward from the point below the ankle, over its length."""
 FOOT_SPAN: Final = float(np.hypot(HEEL[0] - TOE[0], HEEL[1] - TOE[1]))
 HEIGHTS_M: Final = (0.5, 2.5)
 
 
 @dataclass(frozen=True)
 class Lengths:
-    """Of the segments: over the height in a table, else [m].
+    """Lengths of the segments: over the height in a table, else [m].
 
     Attributes:
-        ankle_height: of the ankles over the ground.
+        ankle_height: of the ankles above the ground.
         shank, thigh: from joint to joint.
         trunk: from between the hips to between the shoulders.
         head: from there to the top of the head.
@@ -63,7 +63,7 @@ class Lengths:
 
     @property
     def height(self) -> float:
-        """From the ground to the top of the head."""
+        """The height from the ground to the top of the head."""
         return float(sum(getattr(self, name) for name in UPRIGHT))
 
 
@@ -72,7 +72,7 @@ SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
 
 @dataclass(frozen=True)
 class BodyProportions:
-    """What is known of a person's segments [m]; None: as those of other people of that height. See `Lengths`.
+    """The known lengths of a person's segments [m]; None: average for the height. See `Lengths`.
 
     Attributes:
         girth: breadths, depths and girths over those of an average person of the same height.
@@ -98,7 +98,7 @@ class BodyProportions:
 
     @property
     def known(self) -> dict[str, float]:
-        """The segments that are."""
+        """The known segments."""
         named = {name: getattr(self, name) for name in SEGMENTS}
         return {name: float(value) for name, value in named.items() if value is not None}
 
@@ -108,7 +108,7 @@ AVERAGE: Final = BodyProportions()
 
 @dataclass(frozen=True)
 class Flesh:
-    """How broad and deep a body is; the files in ``body_shapes`` explain the rows."""
+    """Breadths and depths of a body; the files in ``body_shapes`` describe the rows."""
 
     trunk: tuple[tuple[float, float, float, float], ...]
     thigh: tuple[tuple[float, float, float, float], ...]
@@ -123,7 +123,7 @@ class Flesh:
 
 @dataclass(frozen=True)
 class BodyShape:
-    """What people of a sex look like: their average height, and all else over that."""
+    """The average shape of a sex: its height, and all other measures over the height."""
 
     name: str
     height_m: float
@@ -133,7 +133,7 @@ class BodyShape:
 
 @cache
 def body_shape(sex: Sex) -> BodyShape:
-    """The people of that sex.
+    """Return the average shape of a sex.
 
     Raises:
         SettingsError: there is no such table; says which there are.
@@ -147,12 +147,12 @@ def body_shape(sex: Sex) -> BodyShape:
 
 
 def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -> Lengths:
-    """A person's segments [m]: what is known as it is, and the others so that they add up to the height.
+    """Return a person's segments [m]: known ones unchanged, the others scaled to add up to the height.
 
     Args:
-        sex: whose table fills in.
-        height_m: from the ground to the top of the head; None: the median of what the known segments say.
-        proportions: see there.
+        sex: table of the unknown segments.
+        height_m: from the ground to the top of the head; None: the median of the known segments' estimates.
+        proportions: the known segments.
 
     Raises:
         SettingsError: a height of nobody, neither a height nor a segment, or segments that cannot be of that height.
@@ -168,9 +168,9 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
         unknown = sum(table[name] for name in UPRIGHT if name not in known)
         scale = left / (height * unknown) if unknown else 1.0
         check(bool(unknown) or abs(left) < 1e-6, "height_m", height_m,
-              f"{height - left:.4f}, what {', '.join(UPRIGHT)} add up to, or not given")  # fmt: skip
+              f"{height - left:.4f}, the sum of {', '.join(UPRIGHT)}, or not given")  # fmt: skip
         check(bool(SPREAD[0] <= scale <= SPREAD[1]), "height_m", height_m,
-              f"such that, with {_told(known)}, what is left is shared by the other segments")  # fmt: skip
+              f"such that, with {_told(known)}, the rest is shared by the other segments")  # fmt: skip
     check(HEIGHTS_M[0] <= height <= HEIGHTS_M[1], "height_m", height, f"{HEIGHTS_M[0]} to {HEIGHTS_M[1]} m")
     for name, value in known.items():
         least, most = (round(bound * table[name] * height, 3) for bound in SPREAD)
@@ -191,18 +191,18 @@ _SPANS: Final = {
     "hand": ("{} wrist", "{} fingertip"),
     "foot": ("{} heel", "{} toe"),
 }
-"""Between which landmarks of `body_mesh` a segment lies; {}: of both sides."""
+"""The landmarks of `body_mesh` at a segment's ends; {}: of both sides."""
 
 
 def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProportions:
-    """A person's segments, from joints that were seen: of one frame, such as a T-pose, or of a tracked skeleton.
+    """Measure a person's segments from joints: of one frame, such as a T-pose, or of a tracked skeleton.
 
     Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
     count; of the trunk that is right of people who mostly stand upright. A segment whose ends are never seen together
     is not known; the ankles' height, which needs a ground, never.
 
     Args:
-        joints: places [m] in space, (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
+        joints: positions [m], (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
             seen. Names that no segment needs do no harm.
         girth: see `BodyProportions`.
 
