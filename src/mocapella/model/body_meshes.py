@@ -19,9 +19,9 @@ sides::
 A body that is ``supple`` has three more, 29 degrees of freedom: the neck nods and tilts, and the waist turns.
 
 Three successive rotations are singular where the second aligns the third axis with the first (gimbal lock). The swing
-is first, about the axis perpendicular to the arm at rest and to z, because its singularities are rare arm poses: 45° above
-the horizontal to the side, and across the trunk. With the raise first they would be straight forwards, where people
-reach and where an arm passes when it is lifted. A leg's are at an abduction of 90°, beyond its limits.
+is first, about the axis perpendicular to the arm at rest and to z, because its singularities are rare arm poses: 45°
+above the horizontal to the side, and across the trunk. With the raise first they would be straight forwards, where
+people reach and where an arm passes when it is lifted. A leg's are at an abduction of 90°, beyond its limits.
 
 **Flesh** is a smooth union of tapered limbs (`mocapella.geometry.limb_surface`), with breadths and depths from
 ``body_shapes``. Vertices near a joint move with a blend of its two parts.
