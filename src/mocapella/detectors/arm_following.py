@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_of
 from mocapella.detectors.arm_settings import KinematicArmSettings
-from mocapella.detectors.arm_track import ArmTrack
+from mocapella.detectors.arm_track import CameraArmTrack
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
 from mocapella.model.arms import PALM, SeenArm, SeenArms
@@ -98,7 +98,7 @@ class KinematicArmDetector:
 
     def reset(self) -> None:
         """Forget all images and arms."""
-        self._arms: list[ArmTrack] = []
+        self._arms: list[CameraArmTrack] = []
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
         self._search: _Search | None = None
@@ -140,7 +140,7 @@ class KinematicArmDetector:
         """Whether this image's time is reserved for the search under way: in every second image."""
         return self._search is not None and self._frames % 2 == 1
 
-    def _believed(self) -> list[ArmTrack]:
+    def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
         for arm in self._arms:
             arm.believed |= arm.fitted.cost < self.settings.firm
@@ -157,7 +157,7 @@ class KinematicArmDetector:
 
     # Tracking.
 
-    def _follow(self, arm: ArmTrack, depth: Float32, at_s: float) -> bool:
+    def _follow(self, arm: CameraArmTrack, depth: Float32, at_s: float) -> bool:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
         predicted = arm.predicted(dt)
@@ -183,7 +183,7 @@ class KinematicArmDetector:
 
     @staticmethod
     def _elsewhere(
-        arm: ArmTrack, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
+        arm: CameraArmTrack, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
     ) -> Fitted:
         """Return the best rigid fit of a hand near its prediction: its posture hardly changes within an image."""
         model = arm.model
@@ -201,7 +201,7 @@ class KinematicArmDetector:
         certainty[:6] = 0.0
         return model.fit(best.pose, replace(expected, certainty=certainty), evidence, iterations=4, loose=1.0)
 
-    def _improve(self, arm: ArmTrack, depth: Float32, doubt: bool, jumped: bool) -> None:
+    def _improve(self, arm: CameraArmTrack, depth: Float32, doubt: bool, jumped: bool) -> None:
         """Try other postures of single digits or the whole hand; search the hand anew after a long doubt.
 
         Args:
@@ -234,7 +234,7 @@ class KinematicArmDetector:
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
             self._anew(arm, depth)
 
-    def _anew(self, arm: ArmTrack, depth: Float32) -> None:
+    def _anew(self, arm: CameraArmTrack, depth: Float32) -> None:
         """Search for a hand at its place without its prediction; at once, because its reported pose is wrong."""
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
@@ -244,7 +244,7 @@ class KinematicArmDetector:
             if part is not None and self._change(arm, one.side, one.fitted, part):
                 arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
 
-    def _caught_up(self, arms: list[ArmTrack], search: _Search) -> Steps[None]:
+    def _caught_up(self, arms: list[CameraArmTrack], search: _Search) -> Steps[None]:
         """Track arms to the newest image; remove lost ones from the list."""
         while search.images and arms:
             depth, at_s = search.images[:_STRIDE][-1]
@@ -252,7 +252,7 @@ class KinematicArmDetector:
             arms[:] = [arm for arm in arms if self._follow(arm, depth, at_s)]
             yield _FOLLOWED * len(arms)
 
-    def _change(self, arm: ArmTrack, side: Handedness, other: Fitted, part: Region) -> bool:
+    def _change(self, arm: CameraArmTrack, side: Handedness, other: Fitted, part: Region) -> bool:
         """Replace an arm's pose if the other one is also better with all points; return whether it was."""
         model, own = self.models[side], arm.model
         evidence = evidence_of(part, model, other.pose, beyond=0.15)
@@ -307,7 +307,9 @@ class KinematicArmDetector:
             self._foreground.learn(depth)
         arms = []
         for one in self.finder.judged(depth, self.finder.apart(found)):
-            arm = ArmTrack(one.side, self.models[one.side], one.fitted, search.at_s, self.settings.look_again_after)
+            arm = CameraArmTrack(
+                one.side, self.models[one.side], one.fitted, search.at_s, self.settings.look_again_after
+            )
             arm.sure, arm.region = (
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
@@ -321,7 +323,7 @@ class KinematicArmDetector:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
 
-    def _admit(self, arm: ArmTrack, depth: Float32) -> None:
+    def _admit(self, arm: CameraArmTrack, depth: Float32) -> None:
         """Track a further arm from now on, unless a tracked one explains its points better."""
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
         rivals = [other for other in self._arms if self.finder.overlap(Found(0.0, other.side, other.fitted), one)]
@@ -340,7 +342,7 @@ class KinematicArmDetector:
         self._arms.append(arm)
 
     @staticmethod
-    def _hand(arm: ArmTrack) -> Float64:
+    def _hand(arm: CameraArmTrack) -> Float64:
         """Return balls (k, 4) around a hand [m] in which no other hand is searched."""
         balls = arm.model.spheres(arm.fitted.pose)
         balls = balls[balls[:, 4] > 0, :4]
@@ -361,7 +363,7 @@ class KinematicArmDetector:
 
     # Reporting.
 
-    def _observed(self, arm: ArmTrack) -> SeenArm:
+    def _observed(self, arm: CameraArmTrack) -> SeenArm:
         model, pose = arm.model, arm.fitted.pose
         points = model.points(pose)
         shown = np.zeros(len(points))

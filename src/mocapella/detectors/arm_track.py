@@ -17,8 +17,8 @@ from mocapella.sensing.arm_region import Region
 Float64 = NDArray[np.float64]
 
 
-class ArmTrack:
-    """An arm that is tracked.
+class CameraArmTrack:
+    """An arm that is tracked in one camera's images.
 
     Attributes:
         side, model: of the hand.
