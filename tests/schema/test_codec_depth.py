@@ -119,7 +119,7 @@ def forged(size: int) -> bytes:
         ({"depth": b"not packed"}, "cannot be unpacked"),
         ({"depth": packed(24)[:-3]}, "cannot be unpacked"),
         ({"depth": packed(24) + b"x"}, "cannot be unpacked"),
-        ({"depth": packed(24, told=False)}, "does not say"),
+        ({"depth": packed(24, told=False)}, "has no unpacked size"),
         ({"depth": forged(20)}, "cannot be unpacked"),
         ({"depth": forged(30)}, "cannot be unpacked"),
         ({"sensor": "-"}, "sensor name"),

@@ -138,14 +138,14 @@ class Link:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def _reach(self) -> None:
-        told = False
+        notified = False
         while self._session is None and not self._closed.is_set():
             try:
                 self._session = open_reader(self._connect, timeout=ATTEMPT_S)
             except NoServerError:
-                if not told:
+                if not notified:
                     self._on_waiting(self._connect)
-                told = True
+                notified = True
         if self._session is not None:
             self._newest = Newest(self._session)
 

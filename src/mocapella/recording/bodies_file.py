@@ -176,13 +176,13 @@ def _converted(data: Any, to: type[_File], words: str, path: Path) -> _File:
         value = data.get("format") if isinstance(data, dict) else None
         raise InputError("is no followed body", file=path, field="format", value=value, fix=f"it is {words!r}")
     if data.get("version") != VERSION:
-        fix = f"this program reads version {VERSION}: run mocapella track silhouettes anew"
+        fix = f"this program reads version {VERSION}: run mocapella track silhouettes again"
         raise InputError("is of another version", file=path, field="version", value=data.get("version"), fix=fix)
     try:
         return msgspec.convert(data, to)
     except msgspec.ValidationError as error:
         raise InputError(
-            f"is no followed body: {error}", file=path, fix="run mocapella track silhouettes anew"
+            f"is no followed body: {error}", file=path, fix="run mocapella track silhouettes again"
         ) from None
 
 

@@ -224,7 +224,7 @@ def _people(path: Path) -> list[Any]:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"cannot be read as JSON: {error}", file=path, fix="leave it out or write it anew") from error
+        raise InputError(f"cannot be read as JSON: {error}", file=path, fix="leave it out or write it again") from error
     people = data.get("people") if isinstance(data, dict) else None
     if not isinstance(people, list):
         raise InputError("no list of people", file=path, field="people", fix="give files of OpenPose's --write_json")
@@ -243,7 +243,7 @@ def _keypoints(path: Path, i: int, person: Any, names: Sequence[str]) -> Float64
     try:
         result = np.array(values, dtype=np.float64).reshape(-1, 3)
     except (TypeError, ValueError) as error:
-        raise InputError("not numbers", file=path, field=field, fix="write it anew") from error
+        raise InputError("not numbers", file=path, field=field, fix="write it again") from error
     if not np.isfinite(result).all() or (result[:, 2] < 0).any():
-        raise InputError("not finite numbers, or a confidence below 0", file=path, field=field, fix="write it anew")
+        raise InputError("not finite numbers, or a confidence below 0", file=path, field=field, fix="write it again")
     return result

@@ -140,13 +140,13 @@ def names(given: Any, field: str) -> tuple[str, ...]:
     """Return the names of points: unique, not empty or longer than `MAX_NAME`, at most `MAX_POINTS`."""
     if len(given) > MAX_POINTS:
         raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
-    told = tuple(given)
-    for name in told:
+    unique = tuple(given)
+    for name in unique:
         if not 0 < len(name) <= MAX_NAME:
             raise WireError(f"{field} has the name {name[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")
-    if len(set(told)) != len(told):
+    if len(set(unique)) != len(unique):
         raise WireError(f"{field} has a name twice; each is wanted once")
-    return told
+    return unique
 
 
 def transform(data: bytes, field: str) -> NDArray[np.float64]:

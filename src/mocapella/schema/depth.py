@@ -83,11 +83,11 @@ def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
     width, height = size_px
     wanted = 2 * width * height
     try:
-        told = zstandard.frame_content_size(data)
+        stated = zstandard.frame_content_size(data)
         # Checked first: the library trusts this number when it makes room, and refuses what unpacks to another.
-        if told != wanted:
-            said = "does not say to how many bytes it unpacks" if told < 0 else f"unpacks to {told} bytes"
-            raise WireError(f"{field} {said}; {width} × {height} uint16 want {wanted}")
+        if stated != wanted:
+            fault = "has no unpacked size" if stated < 0 else f"unpacks to {stated} bytes"
+            raise WireError(f"{field} {fault}; {width} × {height} uint16 want {wanted}")
         planes = zstandard.ZstdDecompressor().decompress(data, max_output_size=wanted, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise WireError(f"{field} cannot be unpacked ({error}); one Zstandard frame is wanted") from None

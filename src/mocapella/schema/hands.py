@@ -80,22 +80,22 @@ def decode_points(m: Any) -> TrackedPoints:
     Raises:
         WireError: as in `decode_hand`.
     """
-    told = names(m.names, "Points.names")
+    point_names = names(m.names, "Points.names")
     return TrackedPoints(
-        told,
-        points(m.positions_m, (len(told), 3), "Points.positions_m"),
-        deviations(m.sd_m, len(told), "Points.sd_m"),
-        array(m.cameras, U1, (len(told),), "Points.cameras"),
+        point_names,
+        points(m.positions_m, (len(point_names), 3), "Points.positions_m"),
+        deviations(m.sd_m, len(point_names), "Points.sd_m"),
+        array(m.cameras, U1, (len(point_names),), "Points.cameras"),
     )
 
 
-def encode_object(thing: TrackedObject) -> Any:
+def encode_object(tracked: TrackedObject) -> Any:
     """Encode a part."""
     return pb.Object(
-        name=thing.name,
-        T_world_object=_upper_rows(thing.T_world_object),
-        outline_m=thing.outline.astype(F8, copy=False).tobytes(),
-        state=thing.state,
+        name=tracked.name,
+        T_world_object=_upper_rows(tracked.T_world_object),
+        outline_m=tracked.outline.astype(F8, copy=False).tobytes(),
+        state=tracked.state,
     )
 
 

@@ -118,13 +118,13 @@ def decode_marker_datagram(
     if len(pairs) != len(names):
         if not any("," in pair for pair in pairs):
             raise DatagramError(DatagramProblem.NOT_A_PAIR, f"{_shown(line)} has no pairs x,y")
-        told = f"{len(pairs)} pairs; the markers are {len(names)}: {', '.join(names)}"
-        raise DatagramError(DatagramProblem.COUNT, told)
+        problem = f"{len(pairs)} pairs; the markers are {len(names)}: {', '.join(names)}"
+        raise DatagramError(DatagramProblem.COUNT, problem)
     positions = [_position(pair, zero_is_lost) for pair in pairs]
     width, height = size_px
     for name, (x, y) in zip(names, positions, strict=True):
         if not (math.isnan(x) or (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5)):
-            where = f"{name} at ({x:g}, {y:g}) is not in a picture of {width} × {height}"
+            where = f"{name} at ({x:g}, {y:g}) is not in an image of {width} × {height}"
             raise DatagramError(DatagramProblem.OUTSIDE, where)
     return MarkerDatagram(np.array(positions), sequence, time_us)
 

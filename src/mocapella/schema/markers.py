@@ -35,8 +35,8 @@ def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
-    told = names(m.names, "MarkerFrame.names")
-    n, size = len(told), (m.width_px, m.height_px)
+    markers = names(m.names, "MarkerFrame.names")
+    n, size = len(markers), (m.width_px, m.height_px)
     if not (0 < size[0] <= MAX_SIDE_PX and 0 < size[1] <= MAX_SIDE_PX):
         wanted = f"1 to {MAX_SIDE_PX} pixels each"
         raise WireError(f"MarkerFrame.width_px and height_px are {size[0]} and {size[1]}; they want {wanted}")
@@ -45,7 +45,7 @@ def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     if outside.any() or np.isinf(positions).any():
         x, y = positions[np.flatnonzero((outside | np.isinf(positions)).any(axis=1))[0]]
         raise WireError(
-            f"MarkerFrame.positions_px has ({x:g}, {y:g}), which is not in a picture of {size[0]} × {size[1]}; "
+            f"MarkerFrame.positions_px has ({x:g}, {y:g}), which is not in an image of {size[0]} × {size[1]}; "
             "write NaN where a marker is not seen"
         )
     seen = np.isfinite(positions).all(axis=-1)
@@ -54,7 +54,7 @@ def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     return MarkerFrame(
         *identity_of(m),
         size,
-        told,
+        markers,
         positions,
         deviations(m.sd_px, n, "MarkerFrame.sd_px") if m.sd_px else _filled(seen, np.nan, np.nan),
         _within(m.areas_px, seen, float(size[0] * size[1]), 0.0, "areas_px"),

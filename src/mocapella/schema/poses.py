@@ -45,8 +45,8 @@ def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
     """
     if not 0 < len(m.space) <= MAX_NAME:
         raise WireError(f"PoseFrame.space is {m.space[:MAX_NAME]!r}; 1 to {MAX_NAME} characters are wanted")
-    told = names(m.names, "PoseFrame.names")
-    n = len(told)
+    bodies = names(m.names, "PoseFrame.names")
+    n = len(bodies)
     positions = array(m.positions_m, F4, (n, 3), "PoseFrame.positions_m")
     orientations = array(m.orientations, F4, (n, 4), "PoseFrame.orientations")
     both = np.concatenate([positions, orientations], axis=1)
@@ -69,6 +69,6 @@ def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
     else:
         states = np.where(there, 2, 0).astype(np.uint8)
     return PoseFrame(
-        *identity_of(m), m.space, told, positions, orientations,
+        *identity_of(m), m.space, bodies, positions, orientations,
         states,
     )  # fmt: skip
