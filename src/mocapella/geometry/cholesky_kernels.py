@@ -1,6 +1,6 @@
-"""Positive definite systems by Cholesky's factor, in place: for the fits that are compiled; importing it imports numba.
+"""Kernels that solve positive definite systems by Cholesky factorisation; importing them imports numba.
 
-G. Golub, C. Van Loan, *Matrix Computations*, 4.2. Written out as loops, they want no library in a kernel.
+G. Golub, C. Van Loan, *Matrix Computations*, 4.2. The loops need no linear-algebra library.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy")
 def factorise(A: Float64, damping: float, L: Float64) -> bool:
-    """Write the lower factor L of A (n, n), whose diagonal is raised by that part of it; whether there is one.
+    """Factorise A (n, n), with its diagonal raised by the factor 1 + damping, into L Lᵀ.
 
-    Of A the lower half is read; of L the upper half is left as it is.
+    Only the lower triangles of A and L are used.
+
+    Returns:
+        Whether the matrix is positive definite.
     """
     for i in range(len(A)):
         for k in range(i + 1):
@@ -37,7 +40,7 @@ def factorise(A: Float64, damping: float, L: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(L: Float64, b: Float64) -> None:
-    """b (n,) becomes the solution x of L Lᵀ x = b."""
+    """Replace b (n,) by the solution x of L Lᵀ x = b."""
     n = len(b)
     for i in range(n):
         for k in range(i):

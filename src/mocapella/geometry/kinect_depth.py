@@ -27,14 +27,14 @@ UNIT_M: Final = 0.000125
 
 
 def kinect_metres(raw: Any, nearest_m: float = NEAREST_M, farthest_m: float = FARTHEST_M) -> Float32:
-    """Depths of disparities.
+    """Convert a Kinect's raw disparities to depths.
 
     Args:
-        raw: (...) whole numbers; more than 11 bits are nothing.
-        nearest_m, farthest_m: of what is believed.
+        raw: (...) integers; values above 11 bits are invalid.
+        nearest_m, farthest_m: range of valid depths.
 
     Returns:
-        (...) float32 [m]; 0 where nothing was measured, or nothing that can be.
+        (...) float32 [m]; 0 where nothing valid was measured.
     """
     disparity = np.asarray(raw, dtype=np.float64)
     denominator = SLOPE_PER_M * disparity + OFFSET_PER_M

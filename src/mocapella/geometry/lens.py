@@ -29,7 +29,7 @@ def distort(normalised: Any, lens: Float64) -> Float64:
         lens: (9,).
 
     Returns:
-        (..., 2) [px]; NaN beyond the radius from which the model shows directions where others are, too.
+        (..., 2) [px]; NaN beyond the radius from which the model is no longer one-to-one.
     """
     x, y = np.moveaxis(np.asarray(normalised, dtype=np.float64), -1, 0)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
@@ -73,7 +73,7 @@ def undistort(pixels: Any, lens: Float64) -> Float64:
 
 
 def farthest_r2(lens: Float64) -> float:
-    """The squared radius x² + y² up to which the radial part grows; beyond, the model folds back into the picture.
+    """Return the squared radius x² + y² up to which the radial distortion is monotonic.
 
     It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
     """
@@ -86,7 +86,7 @@ def farthest_r2(lens: Float64) -> float:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import lens_kernels
 
     return lens_kernels

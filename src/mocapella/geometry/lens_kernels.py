@@ -1,6 +1,6 @@
 """The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -93,7 +93,7 @@ def undistorted_all(
 def undistort(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """(x, y) with distort(x, y) = (u, v); NaN where there is none within the radius up to which the lens is one."""
+    """Return (x, y) with distort(x, y) = (u, v); NaN if there is none within the lens model's radius."""
     x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
     return x, y
 

@@ -64,7 +64,7 @@ def group_distances(limbs: Float64, within: Float64, points: Float64) -> Float64
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import limb_surface_kernels
 
     return limb_surface_kernels

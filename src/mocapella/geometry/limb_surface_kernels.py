@@ -4,7 +4,7 @@ A limb is a row of `LIMB` numbers: ends a and b [m], the radii there [m], and th
 module imports numba; `mocapella.geometry.limb_surface` is what to call.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math

@@ -1,9 +1,9 @@
-"""A mesh as a camera sees it: where its vertices are, what it covers, and its outline; compiled.
+"""Kernels that render a mesh in a camera: projected vertices, mask and outline.
 
 Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -22,21 +22,21 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 NEAREST_M = 0.05
-"""What is nearer than this to the camera's plane is not drawn [m]."""
+"""Depth below which vertices are not drawn [m]."""
 MOST = 4096
-"""Points of an outline."""
+"""Largest number of points of an outline."""
 
 
 @njit(cache=True, error_model="numpy")
 def see(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, pixels: Float64, depth: Float64,
 ) -> None:  # fmt: skip
-    """Write where vertices (n, 3) are seen, (n, 2) [px], and how far before the camera, (n,) [m].
+    """Project vertices (n, 3): write pixels (n, 2) and depths (n,) [m].
 
-    What the lens cannot show, or is too near, has the depth 0.
+    Vertices that are too near, or outside of the lens model, have the depth 0.
     """
     T = T_camera_world
-    # Numbers told once, no branches, and arrays of one number each: a compiled loop takes several vertices at once.
+    # Local scalars, no branches and separate arrays let the compiler vectorise the loop.
     xa, xb, xc, xd = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     ya, yb, yc, yd = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     za, zb, zc, zd = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
@@ -65,7 +65,7 @@ def see(
 def within(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, width: int, height: int,
 ) -> bool:  # fmt: skip
-    """Whether all vertices (n, 3) are seen, and in the image."""
+    """Return whether all vertices (n, 3) are visible in the image."""
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
     for i in range(len(pixels)):
@@ -79,9 +79,9 @@ def within(
 def window(
     pixels: Float64, depth: Float64, width: int, height: int, step: int, margin: int,
 ) -> tuple[int, int, int, int]:  # fmt: skip
-    """The part of an image about what is seen: (x, y) of its first sample, columns, rows; none are 0.
+    """Return the window of samples about the visible vertices: first x and y, columns, rows; zeros if none.
 
-    It reaches ``margin`` px beyond the body, and so far beyond the image at most.
+    It extends ``margin`` px beyond the body, and at most as far beyond the image.
     """
     left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
     for i in range(len(pixels)):
@@ -98,7 +98,7 @@ def window(
 
 @njit(cache=True)
 def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> None:
-    """Write which side of each face is seen: 1 the outside, −1 the inside, 0 where a corner is not seen."""
+    """Write the visible side of each face: 1 the outside, −1 the inside, 0 where a corner is not visible."""
     for k in range(len(faces)):
         i, j, m = np.uint64(faces[k, 0]), np.uint64(faces[k, 1]), np.uint64(faces[k, 2])
         x, y = pixels[i, 0], pixels[i, 1]
@@ -110,10 +110,10 @@ def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> No
 
 @njit(cache=True, error_model="numpy")
 def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: int, mask: UInt8) -> None:
-    """Set mask (rows, columns) to 1 at the samples that faces cover whose outside is seen.
+    """Set mask (rows, columns) to 1 at the samples covered by faces with a visible outside.
 
-    The sample (row, column) is the image's point (x0 + step·column, y0 + step·row). Of a closed surface these faces
-    cover what all of them do.
+    The sample (row, column) is the image's point (x0 + step·column, y0 + step·row). On a closed surface these faces
+    cover as much as all faces.
     """
     rows, columns = mask.shape
     f = 1.0 / step
@@ -234,20 +234,21 @@ def outline(
     step: int, spacing: float, bones: Int32, at: Float64, normals: Float64, points: Float64, bone: Int32,
     far: Float64,
 ) -> int:  # fmt: skip
-    """Write points of the outline: of the edges of the border, beside the mask.
+    """Write points of the outline: of the edges of the border, outside the mask.
 
     Args:
         vertices: (n, 3) [m].
         pixels, depth: of `see`.
         edges: of `border`.
-        mask, x0, y0, step: of `cover`; an edge within it, as of an arm before the body, is none of the outline.
+        mask, x0, y0, step: of `cover`; an edge within it, as of an arm in front of the body, is not part of the
+            outline.
         spacing: a point for about so much of an edge [px].
         bones: (n,) the part that moves each vertex most.
         at, normals, points, bone, far: written: (most, 2) where [px], (most, 2) outwards, of the length of outline
             that the point stands for [px], (most, 3) [m], (most,) part, (most,) depth [m].
 
     Returns:
-        How many; where there is no room for more, the rest is left out.
+        Number of points; those without room are left out.
     """
     count, most = 0, len(at)
     rows, columns = mask.shape
@@ -286,17 +287,17 @@ def outlined(
     edges: Int32, by_edges: bool, bones: Int32, step: int, margin: int, spacing: float, given: tuple[int, int, int,
     int],
 ) -> tuple[int, int, UInt8, Float64, Float64, Float64, Int32, Float64]:  # fmt: skip
-    """All of this, one after the other.
+    """Render mask and outline of a mesh.
 
     Args:
         vertices, T_camera_world, lens, farthest_r2: of `see`; size_px: (width, height) of the image.
         faces: of the mesh; edges: of `outline_edges`; by_edges: whether `cover_by_edges` is for it.
-        step, margin: of `window`; given: what that is to be, unless it has no columns.
+        step, margin: of `window`; given: a window to use again, unless it has no columns.
         spacing, bones: of `outline`.
 
     Returns:
-        The first sample's x and y, the mask, and at, normals, points, bone and far of `outline`; no mask where nothing
-        is seen.
+        The first sample's x and y, the mask, and at, normals, points, bone and far of `outline`; an empty mask where
+        nothing is visible.
     """
     count = len(vertices)
     pixels, depth = np.empty((count, 2)), np.empty(count)

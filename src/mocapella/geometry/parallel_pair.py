@@ -1,9 +1,9 @@
 """Depth from two parallel cameras: the formula of a pinhole pair, and a correction fitted to measured distances.
 
-D = B·x₀ / (2·tan(φ₀/2)·(X_L − X_R)), with the baseline B, the width of the picture x₀ [px] and its view angle φ₀
+D = B·x₀ / (2·tan(φ₀/2)·(X_L − X_R)), with the baseline B, the image width x₀ [px] and its field of view φ₀
 (Mrovlje, Vrančić: Distance measuring based on stereoscopic pictures, 9th International PhD Workshop on Systems and
-Control, 2008, section 2). *Disparity* here is a positive number: the column [px] in the right picture minus that in
-the left one, left and right as somebody says who stands before the cameras. Where it is negative, they are swapped.
+Control, 2008, section 2). *Disparity* here is positive: the column [px] in the right image minus the column in the left
+one, with left and right as for a person who faces the cameras. A negative disparity means that they are swapped.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class ParallelPair:
 
 
 def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: float) -> float:
-    """The view angle [rad] with which the formula gives these depths (rows,) of these disparities, in the median.
+    """Estimate the field of view [rad] from depths (rows,) and disparities, by the median.
 
     Raises:
         InputError: as `fit`.
@@ -92,8 +92,8 @@ class PowerLaw(msgspec.Struct, frozen=True):
     """D = k·xᶻ of a disparity x [px].
 
     Attributes:
-        k_cm: the distance at one pixel of disparity [cm], as it is usually written down.
-        z: the exponent; −1 of ideal cameras.
+        k_cm: the distance at one pixel of disparity [cm], the customary unit.
+        z: the exponent; −1 for ideal cameras.
     """
 
     k_cm: float

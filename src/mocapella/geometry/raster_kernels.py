@@ -1,6 +1,6 @@
 """Which triangles of a surface a picture's samples see; compiled. Importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -15,7 +15,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 NEAR_M = 0.05
-"""A corner nearer than this takes its triangles with it."""
+"""Depth of a corner below which its triangles are not drawn [m]."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -73,7 +73,7 @@ def cover(
         triangles: (m, 3) corners, counter-clockwise as seen from outside.
         left, top: where the first sample is [px].
         step: between samples [px].
-        nearest: (rows, columns) float64 1/z of what is nearest, 0 where nothing is; in and out.
+        nearest: (rows, columns) float64 1/z of the nearest surface, 0 where there is none; in and out.
         which: (rows, columns) int32 its triangle, -1 where there is none; in and out.
     """
     h, w = which.shape
@@ -87,11 +87,11 @@ def cover(
         bx, by = (seen[b, 0] - left) * scale, (seen[b, 1] - top) * scale
         cx, cy = (seen[c, 0] - left) * scale, (seen[c, 1] - top) * scale
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area >= 0.0:  # with y down, what is counter-clockwise outside is negative
+        if area >= 0.0:  # y points down, so outsides have a negative area
             continue
         x0, x1 = max(math.ceil(min(ax, bx, cx)), 0), min(math.floor(max(ax, bx, cx)), w - 1)
         y0, y1 = max(math.ceil(min(ay, by, cy)), 0), min(math.floor(max(ay, by, cy)), h - 1)
-        # The corners' shares along a row: what they are at its first sample, and how they change to the next.
+        # Barycentric coordinates along a row: at its first sample, and their increments.
         f = 1.0 / area
         du, dv, ds = -(cy - by) * f, -(ay - cy) * f, -(by - ay) * f
         near_x = du * ia + dv * ib + ds * ic  # 1/z is linear in the picture

@@ -51,7 +51,7 @@ def rigid(R: Any, t: Any) -> Float64:
 
     Args:
         R: (..., 3, 3) rotations.
-        t: (..., 3) translations [m]; batch axes broadcast with those of ``R``.
+        t: (..., 3) translations [m]; batch axes broadcast with ``R``'s.
 
     Returns:
         (..., 4, 4).
@@ -75,7 +75,7 @@ def apply(T: Float64, points: Any) -> Float64:
 
     Args:
         T: (..., 4, 4).
-        points: (..., n, 3); batch axes broadcast with those of ``T``. NaN stays NaN, and only in its own point.
+        points: (..., n, 3); batch axes broadcast with ``T``'s. NaN stays NaN, and only in its own point.
 
     Returns:
         (..., n, 3).

@@ -17,7 +17,7 @@ MOST_REACH: Final = 255
 
 
 def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> NDArray[np.float32]:
-    """The signed distance of every sample to the outline of what is inside; above 0 inside.
+    """Compute the signed distance of every sample to a region's outline; positive inside.
 
     Args:
         inside: (rows, columns) bool or uint8, a mask, whose outline passes midway between two samples that differ;
@@ -48,7 +48,7 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
 
 @cache
 def kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import signed_distance_kernels
 
     return signed_distance_kernels

@@ -50,7 +50,7 @@ def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> No
         across[i] = far * far
         across[border + rows + i] = far * far
     _along_rows(field, far, border, across)
-    # The least sum of squares: over the rows of what is near in the columns, and the other way round.
+    # The least sum of squares, over rows of the distances along columns, and over columns of those along rows.
     flat_down, flat_across, best = down.reshape(-1), across.reshape(-1), np.empty(wide, np.float32)
     for i in range(rows):
         best[:] = np.float32(reach * reach)
@@ -119,7 +119,7 @@ def _along_rows(field: Float32, far: np.float32, border: int, squares: Float32) 
 
     Args:
         field: (rows, columns) float32; far: [samples].
-        border: rows before the first, which are left as they are.
+        border: rows before the first, which are not changed.
         squares: (border + rows or more, columns or more) float32.
     """
     rows, columns = field.shape
@@ -152,7 +152,7 @@ def _along_rows(field: Float32, far: np.float32, border: int, squares: Float32) 
 
 @njit(cache=True, error_model="numpy")
 def _least(flat: Float32, first: int, apart: int, groups: int, best: Float32) -> None:
-    """Lower ``best`` to a row's least sums of squares, of what is up to 4 × groups steps away on both sides.
+    """Lower ``best`` to a row's least sums of squares, over samples up to 4 × groups steps away on both sides.
 
     Args:
         flat: squares; first: the place of the row's first; apart: from there to that of the next step.

@@ -1,6 +1,6 @@
 """A mesh that follows rigid parts; compiled. Importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math

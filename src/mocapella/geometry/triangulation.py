@@ -126,7 +126,7 @@ def triangulate(
         cameras: of `views`.
         sd_px: standard deviation of a pixel's coordinates [px], broadcast to (..., views); a camera whose sd is NaN or
             infinite is not used.
-        settings: see there.
+        settings: the settings.
     """
     pixels = np.ascontiguousarray(pixels, dtype=np.float64)
     batch, count = pixels.shape[:-2], len(cameras.numbers)
@@ -149,7 +149,7 @@ def triangulate(
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import triangulation_kernels
 
     return triangulation_kernels

@@ -1,10 +1,10 @@
-"""The hot steps of `mocapella.geometry.triangulation`, compiled, a point at a time; importing this imports numba.
+"""Kernels of `mocapella.geometry.triangulation`; importing this module imports numba.
 
 A view is one row of numbers, in the order of `triangulation.Views`: the lens (9), the squared radius where its model
 ends, the rotation R_camera_world by rows (9), the translation (3), and the camera's centre in the world (3).
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -32,7 +32,7 @@ REFITS = 4
 
 @njit(**INLINED)
 def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]:
-    """The direction (x, y) of a normalised pixel: two Newton steps, which do for a start, or as many as it takes."""
+    """Undistort a normalised pixel to (x, y), by two Newton steps where these suffice, else by all steps."""
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
     if k1 == 0.0 and k2 == 0.0 and p1 == 0.0 and p2 == 0.0 and k3 == 0.0:
         return u, v
@@ -51,7 +51,7 @@ def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]
 
 @njit(**INLINED)
 def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float) -> tuple[float, float]:
-    """(dx, dy) [px] from where a point is seen to the pixel (u, v); infinite where it is not seen."""
+    """Return the reprojection error (dx, dy) [px] of a point at the pixel (u, v); infinite where it is invisible."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
@@ -68,7 +68,7 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
 def linearised(
     views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """`offset`, and the derivatives by X, Y, Z of where the point is seen: of its column (3) and its row (3)."""
+    """Return `offset` and the derivatives of the projection's column (3) and row (3) by X, Y, Z."""
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
@@ -90,7 +90,7 @@ def linearised(
 def inverse(
     a: float, b: float, c: float, d: float, e: float, f: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Of the symmetric [[a, b, c], [b, d, e], [c, e, f]], its six numbers in the same order."""
+    """Invert the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]]; return its six numbers in the same order."""
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1.0 / (a * A + b * B + c * C)
     return scale * A, scale * B, scale * C, scale * (a * f - c * c), scale * (b * c - a * e), scale * (a * d - b * b)
@@ -100,10 +100,10 @@ def inverse(
 def refine(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float
 ) -> tuple[float, float, float, bool, float, float, float, float, float, float]:
-    """Gauss–Newton on the distorted pixels of the views with a weight 1/sd²; halved steps where one leads uphill.
+    """Minimise the reprojection errors of weighted views by Gauss–Newton steps, halved where the cost rises.
 
     Returns:
-        X, Y, Z, whether they are where it is least, and the six numbers of the covariance there.
+        X, Y, Z, whether the fit converged, and the six numbers of the covariance.
     """
     before, sx, sy, sz = math.inf, 0.0, 0.0, 0.0
     A = B = C = D = E = F = 0.0
@@ -140,7 +140,7 @@ def refine(
 
 @njit(**INLINED)
 def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
-    """Write a ray of view n: x, y, its direction R_world_camera (x, y, 1), and the square of that one's length."""
+    """Write the ray of view n: x, y, its direction R_world_camera (x, y, 1), and the direction's squared length."""
     dx = views[n, 10] * x + views[n, 13] * y + views[n, 16]
     dy = views[n, 11] * x + views[n, 14] * y + views[n, 17]
     dz = views[n, 12] * x + views[n, 15] * y + views[n, 18]
@@ -150,7 +150,7 @@ def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
 
 @njit(**INLINED)
 def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, least_sin2: float) -> bool:
-    """Whether a point is seen from two directions whose angle is large enough, of the views that are used."""
+    """Return whether the rays of two used views meet in a point at a sufficient angle."""
     for i in range(len(views)):
         if not used[at, i]:
             continue
@@ -169,7 +169,7 @@ def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, leas
 def meeting(
     views: Float64, rays: Float64, weights: Float64, m: int, n: int, gate2: float, least_sin2: float
 ) -> tuple[int, float, float, float]:
-    """Where two rays are nearest, by the sd of each at its distance; a state, and the point.
+    """Intersect two rays, weighted by the standard deviation of each at its distance; return a state and the point.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
     """
@@ -203,9 +203,9 @@ def truncated(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, gate2: float,
     best: float, kept: Float64,
 ) -> float:  # fmt: skip
-    """The sum of the squared residuals [sd²], each at most the gate's; it ends where that is above ``best``.
+    """Return the sum of the squared residuals [sd²], truncated at the gate; infinite once it exceeds ``best``.
 
-    ``kept`` becomes the weights of the views within the gate, and 0 for others.
+    ``kept`` becomes the weights of the views within the gate, and 0 for the others.
     """
     total = 0.0
     for k in range(len(weights)):
@@ -225,7 +225,7 @@ def truncated(
 
 @njit(**INLINED)
 def two_or_more(kept: Float64) -> bool:
-    """Whether two views or more have a weight."""
+    """Return whether two views or more have a weight."""
     count = 0
     for k in range(len(kept)):
         if kept[k] > 0.0:
@@ -238,13 +238,13 @@ def consensus(
     views: Float64, pixels: Float64, at: int, rays: Float64, weights: Float64, gate2: float, least_sin2: float,
     kept: Float64, tried: Float64,
 ) -> tuple[int, float, float, float, float, float, float, float, float, float]:  # fmt: skip
-    """The point whose truncated error is least, of those that follow from any two views, refitted on what agrees.
+    """Return the point with the least truncated error among those of all pairs of views, refitted on its inliers.
 
-    Every pair is tried, so nothing depends on chance. The best is refitted while that makes it better: Chum, Matas,
-    Kittler: Locally Optimized RANSAC (DAGM 2003), section 2.
+    All pairs are tried, so nothing is random. The best is refitted while its error falls: Chum, Matas, Kittler: Locally
+    Optimized RANSAC (DAGM 2003), section 2.
 
     Returns:
-        Why there is none, or `SEEN`; X, Y, Z and the covariance; ``kept`` has the weights of the views that agree.
+        `SEEN` or the reason of failure; X, Y, Z and the covariance; ``kept`` has the weights of the inlier views.
     """
     best, state = math.inf, PARALLEL
     X = Y = Z = A = B = C = D = E = F = math.nan
@@ -280,7 +280,7 @@ def consensus(
 
 @njit(**INLINED)
 def same(kept: Float64, tried: Float64) -> bool:
-    """Whether the same views have a weight."""
+    """Return whether the same views have a weight."""
     equal = True
     for k in range(len(kept)):
         equal &= (kept[k] > 0.0) == (tried[k] > 0.0)
@@ -289,21 +289,20 @@ def same(kept: Float64, tried: Float64) -> bool:
 
 @njit(**INLINED)
 def keep(kept: Float64, tried: Float64) -> None:
-    """Of the views that were tried."""
+    """Copy the tried weights."""
     for k in range(len(kept)):
         kept[k] = tried[k]
 
 
 @njit(**COMPILED)
-def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler knows that the rows are apart
+def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler knows that the rows do not overlap
     views: Float64, pixels: Float64, sd: Float64, gate2: float, points: Float64, covariances: Float64,
     residuals: Float64, fitted: Bool,
 ) -> None:  # fmt: skip
-    """Points whose views all agree, many at a time, as `refine` does one; ``fitted`` says which those are.
+    """Triangulate the points whose views all agree, many at a time; ``fitted`` marks them.
 
-    The start is the linear least squares of x·z' − x' and y·z' − y' over the views.
-
-    The loops over ``m`` have no branches, so that the processor takes several points in one instruction.
+    The initial point is the linear least-squares solution of x·z' − x' and y·z' − y' over the views. Then the steps are
+    those of `refine`. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
     """
     count = pixels.shape[1]
     P, S = np.empty((3 * count, LANES)), np.empty((24, LANES))
@@ -374,7 +373,7 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler kn
                 sx = A * S[6, m] + B * S[7, m] + C * S[8, m]
                 sy = B * S[6, m] + D * S[7, m] + E * S[8, m]
                 sz = C * S[6, m] + E * S[7, m] + F * S[8, m]
-                now = 1.0 if S[13, m] == 0.0 else 0.0  # not since it was done
+                now = 1.0 if S[13, m] == 0.0 else 0.0  # 0 once converged
                 S[10, m] += now * sx
                 S[11, m] += now * sy
                 S[12, m] += now * sz
@@ -414,7 +413,7 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, in which the compiler kn
 def newton(
     u: float, v: float, x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float
 ) -> tuple[float, float, float, float]:
-    """A step of Newton's method to where `distort` is (u, v): the place, and the step."""
+    """Take one Newton step of the inverse of `distort` at (u, v); return the new point and the step."""
     at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
     du, dv, scale = u - at_u, v - at_v, 1.0 / (uu * vv - uv * uv)
     dx, dy = scale * (vv * du - uv * dv), scale * (uu * dv - uv * du)
@@ -476,7 +475,7 @@ def triangulate(
 def nothing(
     i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
 ) -> None:
-    """Point i is not known, and why."""
+    """Mark point i as unknown, with a reason."""
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 
 
@@ -484,7 +483,7 @@ def nothing(
 def write_residuals(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, residuals: Float64
 ) -> None:
-    """Of each view that sees the point [px]."""
+    """Write the reprojection error of each view that sees the point [px]."""
     for k in range(len(weights)):
         if weights[k] > 0.0:
             du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])

@@ -79,7 +79,7 @@ def orthonormal(R: Float64) -> None:
 def carry_on(A: Float64, B: Float64, ratio: float, out: Float64) -> None:
     """Extrapolate the rigid motion from A to B (4, 4): write B·exp(ratio·log(A⁻¹B)) into out (4, 4).
 
-    Exponential and logarithm are those of `geometry.twists`; the rotation from A to B is below π.
+    Exponential and logarithm are `geometry.twists`'; the rotation from A to B is below π.
     """
     P, Q, R, d, t = np.empty(9), np.empty(9), np.empty(9), np.empty(3), np.empty(3)
     for i in range(3):

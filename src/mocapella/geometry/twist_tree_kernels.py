@@ -1,6 +1,6 @@
-"""Where the parts and joints of a tree of twists are; compiled. Importing this module imports numba."""
+"""Forward kinematics of a tree of twists. Importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import numpy as np

@@ -56,7 +56,7 @@ def weighted_linear(
         pixels, confidences: NaN where not seen.
         lenses: (views, 9).
         T_camera_world: (views, 4, 4).
-        settings: see there.
+        settings: the settings.
     """
     pixels = np.asarray(pixels, dtype=np.float64)
     confidences = np.broadcast_to(np.asarray(confidences, dtype=np.float64), pixels.shape[:-1])

@@ -1,6 +1,6 @@
 """An arm and a hand in a pose, fitted to the points of a depth image.
 
-`arm_fit_kernels` says what is minimised, and where it comes from.
+`arm_fit_kernels` describes the cost function and its sources.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ _DIGIT_RADII_M: Final = (
     (0.0096, 0.0087, 0.0076, 0.0066),
     (0.0089, 0.0078, 0.0069, 0.0060),
 )
-"""At the joints from the base outwards, of a hand of the reference's length; ours."""
+"""Radii at the joints from the base outwards, of a hand of the reference length; our own figures."""
 _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
-"""Of the forearm at the wrist, half the distance of its two bones there, at the elbow, of the upper arm; and how far
-from the landmark the middle of the fingertip's end is, inwards."""
+"""Radius of the forearm at the wrist, half the distance of its two bones there, radii at the elbow and of the upper
+arm;
+and the distance of the centre of a fingertip's end inwards from the landmark."""
 _ELBOW_M: Final = (0.008, 0.012)
-"""The elbow's joint is so far beyond where the forearm's flesh tells its end, and so far behind it where it is bent;
-from rendered arms (seeds below 100)."""
+"""Distance of the elbow joint beyond the end of the forearm's flesh, and behind it where the elbow is bent; from
+rendered
+arms (seeds below 100)."""
 _FOREARM_OF_HAND: Final = 1.33
 """Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
 figure 4.1: 0.146 and 0.108 of the stature."""
@@ -43,24 +45,24 @@ figure 4.1: 0.146 and 0.108 of the stature."""
 
 @dataclass(frozen=True)
 class ArmFitSettings:
-    """What the fit believes.
+    """Noise, priors and iterations of the fit.
 
     Attributes:
-        point_scale_m: distances of points beyond it count for little.
-        silhouette_scale_m: likewise of flesh beside the silhouette or before the surface.
-        point_sd_m, silhouette_sd_m, collision_sd_m: how sure one residual is; those of points are not independent, so
-            this is far above the noise.
-        sharp_sd_m: that of the silhouette in the last third of a fit.
-        ahead_m: flesh may stand so far before the surface.
-        overlap_m: digits may overlap so far.
-        size_sd, thickness_sd: of a hand's size and thickness over the average.
-        digit_sd: of a digit's length over what the hand's size lets expect.
-        forearm_sd: of its length over what the hand's length lets expect.
-        deviation_sd_deg, flexion_sd_deg: of the wrist about straight.
-        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: how unsure the prediction becomes, by a second.
-        edge: how far from an edge's outer pixel the surface ends, in pixels of the grid.
-        loose: the robust scales begin so many times as wide.
-        iterations: of a fit that follows.
+        point_scale_m: scale of the robust loss of points.
+        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or in front of the surface.
+        point_sd_m, silhouette_sd_m, collision_sd_m: standard deviation of one residual; far above the noise for points,
+            whose errors are not independent.
+        sharp_sd_m: standard deviation of the silhouette's residuals in the last third of a fit.
+        ahead_m: allowed distance of flesh in front of the surface.
+        overlap_m: allowed overlap of digits.
+        size_sd, thickness_sd: standard deviation of a hand's size and thickness, relative to the average.
+        digit_sd: standard deviation of a digit's length, relative to the length expected from the hand's size.
+        forearm_sd: standard deviation of the forearm's length, relative to the length expected from the hand's.
+        deviation_sd_deg, flexion_sd_deg: standard deviations of the wrist's angles about the straight wrist.
+        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: growth of the prediction's standard deviation per second.
+        edge: distance of the surface's end from an edge's outer pixel, in pixels of the grid.
+        loose: factor of the robust scales in the first iteration.
+        iterations: number of iterations while tracking.
     """
 
     point_scale_m: float = 0.010
@@ -100,10 +102,10 @@ class ArmFitSettings:
 
 
 class ArmPose(NamedTuple):
-    """Where an arm is; as the kernels have it.
+    """Pose and sizes of an arm, as the kernels take them.
 
     Attributes:
-        R, t: (9,), (3,) from the palm's frame to the camera's.
+        R, t: (9,), (3,) from the palm's frame to the camera frame.
         z: (n,) free angles [rad].
         v: (STATE,) sizes, and directions of forearm and upper arm in the palm's frame.
     """
@@ -114,23 +116,24 @@ class ArmPose(NamedTuple):
     v: Float64
 
     def copied(self) -> ArmPose:
-        """Arrays of its own."""
+        """Copy the arrays."""
         return ArmPose(*(a.copy() for a in self))
 
     @property
     def T_camera_palm(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4)."""
+        """Motion (4, 4) from the palm's frame to the camera frame."""
         return rigid(self.R.reshape(3, 3), self.t)
 
 
 class ArmEvidence(NamedTuple):
-    """What the fit is made to; camera [m].
+    """Measurements of one depth image, in the camera frame [m].
 
     Attributes:
-        points: (m, 3).
-        weights: (m,).
-        front: (h, w) the arm's surface, minus other things', 0 where nothing was measured.
-        opposite: (h, w) int64, the nearest column in a line that is the arm's where a pixel is not, and the reverse.
+        points: (m, 3) points of the arm's surface.
+        weights: (m,) of the points.
+        front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured.
+        opposite: (h, w) int64, the nearest column of the line that belongs to the arm where a pixel does not, and the
+            reverse.
         lens: (4,) of these pixels.
     """
 
@@ -142,12 +145,12 @@ class ArmEvidence(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A pose and what speaks for it.
+    """A fitted pose and its costs.
 
     Attributes:
-        pose: see there.
-        costs: (5,) mean robust cost of points and of flesh, from 0 to 1; of digits that overlap; how unusual size and
-            angles are, in standard deviations squared; and which part of the flesh is behind other things.
+        pose: the pose.
+        costs: (5,) mean robust cost of points and of flesh, from 0 to 1; cost of overlapping digits; squared deviation
+            of sizes and angles from the prior, in standard deviations; share of the flesh that other objects occlude.
     """
 
     pose: ArmPose
@@ -155,7 +158,7 @@ class Fitted(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """One number to compare poses by."""
+        """Weighted sum of the costs, for comparing poses."""
         points, flesh, overlap, unusual = kernels().COSTS
         c = self.costs
         return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
@@ -163,12 +166,12 @@ class Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What is believed before an image is looked at.
+    """Prior of a fit.
 
     Attributes:
-        pose: that was predicted.
-        certainty: (6 + angles,) inverse variances about it.
-        v, information: (STATE,) of sizes and directions, and inverse variances.
+        pose: the predicted pose.
+        certainty: (6 + angles,) inverse variances of palm twist and angles about it.
+        v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
     pose: ArmPose
@@ -178,7 +181,7 @@ class Expected:
 
 
 class ArmModel:
-    """An arm of one side whose sizes can be fitted."""
+    """Model of one arm, whose pose and sizes are fitted to depth images."""
 
     def __init__(self, model: HandModel, shape: HandShape, settings: ArmFitSettings | None = None) -> None:
         self.model, self.shape, self.settings = model, shape, settings or ArmFitSettings()
@@ -209,7 +212,7 @@ class ArmModel:
         self.forearm_m = _FOREARM_OF_HAND * length
 
     def state(self, forearm: Float64 | None = None) -> Float64:
-        """(STATE,) of an average arm, straight or with the forearm along a direction of the palm's frame."""
+        """Return the state (STATE,) of an average arm, straight or with a forearm direction in the palm's frame."""
         v = np.empty(kernels().STATE)
         v[:4] = 1.0, 1.0, self.forearm_m, 1.0
         v[4:7] = (0.0, 0.0, -1.0) if forearm is None else forearm / np.linalg.norm(forearm)
@@ -218,7 +221,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """What is believed of an arm of which nothing is known."""
+        """Return the prior of an arm that was not seen before."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -230,31 +233,31 @@ class ArmModel:
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
     def rigid(self, pose: ArmPose, sd: float) -> Expected:
-        """What is believed of an arm that may be anywhere, of known size, whose hand keeps its posture but for so much.
+        """Return the prior of an arm of known sizes and posture whose position is unknown.
 
         Args:
-            pose: see there.
-            sd: of an angle [rad], and of sizes.
+            pose: the pose.
+            sd: standard deviation of angles [rad] and of relative sizes.
         """
         base = self.unexpected(pose)
         certainty, v, information = base.certainty.copy(), pose.v.copy(), base.information.copy()
         certainty[6:] = information[:2] = information[3] = information[10:] = 1 / sd**2
-        v[2] /= v[0]  # a forearm's length is told by that of the hand
+        v[2] /= v[0]  # the forearm's length is relative to the hand's
         return replace(base, certainty=certainty, v=v, information=information)
 
     def fit(
         self, start: ArmPose, expected: Expected, evidence: ArmEvidence, *, iterations: int | None = None,
         loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
-        """The best pose near a start.
+        """Fit a pose, from a start near it.
 
         Args:
-            start: where to begin; stays as it is.
-            expected: see there.
-            evidence: see there.
-            iterations, loose: the settings' where not given.
-            keep: in which part of the iterations `tips` count.
-            tips: (5, 3) where fingertips are believed to be, camera [m], NaN where not; it helps to begin.
+            start: the initial pose; not changed.
+            expected: the prior.
+            evidence: the image.
+            iterations, loose: the settings' unless given.
+            keep: share of the iterations, from the first on, in which `tips` count.
+            tips: (5, 3) approximate fingertips, camera [m], NaN where unknown; they help the first iterations.
         """
         s, k = self.settings, kernels()
         pose = start.copied()
@@ -279,9 +282,9 @@ class ArmModel:
         return Fitted(pose, costs)
 
     def _numbers(self, pose: ArmPose, evidence: ArmEvidence, total: float) -> Float64:
-        """As the kernels have the settings."""
+        """Return the parameters that the kernels take."""
         s = self.settings
-        # As many points as a hand at arm's length has: more of them do not know more.
+        # At most the information of a hand at arm's length: more points add none.
         share = min(400.0 / total, 2.0)
         return np.array(
             [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
@@ -290,7 +293,7 @@ class ArmModel:
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """How much less a fit costs with a digit held in the best of many ways, all else as it is, and that pose."""
+        """Try many postures of one digit; return the reduction of the cost, and the pose with the best of them."""
         columns = self.columns[digit]
         free = columns >= 0
         tries = self._ways[digit].copy()
@@ -308,7 +311,7 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """The poses in which fingers that are bent unlike are held as their neighbours are: two exchanged, or all."""
+        """Yield the poses in which differently bent fingers take over their neighbours' angles."""
         columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
         held = np.array([pose.z[c] for c in columns])
         for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
@@ -319,7 +322,7 @@ class ArmModel:
                 yield pose._replace(z=z)
 
     def alike(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """The poses in which all fingers are bent alike, from straight to a fist, and spread or turned as they are."""
+        """Yield the poses in which all fingers are bent equally, from straight to a fist, with unchanged abduction."""
         for flexion, middle in _ALIKE_DEG:
             z = pose.z.copy()
             for digit in range(1, 5):
@@ -327,31 +330,31 @@ class ArmModel:
             yield pose._replace(z=z)
 
     def hold(self, z: Float64, digit: int, flexion: float, abduction: float | None, middle: float) -> None:
-        """Write how a digit is held [degrees] into free angles z (n,); its last joint follows the one before."""
+        """Write a digit's posture [degrees] into free angles z (n,); its last joint follows the one before."""
         columns = self.columns[digit]
         for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * self.model.coupling[digit])):
             if columns[k] >= 0 and value is not None:
                 z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """(k, 5) balls along the flesh, camera [m], and 1 for the hand's, 0 for the arm's."""
+        """Return spheres (k, 5) along the flesh: centre, radius, camera [m], and 1 for the hand, 0 for the arm."""
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
     def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
-        """(m,) how much points (m, 3) of the image count: those about the hand most, then the forearm's.
+        """Return the weights (m,) of points (m, 3): largest near the hand, then near the forearm.
 
         Args:
             points: camera [m].
-            pose: see there.
-            beyond: how much those count that are farther away.
+            pose: the pose.
+            beyond: weight of all other points.
         """
         out = np.empty(len(points))
         kernels().relevance(points, pose.R, pose.t, pose.v, self.length_m, self.forearm_m, beyond, out)
         return out
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
-        """(k, PIECE) the flesh in the palm's frame, and (5, 4, 3) the digits' joints."""
+        """Return the flesh (k, PIECE) in the palm's frame, and the digits' joints (5, 4, 3)."""
         k = kernels()
         pieces = np.empty((len(self.owners), k.PIECE))
         rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
@@ -362,7 +365,7 @@ class ArmModel:
         return pieces, joints
 
     def points(self, pose: ArmPose) -> Float64:
-        """(23, 3) of `mocapella.model.arms.ARM_POINTS`, camera [m]."""
+        """Return the points (23, 3) of `mocapella.model.arms.ARM_POINTS`, camera [m]."""
         joints = self.pieces(pose)[1].reshape(20, 3)
         x = np.empty((23, 3))
         x[0] = 0.0
@@ -375,10 +378,10 @@ class ArmModel:
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
     def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
-        """(23,) which part of the flesh about each landmark, of what faces the camera, the image shows in its place.
+        """Return for each landmark (23,) the share of the camera-facing flesh about it that the image confirms.
 
         Args:
-            pose: see there.
+            pose: the pose.
             front, lens: as of `ArmEvidence`.
         """
         out = np.empty(23)
@@ -386,7 +389,7 @@ class ArmModel:
         return out
 
     def angles(self, pose: ArmPose) -> Float64:
-        """(21,) of `ANGLES` [rad]."""
+        """Return the angles (21,) of `ANGLES` [rad]."""
         out = np.zeros(21)
         for digit in range(5):
             for k in range(5):
@@ -396,7 +399,7 @@ class ArmModel:
 
 
 def _ways(model: HandModel, digit: int) -> Float64:
-    """(k, 5) ways to hold a digit [rad]; the flexion of the last joint follows that of the one before."""
+    """Return postures (k, 5) of a digit [rad]; the last joint follows the one before."""
     if digit == 0:
         ways = [(f, a, m, last, 0) for f in (-28, 0, 28) for a in (-24, 0, 24) for m in (5, 40) for last in (5, 55)]
     else:
@@ -411,9 +414,9 @@ def _ways(model: HandModel, digit: int) -> Float64:
 
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NEAR_M: Final = 0.010
-"""So near to the image's surface flesh is seen in its place."""
+"""Distance from the image's surface within which flesh is confirmed."""
 _UNLIKE: Final = np.radians(40)
-"""Fingers whose angles differ by less are bent alike."""
+"""Difference of angles below which fingers count as equally bent."""
 _ALIKE_DEG: Final = ((-5, 5), (15, 30), (40, 40), (20, 80), (65, 70), (85, 100))
 """Flexion of knuckles and of middle joints."""
 _NOWHERE: Final = np.full((5, 3), np.nan)
@@ -422,7 +425,7 @@ _NOWHERE: Final = np.full((5, 3), np.nan)
 def _palm(shape: HandShape, big: float) -> Float64:
     """(k, 8) of a right hand: two points and the radii there [m]."""
     thumb, index, middle, ring, little = shape.bases
-    # The flesh of the palm is on the side to which the fingers bend: the joints are nearer to the back of the hand.
+    # The palm's flesh is on the side to which the fingers bend; the joints are nearer to the back of the hand.
     wrist = big * np.array(
         [[0.013, -0.003, 0.004], [0.004, -0.003, 0.002], [-0.005, -0.003, 0.002], [-0.013, -0.003, 0.004]]
     )
@@ -448,7 +451,7 @@ def _palm(shape: HandShape, big: float) -> Float64:
 
 @cache
 def kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import arm_fit_kernels
 
     return arm_fit_kernels

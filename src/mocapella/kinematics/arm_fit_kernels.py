@@ -1,19 +1,19 @@
-"""An arm and a hand fitted to the points of a depth image; compiled.
+"""Kernels that fit an arm and a hand to the points of a depth image.
 
-The flesh is tapered capsules about the bones. The fit minimises, over the palm's motion, the hand's angles, the
-directions of forearm and upper arm, and a person's sizes,
+The flesh consists of tapered capsules about the bones. The fit minimises, over the palm's motion, the hand's angles,
+the directions of forearm and upper arm, and the person's sizes,
 
     Σ ρ(distance of a point of the image from the flesh's visible side)
-  + Σ ρ(how far a piece of flesh stands out of the silhouette, or before the surface that was measured)
-  + Σ (digits within one another)² + what is usual, within limits, and what was predicted
+  + Σ ρ(distance of a piece of flesh beyond the silhouette, or in front of the measured surface)
+  + Σ (overlap of digits)² + prior of sizes and angles + penalty beyond joint limits + prediction
 
 by Gauss–Newton steps with points assigned anew before each: A. Tagliasacchi et al., "Robust Articulated-ICP for
 Real-Time Hand Tracking", Computer Graphics Forum 34 (2015) 101, equations 1 to 8; the pieces of flesh as in A. Tkach,
 M. Pauly, A. Tagliasacchi, "Sphere-Meshes for Real-Time Hand Modeling and Tracking", ACM Trans. Graph. 35 (2016) 222.
-Residuals and derivatives are told in the palm's frame. Importing this module imports numba.
+Residuals and derivatives are in the palm's frame. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0915, PLR0917 - compiled: arrays come by position, loops are written out
+# ruff: noqa: PLR0912, PLR0915, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -32,32 +32,32 @@ Int64 = NDArray[np.int64]
 Picture = tuple[Float64, Int64, Float64]
 """Front, opposite and lens of `ArmEvidence`."""
 
-# A piece's row of numbers: its axis from FROM along U for LENGTH, radii at both ends, and what is made of them.
+# Row of a piece: its axis from FROM along U for LENGTH, the radii at both ends, and numbers derived from these.
 FROM, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
 TAN, MIDDLE, BOUND = 9, 10, 13
 PIECE = 14
-# Which dofs move a piece: its digit, or one of these, and the bone of the digit.
+# Owner of a piece, whose dofs move it: a digit, or one of these.
 OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
 
-# Of the state's vector v.
+# Indices of the sizes and directions v.
 SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
 FOREARM, UPPER = 4, 7  # unit vectors in the palm's frame: wrist to elbow, elbow to shoulder
 DIGITS = 10  # (5,) lengths of the digits over the shape's, beside the hand's size
 STATE = 15
 
-# Where dofs are, after the palm's six and the free angles.
+# Indices of the other dofs, behind the palm's six and the free angles.
 D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
 BODY_DOFS = 13
 
-COSTS = (1.0, 0.5, 0.1, 0.002)  # of points, flesh, digits that overlap (at most 2), unusual angles and sizes
+COSTS = (1.0, 0.5, 0.1, 0.002)  # weights of points, flesh, overlapping digits (at most 2), deviations from the prior
 MOVERS = 8  # dofs of one piece beside the palm's, at most
-GROUPS = 18  # of pieces that the same dofs move
-Q_R, Q_ALONG, ROW = 6, 7, 10  # where numbers of a residual are, and how many
-_UNMEASURED = 0.4  # of the cost of flesh where nothing was measured
-_JUDGED = 0.7  # of the robust scales, when what came out is judged
-_FAR_PX = 30  # edges farther away are not looked for
-_REST_M, _REST_RAD = 0.0002, 0.004  # a step of the fit that is smaller changes nothing
-_TARGET_SD = 0.004  # of a fingertip that was found as the end of a branch [m]
+GROUPS = 18  # groups of pieces that the same dofs move
+Q_R, Q_ALONG, ROW = 6, 7, 10  # indices in a residual's numbers, and their count
+_UNMEASURED = 0.4  # factor of the cost of flesh where nothing was measured
+_JUDGED = 0.7  # factor of the robust scales when a result is judged
+_FAR_PX = 30  # reach of the search for edges
+_REST_M, _REST_RAD = 0.0002, 0.004  # smaller steps count as convergence
+_TARGET_SD = 0.004  # standard deviation of a fingertip detected as a branch's end [m]
 
 
 @njit(cache=True)
@@ -78,7 +78,7 @@ def _piece(
 
 @njit(cache=True)
 def _digit_pieces(d: int, outer: float, radii: Float64, thick: float, x: Float64, pieces: Float64) -> None:
-    """Write the three pieces of a digit whose joints are x (4, 3), and whose outer bone is so long [m]."""
+    """Write the three pieces of a digit with joints x (4, 3) and an outer bone of length ``outer`` [m]."""
     for bone in range(3):
         bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
         if bone == 2:  # the landmark is nearer to the flesh's end than a radius
@@ -141,7 +141,11 @@ def flesh(
 
 @njit(cache=True)
 def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
-    """Write balls along the flesh, so far apart, into out (k, 5), camera [m], the arm's with a 0 behind; how many."""
+    """Write spheres along the flesh into out (k, 5), camera [m], with 0 in the last column for the arm's.
+
+    Returns:
+        Their number.
+    """
     n = 0
     for i in range(len(pieces)):
         p = pieces[i]
@@ -165,10 +169,10 @@ def closest(
     pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
     out: Float64,
 ) -> int:  # fmt: skip
-    """The piece that explains a point best; its outward normal, where on its axis, and the distance into out (5,).
+    """Return the piece nearest to a point; write outward normal, position on the axis and distance into out (5,).
 
-    On the side that the camera cannot see, the distance is that from the front, along the view (vx, vy, vz): this is
-    what the silhouette-aware correspondences of Tagliasacchi et al. (section 4.1) come to for a capsule.
+    On the side that faces away from the camera, the distance is that from the front, along the view (vx, vy, vz). For a
+    capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
     """
     best, which, nearest = 1e9, -1, 1e9
     for k in range(-1, few):
@@ -203,7 +207,7 @@ def closest(
 
 @njit(cache=True)
 def _across(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A unit vector across a unit vector."""
+    """Return a unit vector perpendicular to a unit vector."""
     if abs(x) < 0.8:
         f = 1.0 / math.sqrt(y * y + z * z)
         return 0.0, f * z, -f * y
@@ -213,7 +217,7 @@ def _across(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def _group(owner: int, bone: int) -> int:
-    """Which dofs move a piece: those of a digit as far as its bone, of the palm, of the forearm, of the upper arm."""
+    """Return the group of a piece: a digit's bone, the palm, the forearm or the upper arm."""
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 
@@ -222,16 +226,16 @@ def _movers(
     joints: Float64, axes: Float64, columns: Int64, gains: Float64, rising: Int64, v: Float64, nz_free: int,
     A: Float64, at: Int64, counts: Int64,
 ) -> None:  # fmt: skip
-    """Write the dofs of each group but the palm's six, for these are the same of all.
+    """Write each group's derivatives by its dofs, except the palm's six, which all groups share.
 
-    A residual whose normal n is at a point p + r·n of the flesh is moved by each dof as a linear function of a few
-    numbers q: n, the moment p × n, r, and of the hand p·n, of the arm n times how far along the point is. So of all
-    residuals of a group only Σ q qᵀ is kept, and told of the dofs once (`_tell`).
+    The derivative of a residual with normal n at a point p + r·n of the flesh is a linear function of a few numbers q:
+    n, the moment p × n, r, and p·n for the hand, n times the position along the bone for the arm. So only Σ q qᵀ is
+    accumulated for a group, and multiplied by the linear functions once (`_add_groups`).
 
     Args:
-        A: (GROUPS, MOVERS, ROW) the linear functions, out.
-        at: (GROUPS, MOVERS) where each dof is, ascending, out.
-        counts: (GROUPS,) how many, out.
+        A: (GROUPS, MOVERS, ROW) the linear functions, written.
+        at: (GROUPS, MOVERS) index of each dof, ascending, written.
+        counts: (GROUPS,) number of dofs, written.
     """
     body = 6 + nz_free
     A[:] = 0.0
@@ -265,7 +269,7 @@ def _movers(
         fx, fy, fz = v[FOREARM], v[FOREARM + 1], v[FOREARM + 2]
         ax, ay, az = _across(fx, fy, fz)
         bx, by, bz = fy * az - fz * ay, fz * ax - fx * az, fx * ay - fy * ax
-        # The forearm moves with how far along it a point is; the upper arm all alike.
+        # The forearm's points move in proportion to their distance from the wrist, the upper arm's all equally.
         first, reach = (Q_ALONG, 1.0) if group == 14 - OF_FOREARM else (0, v[FOREARM_M])
         row[0, first], row[0, first + 1], row[0, first + 2] = reach * ax, reach * ay, reach * az
         row[1, first], row[1, first + 1], row[1, first + 2] = reach * bx, reach * by, reach * bz
@@ -291,7 +295,7 @@ def _movers(
 def _numbers(
     group: int, nx: float, ny: float, nz: float, px: float, py: float, pz: float, r: float, v: Float64, q: Float64,
 ) -> None:  # fmt: skip
-    """Write the numbers (ROW,) of a residual of a group that `_movers` speaks of."""
+    """Write the numbers q (ROW,) of a residual, as `_movers` describes them."""
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
     q[Q_R] = r
@@ -309,7 +313,7 @@ def _numbers(
 
 @njit(cache=True)
 def _add(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
-    """Add a residual to what is kept of its group: Q (ROW, ROW) and b (ROW,)."""
+    """Add a residual to its group's sums Q (ROW, ROW) and b (ROW,)."""
     for i in range(ROW):
         a = w * q[i]
         b[i] += a * e
@@ -318,8 +322,8 @@ def _add(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
 
 
 @njit(cache=True)
-def _tell(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float64, g: Float64) -> None:
-    """Add what is kept of all groups to the lower triangle of H and to g."""
+def _add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float64, g: Float64) -> None:
+    """Add the groups' sums to the lower triangle of H and to g."""
     T = np.empty(ROW)
     for group in range(GROUPS):
         kept = Q[group]
@@ -347,7 +351,7 @@ def _tell(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float
 
 @njit(cache=True)
 def _nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) -> tuple[int, int]:
-    """The nearest pixel that is the arm's where this is not, or the other way round; itself where none is near."""
+    """Return the nearest pixel across the silhouette's edge, or the pixel itself where no edge is near."""
     height = front.shape[0]
     arm = front[line, column] > 0.0
     best, y, x = 1e9, line, column
@@ -369,7 +373,7 @@ def _nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) -
 
 @njit(cache=True)
 def _robust(e: float, scale: float) -> tuple[float, float]:
-    """Weight of Geman's and McClure's estimator, and its cost from 0 to 1."""
+    """Return weight and cost, from 0 to 1, of the Geman–McClure loss."""
     s = (e / scale) ** 2
     f = 1.0 / (1.0 + s)
     return f * f, s * f
@@ -380,14 +384,14 @@ def _beside(
     front: Float64, opposite: Int64, lens: Float64, X: float, Y: float, Z: float, r: float, numbers: Float64,
     out: Float64,
 ) -> int:  # fmt: skip
-    """How a ball of flesh at (X, Y, Z) in the camera's space stands out of the silhouette or before the surface.
+    """Compare a sphere of flesh at (X, Y, Z), camera frame, with the silhouette and the measured surface.
 
     Args:
-        out: (5,) out: how far it stands out [m], 0 where it does not; the direction in the image in which it does,
-            which is from the edge outwards; how far it is before what was measured; the robust cost of the worse.
+        out: (5,) written: distance beyond the silhouette [m], 0 within it; its direction in the image, outwards from
+            the edge; distance in front of the measured surface; the larger robust cost of both.
 
     Returns:
-        -1 outside of the image, 0 behind another thing, where the image says nothing of it, else 1.
+        -1 outside of the image, 0 where another object occludes it, else 1.
     """
     if Z < 0.05:
         return -1
@@ -404,7 +408,7 @@ def _beside(
         return 0
     inside = there > 0.0
     edge_y, edge_x = _nearest_opposite(front, opposite, line, column)
-    if edge_y == line and edge_x == column:  # no edge is near: inside all is well, outside nothing is
+    if edge_y == line and edge_x == column:  # no edge is near: no cost inside, the full cost outside
         out[4] = 0.0 if inside else 1.0
     else:
         dx, dy = (edge_x - px) * Z / lens[0], (edge_y - py) * Z / lens[1]
@@ -418,7 +422,7 @@ def _beside(
     if inside and ahead > 0.0:
         out[3] = ahead
         out[4] = max(out[4], _robust(ahead, numbers[1])[1])
-    if there == 0.0:  # where nothing was measured, there may be flesh
+    if there == 0.0:  # flesh is possible where nothing was measured
         out[4] *= _UNMEASURED
     return 1
 
@@ -433,10 +437,10 @@ def system(
     """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
 
     Args:
-        owners: (pieces, 2) digit, or what else a piece is of, and bone.
-        rising: (5, 5) the places of `columns` of each digit in ascending order.
-        points, weights: (m, 3) of the image, camera [m], and (m,) how much each counts.
-        which: (m,) the piece of each point when it was last assigned, in and out.
+        owners: (pieces, 2) digit or other owner of a piece, and bone.
+        rising: (5, 5) indices that sort each digit's `columns`.
+        points, weights: (m, 3) of the image, camera [m], and their weights (m,).
+        which: (m,) the piece last assigned to each point, in and out.
         picture: (front, opposite, lens): `front` (h, w) [m] the surface of what may be the arm, minus that of other
             things, 0 where nothing was measured; the nearest column in a line that is the arm's where a pixel is not,
             and the other way round; lens (4,) of these pixels.
@@ -447,7 +451,7 @@ def system(
         costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
             that area, and what of it other things hide, out.
         targets: (5, 3) where fingertips should be, camera [m]; NaN where that is not known.
-        only_costs: H and g stay as they are.
+        only_costs: do not change H and g.
     """
     front, opposite, lens = picture
     nz_free = len(z)
@@ -512,14 +516,14 @@ def system(
             if only_costs:
                 continue
             group = _group(owner, bone)
-            # Flesh that stands out of the silhouette is drawn in, sideways.
+            # Flesh beyond the silhouette is moved inwards, sideways.
             if beside[0] > 0.0:
                 ux, uy = beside[1], beside[2]
                 nx, ny, nz = R[0] * ux + R[3] * uy, R[1] * ux + R[4] * uy, R[2] * ux + R[5] * uy
                 weight = _robust(beside[0], numbers[1])[0]
                 _numbers(group, nx, ny, nz, x, y, w, -r, v, q)  # it stands out less as it gets thinner
                 _add(q, max(weight, 0.1) * numbers[3], min(beside[0], 0.03), Q[group], b[group])
-            if beside[3] > 0.0:  # it is before what was measured: back along the view
+            if beside[3] > 0.0:  # in front of the measured surface: move it back along the view
                 f = 1.0 / math.sqrt(X * X + Y * Y + Z * Z)
                 nx = f * (R[0] * X + R[3] * Y + R[6] * Z)
                 ny = f * (R[1] * X + R[4] * Y + R[7] * Z)
@@ -543,7 +547,7 @@ def system(
             e = nx * (x - px) + ny * (y - py) + nz * (w - pz)
             _numbers(3 * d + 2, nx, ny, nz, px, py, pz, 0.0, v, q)
             _add(q, 1.0 / _TARGET_SD**2, e, Q[3 * d + 2], b[3 * d + 2])
-    _tell(A, at, counts, Q, b, H, g)
+    _add_groups(A, at, counts, Q, b, H, g)
 
 
 @njit(cache=True)
@@ -560,7 +564,7 @@ def _collisions(
     pieces: Float64, A: Float64, at: Int64, counts: Int64, v: Float64, numbers: Float64, only_costs: bool,
     H: Float64, g: Float64, costs: Float64,
 ) -> None:  # fmt: skip
-    """Digits push one another apart where balls along their two outer bones overlap."""
+    """Add the repulsion of digits whose spheres along the two outer bones overlap."""
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)
     for one in range(5):
@@ -604,10 +608,10 @@ def swept(
     c_max: float, points: Float64, weights: Float64, picture: Picture, prior_mean: Float64, prior: Float64, R: Float64,
     t: Float64, z: Float64, v: Float64, numbers: Float64, digit: int, tries: Float64, out: Float64,
 ) -> None:  # fmt: skip
-    """Write into out (k,) what a fit costs with a digit held in each of some ways, but for what all have in common.
+    """Write into out (k,) the cost of a fit for each of some postures of a digit, up to a common constant.
 
-    Only what depends on the digit is looked at: points that nothing else explains, its own flesh, and what it overlaps.
-    So dozens of ways cost no more than a step of the fit.
+    Only the terms that depend on the digit are computed: points that no other piece explains, the digit's own flesh and
+    its overlaps. So dozens of postures cost no more than a step of the fit.
 
     Args:
         tries: (k, 5) free angles of the digit, in the order of `columns`; brought within the limits in place.
@@ -710,7 +714,7 @@ def swept(
 def relevance(
     points: Float64, R: Float64, t: Float64, v: Float64, length: float, forearm: float, beyond: float, out: Float64,
 ) -> None:  # fmt: skip
-    """Write how much each point (m, 3) counts into out (m,); as `ArmModel.relevance` says."""
+    """Write the weight of each point (m, 3) into out (m,), as `ArmModel.relevance` describes."""
     for i in range(len(points)):
         X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
         x = (R[0] * X + R[3] * Y + R[6] * Z) / v[SCALE]
@@ -728,7 +732,7 @@ def relevance(
 
 @njit(cache=True)
 def _shows(front: Float64, lens: Float64, X: float, Y: float, Z: float, near: float) -> bool:
-    """Whether an image's surface is near a point in its place, or a pixel beside it."""
+    """Return whether the image's surface is near a point, at its pixel or one beside it."""
     column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
     for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
         for j in range(max(column - 1, 0), min(column + 2, front.shape[1])):
@@ -742,15 +746,15 @@ def visible(
     pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
     out: Float64,
 ) -> None:  # fmt: skip
-    """Write how much of the flesh about each place is seen where it should be, of what faces the camera, into out (k,).
+    """Write the share of the camera-facing flesh about each landmark that the image confirms, into out (k,).
 
-    The flesh's surface is looked at in rings about its axis: before the place, at it and beyond it; where a finger
-    ends, before it and on the round end.
+    The flesh is sampled in rings about its axis: before the landmark, at it and beyond it; at a fingertip, before it
+    and on the round end.
 
     Args:
         pieces: of `flesh`.
-        places: (k, 3) the piece, how far along it from 0 to 1, and whether it ends there.
-        near: how far the image's surface may be from the flesh's [m].
+        places: (k, 3) of each landmark the piece, the position along it from 0 to 1, and whether it ends there.
+        near: largest distance of the image's surface from the flesh's [m].
     """
     for i in range(len(places)):
         p, f = pieces[int(places[i, 0])], places[i, 1]
@@ -790,7 +794,7 @@ def visible(
 
 @njit(cache=True)
 def _turn(v: Float64, first: int, d1: float, d2: float) -> None:
-    """Turn a unit vector of v by small motions across it."""
+    """Rotate a unit vector of v by small motions perpendicular to it."""
     x, y, z = v[first], v[first + 1], v[first + 2]
     ax, ay, az = _across(x, y, z)
     bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
@@ -801,13 +805,13 @@ def _turn(v: Float64, first: int, d1: float, d2: float) -> None:
 
 @njit(cache=True)
 def _expected_body(expected: Float64, information: Float64, v: Float64, first: int, H: Float64, g: Float64) -> None:
-    """Add what is expected of directions and sizes."""
+    """Add the prior of directions and sizes to H and g."""
     for k in range(2):
         at = FOREARM if k == 0 else UPPER
         x, y, z = v[at], v[at + 1], v[at + 2]
         ax, ay, az = _across(x, y, z)
         bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-        # Information is told along the palm's axes.
+        # The information is along the palm's axes.
         for c in range(3):
             w = information[at + c]
             e = expected[at + c] - v[at + c]
@@ -828,9 +832,9 @@ def _expected_body(expected: Float64, information: Float64, v: Float64, first: i
             i = first + (
                 D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK))
             )
-        # Sizes are told by their logarithms, the forearm in metres.
+        # Sizes are logarithmic, the forearm's length is in metres.
         factor = 1.0 if k == FOREARM_M else v[k]
-        # A forearm is as long as the hand lets expect.
+        # The forearm's length is proportional to the hand's size.
         e = (expected[k] * (v[SCALE] if k == FOREARM_M else 1.0) - v[k]) / factor
         w = information[k] * factor * factor
         H[i, i] += w
@@ -848,12 +852,12 @@ def fit(
     """Bring R (9,), t (3,), z (n,), v (STATE,) to the best fit near where they are, in place.
 
     Args:
-        certainty: (6 + n,) inverse variances of the palm's twist and of the angles about what was predicted.
-        expected, information: (STATE,) of v, and inverse variances.
-        loose: the robust scales begin so many times as wide, and narrow down to `numbers`.
-        iterations: that are made at most.
-        costs: as of `system`, of the end.
-        targets: as of `system`; they count in the first part `keep` of the iterations.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the angles about the prediction.
+        expected, information: (STATE,) prior mean of v, and inverse variances.
+        loose: factor of the robust scales in the first iteration; it falls to 1.
+        iterations: their largest number.
+        costs: of `system`, for the result.
+        targets: of `system`; used in the first share `keep` of the iterations.
     """
     n = 6 + len(z)
     full = n + BODY_DOFS
@@ -868,7 +872,7 @@ def fit(
         f = 1.0 if last or iterations < 2 else max(loose * (1.0 - 1.5 * turn / (iterations - 1)), 1.0)
         f *= _JUDGED if last else 1.0
         now[0], now[1] = f * numbers[0], f * numbers[1]
-        # Edges tell where the flesh ends more sharply than points, but from afar they mislead.
+        # Edges locate the flesh's ends more sharply than points, but mislead far from the solution.
         now[3] = numbers[3] * (numbers[9] if turn >= sharp else 1.0)
         for i in range(full):
             g[i] = 0.0
@@ -921,7 +925,7 @@ def fit(
         for k in range(5):
             v[DIGITS + k] = min(max(v[DIGITS + k] * math.exp(min(max(d[n + D_DIGITS + k], -0.1), 0.1)), 0.75), 1.3)
         within(digits, columns, gains, z, c_max)
-        # What rests needs no further steps of its kind.
+        # After convergence the next stage begins.
         rests = most < _REST_RAD and max(abs(d[0]), abs(d[1]), abs(d[2])) < _REST_M
         turn = (sharp if turn < sharp else iterations) if rests else turn + 1
 
@@ -931,7 +935,7 @@ def _usual(
     prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64,
     certainty: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
 ) -> None:  # fmt: skip
-    """Add what is usual of angles, and what was predicted."""
+    """Add the prior of the angles and the prediction to H and g."""
     n = len(z)
     for i in range(n):
         v = 0.0

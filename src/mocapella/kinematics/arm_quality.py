@@ -1,7 +1,6 @@
-"""How steady and how right arms are, measured live: noise of a still arm, and misdetections a minute.
+"""Quality metrics for arms without ground truth: jitter of a still arm, and misdetections per minute.
 
-- **Noise**: root mean square motion of each joint about its mean, over a window in which the palm was still and the
-  joint did not go anywhere.
+- **Noise**: root mean square motion of each joint about its mean, over a window in which palm and joint were still.
 - **Misdetections**: joints that jump between two frames by more than 5 cm beyond what the arm as a whole did (the
   median of its joints' motion: an arm may be fast); fingertips that become known or unknown, or change places.
 """
@@ -48,7 +47,7 @@ class Arm(Protocol):
 
 @dataclass(frozen=True)
 class ArmQualitySettings:
-    """What is still, and what is a jump.
+    """Thresholds for a still palm and for a jump.
 
     Attributes:
         still_window_s: an arm is still if it was for so long.
@@ -78,7 +77,7 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 
     Args:
         before, now: (n, 3) [m]; NaN where not known.
-        least_m: those that were nearer to each other are not told apart.
+        least_m: points nearer to each other than this are not compared.
     """
     apart = np.linalg.norm(now[:, None] - before[None], axis=-1)
     between = np.linalg.norm(before[:, None] - before[None], axis=-1)

@@ -68,7 +68,7 @@ class ArticulatedBody:
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
 
         Returns:
-            All joints at that instant, also those that were not measured.
+            All joints at that instant, including unmeasured ones.
         """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)

@@ -28,15 +28,15 @@ __all__ = ["correct", "forward", "move", "predict"]
 LARGE_STEP = 0.5
 """Largest angle of a step after which the linearisation still holds [rad]."""
 FIRST_STEPS = 12
-"""Gauss–Newton steps of the frame in which a body is initialised."""
+"""Gauss–Newton steps in a body's first frame."""
 CONTACT_S = 0.1
-"""Time constant of the velocity by which a foot's contact is weighted [s]."""
+"""Time constant of the velocity that weights a foot's contact [s]."""
 MOST_SURPRISE = 1.0
 """Largest share of one joint in the surprise."""
 MEAN_DISTANCE = 1.6
 """Mean distance of a point with normal noise from its mean, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
-"""Robust weight from which a joint counts as an inlier."""
+"""Least robust weight of an inlier."""
 LENGTH_PRIOR_S = 0.05
 """Time for which the template's bone lengths count as measured [s]."""
 FIRST_VARIANCE = 0.0025
@@ -224,7 +224,7 @@ def _weigh(
     model: BodyArrays, row: Float64, frame: Measurements, j: int, step: int, known: bool, dt: float, origin: Float64,
     positions: Float64, variances: Float64,
 ) -> float:  # fmt: skip
-    """Write residual and weight of a measured joint; the arguments are those of `_fit`.
+    """Write residual and weight of a measured joint; `_fit` describes the arguments.
 
     Returns:
         Its surprise in a first step, else 0.

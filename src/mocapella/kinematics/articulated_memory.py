@@ -1,4 +1,4 @@
-"""Layout of the row of numbers in which one body's state is kept between frames."""
+"""Layout of the row of numbers that keeps one body's state between frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class MemoryLayout(NamedTuple):
         balls: number of ball joints, the root included.
         joints: number of joints.
         lengths: number of bone lengths; the two sides of the body share theirs.
-        angles: (dofs,) the root's position [m], three unused, and the hinges' angles [rad]; those of balls are unused.
+        angles: (dofs,) the root's position [m], three unused, and the hinges' angles [rad]; unused for balls.
         velocities: (dofs,) of the root along the world's axes [m/s], and of every rotation about its own axes [rad/s].
         variance: (dofs,) [m² or rad²]; of the root's position along the root's own axes.
         covariance: (dofs,) of each degree of freedom with its velocity [m²/s or rad²/s].

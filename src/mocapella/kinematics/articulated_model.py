@@ -31,11 +31,11 @@ class ArticulatedSettings:
         trunk_turn: acceleration density of a joint of the trunk [rad²/s³].
         limb_turn: acceleration density of a joint of an arm or a leg [rad²/s³].
         hand_turn: acceleration density of a joint of a hand [rad²/s³].
-        velocity_memory_s: time constant with which an unconfirmed velocity decays.
+        velocity_memory_s: time constant of the decay of an unconfirmed velocity.
         surprise_s: time constant over which the surprise is averaged: the squared innovations of the measured joints
             over their expectation.
-        full_surprise: surprise from which the densities hold in full; below it they fall with its third power.
-        calm: the smallest factor by which the densities fall.
+        full_surprise: surprise above which the densities hold in full; below it they fall with its third power.
+        calm: smallest factor of the densities.
         noise_s: time constant over which each joint's noise is learnt.
         rest_sd: standard deviation of an angle about its rest, after one second of pull towards it [rad·√s].
         degrees_of_freedom: of the Student-t weight of a joint; infinity makes the loss quadratic.
@@ -128,7 +128,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
     """A body model and its settings as arrays.
 
     Degrees of freedom are in the order of the tree, a parent before its children: three translations of the root along
-    its own axes, three rotations about them, then those of each bone.
+    its own axes, three rotations about them, then each bone's.
 
     Attributes:
         body: the body model.

@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 PINNED = 1e12
 """Information that holds a degree of freedom at its limit [1/rad²]."""
 CALMING = 3
-"""Power of the surprise with which the densities of acceleration fall."""
+"""Exponent of the surprise in the densities of acceleration."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,9 +1,9 @@
-"""Three perpendicular turns of a ball joint: their rotation, and the turns of a rotation; compiled.
+"""Kernels that convert between a ball joint's rotation and its angles about three perpendicular axes.
 
 Rotations are (9,), row by row. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 _SINGULAR = 1e-6
-"""Of the cosine of the second turn."""
+"""Cosine of the second angle below which the others are not separable."""
 
 
 @njit(cache=True)
@@ -41,9 +41,9 @@ def _product(A: Float64, B: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def turns(axes: Float64, R: Float64, near: Float64, out: Float64) -> None:
-    """Write the three turns (3,) about perpendicular axes (3, 3) that make R, the second one within ±90°.
+    """Write the three angles (3,) about perpendicular axes (3, 3) that make R, the second one within ±90°.
 
-    Where it is at ±90° only the sum or the difference of the others shows: the first one is as in ``near``.
+    At ±90° only the sum or the difference of the others is determined: the first one is taken from ``near``.
     """
     a, b = axes[0], axes[1]
     c0, c1, c2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
@@ -64,23 +64,23 @@ def turns(axes: Float64, R: Float64, near: Float64, out: Float64) -> None:
     if cosine > _SINGULAR:
         out[0], out[2] = math.atan2(-M[1, 2], M[2, 2]), sign * math.atan2(-M[0, 1], M[0, 0])
     else:
-        both = math.atan2(M[1, 0], M[1, 1])  # of α₀ ± α₂
+        both = math.atan2(M[1, 0], M[1, 1])  # α₀ ± α₂
         out[0] = near[0]
         out[2] = sign * (both - near[0] if M[0, 2] > 0.0 else both + near[0])
 
 
 @njit(cache=True)
 def _near(angle: float, to: float) -> float:
-    """The angle, full turns away from it, that is nearest to another."""
+    """Return the angle, plus full turns, that is nearest to another."""
     return angle - 2.0 * math.pi * round((angle - to) / (2.0 * math.pi))
 
 
 @njit(cache=True)
 def turns_within(axes: Float64, R: Float64, limits: Float64, near: Float64, out: Float64) -> None:
-    """Write the three turns (3,) within limits (3, 2) that make R, or what is nearest to it of what they allow.
+    """Write the three angles (3,) within limits (3, 2) whose rotation is nearest to R.
 
-    There are two ways: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are allowed, the one is taken whose last
-    turn is less.
+    There are two solutions: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are within the limits, the one with
+    the smaller last angle is taken.
     """
     one, other, made, best = np.empty(3), np.empty(3), np.empty(9), math.inf
     turns(axes, R, near, one)
@@ -105,16 +105,16 @@ def localise(
     parents: Int64, joint_parts: Int64, parts: Int64, first: Int64, axes: Float64, centres: Float64, angles: Float64,
     turned_by: Float64, new_axes: Float64, twists: Float64, limits: Float64,
 ) -> None:  # fmt: skip
-    """Make a tree one that is at rest in a pose, of its ball joints.
+    """Change a tree so that a pose of its ball joints becomes their rest.
 
     Args:
         parents, joint_parts: of `TwistTree`.
         parts, first, axes, centres: of `BallJoints`.
-        angles: (joints,) of the pose; those of ball joints are set to 0.
-        turned_by: (n, 9) written: how they turned.
-        new_axes: (n, 3, 3) written: about which they turn now.
-        twists: (joints, 6) changed: of ball joints, and of all that hangs on them.
-        limits: (joints, 2) changed: ball joints have none.
+        angles: (joints,) of the pose; set to 0 for ball joints.
+        turned_by: (n, 9) their rotations, written.
+        new_axes: (n, 3, 3) their new axes, written.
+        twists: (joints, 6) changed for ball joints and all their descendants.
+        limits: (joints, 2) removed from ball joints.
     """
     moved = np.zeros((len(parents), 12))  # rotation, then translation, of each part's new rest from its old one
     for p in range(len(parents)):
@@ -164,7 +164,7 @@ def localise(
             limits[j, 0], limits[j, 1] = -math.inf, math.inf
         for k in range(3):
             angles[first[ball] + k] = 0.0
-        # What hangs on it begins turned: x → M (R (x − o) + o).
+        # Its descendants are rotated with it: x → M (R (x − o) + o).
         _product(M[:9], R, new)
         orthonormal(new)
         for i in range(3):
@@ -175,7 +175,7 @@ def localise(
 
 @njit(cache=True)
 def into(first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, angles: Float64) -> None:
-    """Change ball joints' angles (joints,) of a body's pose to those of a local tree."""
+    """Convert ball joints' angles (joints,) from a body's tree to a local tree."""
     R, D = np.empty(9), np.empty(9)
     none = np.zeros(3)
     for n in range(len(first)):
@@ -192,7 +192,7 @@ def back(
     first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, limits: Float64, near: Float64,
     angles: Float64,
 ) -> None:  # fmt: skip
-    """Change ball joints' angles (joints,) of a local tree to those of the body, within its limits."""
+    """Convert ball joints' angles (joints,) from a local tree to the body's tree, within its limits."""
     D, R = np.empty(9), np.empty(9)
     for n in range(len(first)):
         j = first[n]

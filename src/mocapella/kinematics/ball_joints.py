@@ -77,7 +77,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
         tree: the body's, but for its rest pose.
         at: where the body is, as a pose of this tree: its ball joints' angles are 0.
         of: the body's tree.
-        balls: see there.
+        balls: see its class.
         pose: where the body is.
         turned: (n, 9) the ball joints' rotations there.
         axes: (n, 3, 3) about which they turn in this tree, one a row.
@@ -136,7 +136,7 @@ def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
 
 
 def _moved(tree: TwistTree, twists: Float64, limits: Float64) -> TwistTree:
-    """A tree with other joints, which need no check: they are those of a tree that was checked, only moved."""
+    """Copy a tree with moved joints, without a check: the original joints were checked."""
     moved = copy(tree)
     msgspec.structs.force_setattr(moved, "twists", twists)
     msgspec.structs.force_setattr(moved, "limits", limits)
@@ -150,7 +150,7 @@ def _crossing(a: Float64) -> Float64:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import ball_joint_kernels
 
     return ball_joint_kernels

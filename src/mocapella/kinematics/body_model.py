@@ -1,6 +1,6 @@
-"""Which joints of a body turn, how, and how far: data, not code.
+"""Joint types and limits of a body, as data.
 
-A body model is a TOML file in ``models/`` named as its topology; ``kinect_v2.toml`` says what its words mean.
+A body model is a TOML file in ``models/``, named as its topology; ``kinect_v2.toml`` explains the keys.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mocapella.settings import check, parse
 AXES: Final = "xyz"
 MOTIONS: Final = ("trunk", "limb", "hand")
 _MIRROR_SIGN: Final = {"x": 1.0, "y": -1.0, "z": -1.0}
-"""Of an angle about an axis, when left and right are exchanged."""
+"""Sign of an angle about an axis when left and right are exchanged."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Hinge:
         check(-180 <= least <= 0 <= most <= 180, "limits_deg", self.limits_deg, "around 0, within ±180")
 
     def mirrored(self) -> Hinge:
-        """The same on the other side of the body."""
+        """Mirror the hinge to the other side of the body."""
         least, most = sorted(_MIRROR_SIGN[self.axis] * limit for limit in self.limits_deg)
         return replace(self, limits_deg=(least, most))
 
 
 @dataclass(frozen=True)
 class BallJoint:
-    """A joint that turns every way.
+    """A ball joint.
 
     Attributes:
         name: of its angles.
@@ -118,11 +118,11 @@ class BodyModel:
     """A topology's bones as joints that turn.
 
     Attributes:
-        topology: whose.
+        topology: the skeleton.
         bones: by the joint that the bone ends at; every joint but the root.
-        torso: the joints by which a body is first found.
+        torso: the joints that initialise a body.
         contacts: the joints that stand still while they carry the body.
-        root_misfit_m: as of a bone.
+        root_misfit_m: the root's, as for a bone.
     """
 
     topology: Topology

@@ -37,7 +37,7 @@ def apart(
     """The planes that keep limbs out of each other; none where they are.
 
     Args:
-        solid: see there.
+        solid: see its class.
         landmarks: (n, 3) of the mesh where it is [m].
         motions: R (parts, 9) and t (parts, 3) of the tree that is fitted.
         sd_m: how much they may be in each other [m].
@@ -58,7 +58,7 @@ def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
     """How deep the limbs of some pairs are in each other, all together [m].
 
     Args:
-        solid: see there.
+        solid: see its class.
         pairs: (q, 2) of its limbs.
         landmarks: (n, 3) of the mesh where it is [m].
     """
@@ -67,7 +67,7 @@ def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import contact_kernels
 
     return contact_kernels

@@ -1,6 +1,6 @@
-"""Where two limbs are nearest to each other, and the planes that part them; compiled. Importing this imports numba."""
+"""Kernels of the nearest points of two limbs and of the planes that separate them. Importing this imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -14,12 +14,12 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 _NEAR_M = 1e-6
-"""Axes that meet have no direction in which limbs are parted."""
+"""Distance of axes below which they have no direction of separation [m]."""
 
 
 @njit(cache=True)
 def between(one: Float64, other: Float64, nearest: Float64) -> float:
-    """The distance of two segments, (2, 3) each; their nearest points are written to (2, 3).
+    """Return the distance of two segments, (2, 3) each, and write their nearest points (2, 3).
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
     """
@@ -45,9 +45,7 @@ def between(one: Float64, other: Float64, nearest: Float64) -> float:
 
 @njit(cache=True, forceinline=True)
 def _beyond(one: Float64, other: Float64, reach: float) -> bool:
-    """Whether two segments are farther than that from each other, as those are whose middles are farther than that and
-    half their lengths.
-    """
+    """Return whether two segments are surely farther apart than a reach, by the distance of their middles."""
     middles = u = v = 0.0
     for d in range(3):
         middles += (one[0, d] + one[1, d] - other[0, d] - other[1, d]) ** 2
@@ -58,7 +56,7 @@ def _beyond(one: Float64, other: Float64, reach: float) -> bool:
 
 @njit(cache=True)
 def depth(ends: Float64, radii: Float64, pairs: Int64) -> float:
-    """How deep pairs (q, 2) of capsules are in each other, all together [m]."""
+    """Return the sum of the penetration depths of pairs (q, 2) of capsules [m]."""
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
         i, j = pairs[q, 0], pairs[q, 1]
@@ -73,13 +71,13 @@ def apart(
     ends: Float64, radii: Float64, pairs: Int64, part: Int64, R: Float64, t: Float64, touching: float,
     weight: float, parts: Int64, rest: Float64, planes: Float64, weights: Float64,
 ) -> int:  # fmt: skip
-    """Write two planes for each pair of limbs that is in each other; returns how many planes.
+    """Write two planes for each pair of limbs that penetrate each other; return the number of planes.
 
     Args:
         ends: (c, 2, 3) of the capsules' axes where they are [m].
         radii, pairs, part: of `Capsules`.
         R, t: (parts, 9), (parts, 3) the parts' motions.
-        touching: how deep limbs may be in each other [m].
+        touching: allowed penetration [m].
         weight: of each plane [1/m²].
         parts, rest, planes, weights: written: `twist_fit.InPlanes`.
     """

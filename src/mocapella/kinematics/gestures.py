@@ -1,11 +1,11 @@
-"""What a hand does: open, fist, point, two, pinch, grab; and when it takes hold of something and lets it go.
+"""Recognise hand gestures: open, fist, point, two, pinch, grab; and detect when a hand grasps and releases.
 
-Everything is told of ratios of lengths between a hand's landmarks, so that it does not depend on where the hand is, how
-it is turned, how large it is, and whether it is a left or a right one. A gesture is on from when it has been likely
-enough for a while until it has clearly not been for a while: hysteresis in value and in time (a Schmitt trigger).
-What cannot be told, because digits are not known, changes nothing, and ends after a while.
+All features are ratios of lengths between a hand's landmarks, so they do not depend on its position, orientation, size
+and side. A gesture begins once its score has been high for some time, and ends once it has been low for some time:
+hysteresis in value and in time (a Schmitt trigger). A gesture whose digits are not known keeps its state, and ends
+after a while.
 
-A gesture of one's own is a value with a name, the digits that it needs, and a score::
+A custom gesture is a value with a name, the digits that it needs, and a score::
 
     GESTURES["three"] = FingerGesture("three", extended=("index", "middle", "ring"), folded=("little",))
 """
@@ -71,10 +71,10 @@ def ramp(value: float, low: float, high: float) -> float:
 def hand_features(
     landmarks: Any, states: Any, sd: Any = None, *, palm: Any = None, elbow: Any = None, unsure: float = 0.5
 ) -> HandFeatures:
-    """The features of a hand.
+    """Compute the features of a hand.
 
-    Where landmarks between palm and tips are not known, but palm and elbow are, a digit's reach is told of its tip's
-    distance from the palm over that of the elbow.
+    Where landmarks between palm and tips are not known, but palm and elbow are, a digit's reach follows from the ratio
+    of its tip's distance from the palm to the elbow's.
 
     Args:
         landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS` [m]; NaN where not known.
@@ -221,11 +221,11 @@ class GestureSettings:
     """From when until when a gesture is on.
 
     Attributes:
-        enter, leave: it begins at scores from the first on, and ends at scores below the second …
-        after_s: … that lasted so long.
-        grab, release, grab_after_s: likewise of the closure at which a hand takes hold and lets go.
-        least_certain: a gesture whose digits' mean certainty is below this cannot be told.
-        hold_s: what cannot be told stays so long as it was.
+        enter, leave: scores at which a gesture begins and below which it ends.
+        after_s: time for which they must last.
+        grab, release, grab_after_s: the same for the closure at which a hand grasps and releases.
+        least_certain: mean certainty of a gesture's digits below which its score is unknown.
+        hold_s: time for which a gesture with an unknown score keeps its state.
         unsure: see `hand_features`.
     """
 
@@ -322,8 +322,8 @@ class HandGestures:
     """The gestures of one hand.
 
     Args:
-        settings: see there.
-        gestures: to look for; `GESTURES` as it is now, where not given.
+        settings: the settings.
+        gestures: the gestures to recognise; the present `GESTURES` unless given.
     """
 
     def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
@@ -392,7 +392,7 @@ class HandGestures:
         return closure(hand) if certain >= self.settings.least_certain else math.nan
 
     def _choose(self) -> str:
-        """What is shown stays while it is on, and likely or nothing else is; then that of which it is surest."""
+        """Keep the shown gesture while it is on and none is more likely; then show that with the highest score."""
         on = [name for name, trigger in self._triggers.items() if trigger.on]
         likely = [name for name in on if self._score[name] >= self.settings.enter]
         if self._shown not in on or (likely and self._shown not in likely):

@@ -1,15 +1,15 @@
-"""A person's bones from a short gesture: least squares over all instants, with the proportions of hands as a prior.
+"""Estimate a person's finger bones from a short gesture: least squares over all frames, with a prior of proportions.
 
-With three or more markers on the base, so that the palm's place is measured at every instant, somebody shows
+Three or more markers on the base measure the palm's pose in every frame. The person shows
 
 - ``flat``: the flat hand, fingers straight and along the palm;
 - ``knuckles``: straight fingers that bend at the knuckles, forth and back, as far as they go;
 - ``hook``: knuckles straight, fingers that curl and open.
 
-A fingertip then moves on an arc around its knuckle, whose radius is the length of the finger, and on a curl that tells
-how it is divided. The thumb's first joint turns by some 50° only, too little for an arc to tell its length: it keeps
-its proportion to the fingers, and says so in its uncertainty. Nobody holds a joint quite straight: how far each was
-bent meanwhile is estimated, too, and its uncertainty is part of that of the lengths.
+A fingertip then moves on an arc around its knuckle, whose radius is the finger's length, and on a curl that determines
+the lengths of its bones. The thumb's first joint turns by some 50° only, too little to determine its length: the thumb
+keeps its proportion to the fingers, with a larger uncertainty. No joint is held quite straight: its flexion is
+estimated, too, and its uncertainty adds to that of the lengths.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ to know how far the joint moved on average, which lengthens the bones."""
 
 @dataclass(frozen=True)
 class BonesSettings:
-    """What is taken for known, and what is asked of a gesture.
+    """Priors, and requirements of a gesture.
 
     Attributes:
-        length_sd: of a bone's length around that of the start, as a part of it.
-        base_sd_m: of a coordinate of a digit's first joint around that of the start.
-        held_sd_deg: how far a joint that is to be straight is bent throughout.
-        unsteady_sd_deg: how it varies meanwhile.
-        thumb_sd: of the thumb's bones in proportion to the fingers, as a part of them, all alike.
-        least_frames: of each phase, with the base and the finger seen.
-        least_knuckles_deg, least_hook_deg: by which the first and the second joint of each finger are to move.
-        most_finger_sd_m: of the length of a whole finger.
-        most_iterations: of the fit.
+        length_sd: standard deviation of a bone's length about the initial one, relative to it.
+        base_sd_m: standard deviation of a coordinate of a digit's first joint about the initial one.
+        held_sd_deg: standard deviation of the constant flexion of a joint that should be straight.
+        unsteady_sd_deg: standard deviation of its variation over time.
+        thumb_sd: relative standard deviation of the thumb's common proportion to the fingers.
+        least_frames: frames of each phase in which base and finger are visible.
+        least_knuckles_deg, least_hook_deg: least range of the first and the second joint of each finger.
+        most_finger_sd_m: largest standard deviation of the length of a whole finger.
+        most_iterations: largest number of iterations of the fit.
     """
 
     length_sd: float = 0.15
@@ -195,9 +195,9 @@ def _in_palm(points: Float64, layout: Float64, start: HandShape, s: BonesSetting
 
 
 def _whitening(tips: Float64, layout: Float64, sd_m: float) -> Float64:
-    """(n, 3, 3) what makes a tip's error of unit variance: its own noise, and that of the palm it is told in.
+    """Return the matrices (n, 3, 3) that whiten the tips' errors: their own noise, and the palm's.
 
-    The palm comes from the base's markers, of the same noise; a small turn of it moves a tip by the lever between.
+    The palm's pose comes from the base's markers, with the same noise; its rotation error moves a tip by the lever.
     """
     H = np.zeros((6, 6))
     for x in layout:
@@ -233,7 +233,7 @@ class _DigitFit:
         self.shared = self.prior.copy()
         is_hook, is_flat = self.names == "hook", self.names == "flat"
         unsteady, free = np.radians(s.unsteady_sd_deg), np.radians(_FREE_DEG)
-        # Standard deviations of the angles around what is held, and whether it is.
+        # Standard deviations of the angles about the held posture, and whether they are held.
         self.holds_first = is_hook | is_flat
         self.holds_second = ~is_hook
         self.first_sd = np.where(self.holds_first, unsteady, free)
@@ -342,7 +342,7 @@ class _DigitFit:
         return float((r**2).sum() + (e**2).sum() + (d**2).sum())
 
     def _equations(self) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-        """Gauss–Newton: A (8, 8) of what is shared, B (n, 8, 4), C (n, 4, 4) of the angles, and right-hand sides."""
+        """Gauss–Newton: A (8, 8) of shared unknowns, B (n, 8, 4), C (n, 4, 4) of angles, and right-hand sides."""
         tips, Js, Jf = self._tips(self.shared, self.angles)
         Js, Jf = self.whitening @ Js, self.whitening @ Jf
         r = np.einsum("nij,nj->ni", self.whitening, self.tips - tips)

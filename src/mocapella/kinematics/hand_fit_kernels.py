@@ -1,14 +1,14 @@
-"""A whole hand from its markers: the pose that fits them and what is known beforehand best; compiled.
+"""Kernels that fit a hand to its markers, a prior and a prediction.
 
-It minimises, over the palm's motion and the free angles z,
+The fit minimises, over the palm's motion and the free angles z,
 
     Σ (p − x(T, z))ᵀ W (p − x(T, z))  +  (z − z₀)ᵀ Λ (z − z₀)  +  Σ (change since the prediction)² / variance
 
-by Levenberg's and Marquardt's method, with a steep penalty outside the limits; in the end the angles are brought within
-them. Residuals and derivatives are told in the palm's frame. Importing this module imports numba.
+by the Levenberg–Marquardt method, with a steep penalty outside the limits; at the end the angles are clamped to them.
+Residuals and derivatives are in the palm's frame. Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -36,8 +36,8 @@ from mocapella.kinematics.hand_kernels import (
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-_WEAK = 0.01  # part of the information of what is usual that counts for the markers alone
-_LIMIT_SD = 0.01  # of the penalty outside the limits [rad], of the cone over its half axes
+_WEAK = 0.01  # share of the prior's information in the markers' own covariance
+_LIMIT_SD = 0.01  # standard deviation outside the limits [rad], for the cone relative to its half axes
 
 
 @njit(cache=True)
@@ -65,7 +65,7 @@ def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Floa
 
 @njit(cache=True)
 def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Float64) -> None:
-    """Write a digit's angles f, a, m, b, c (5,) of the free ones z."""
+    """Write a digit's angles f, a, m, b, c (5,), from the free angles z."""
     for k in range(5):
         column = columns[digit, k]
         q[k] = gains[digit, k] * z[column] if column >= 0 else 0.0
@@ -75,7 +75,7 @@ def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Floa
 def _columns_of(
     digit: int, joint: int, x: Float64, axes: Float64, columns: Int64, gains: Float64, J: Float64, at: Int64,
 ) -> int:  # fmt: skip
-    """Write the derivatives J (11, 3) of a digit's joint and their places at (11,): the palm's six, then angles'."""
+    """Write the derivatives J (11, 3) of a digit's joint and their indices at (11,): six of the palm, then angles."""
     px, py, pz = x[joint, 0], x[joint, 1], x[joint, 2]
     for k in range(6):
         at[k] = k
@@ -104,7 +104,7 @@ def _columns_of(
 
 @njit(cache=True)
 def _add(J: Float64, at: Int64, n: int, W: Float64, rx: float, ry: float, rz: float, H: Float64, g: Float64) -> float:
-    """Add a point's JᵀWJ and JᵀWr; its rᵀWr."""
+    """Add a point's JᵀWJ and JᵀWr to H and g; return rᵀWr."""
     for i in range(n):
         vx = J[i, 0] * W[0] + J[i, 1] * W[3] + J[i, 2] * W[6]
         vy = J[i, 0] * W[1] + J[i, 1] * W[4] + J[i, 2] * W[7]
@@ -121,7 +121,7 @@ def _measured(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
 ) -> float:  # fmt: skip
-    """Add what the markers say to H and g; the sum of their squared weighted residuals."""
+    """Add the markers' terms to H and g; return the sum of their squared weighted residuals."""
     q, x, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
     W, at = np.empty(9), np.empty(11, dtype=np.int64)
     cost = 0.0
@@ -154,7 +154,7 @@ def _expected(
     prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64,
     certainty: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
 ) -> float:  # fmt: skip
-    """Add what is known beforehand to H and g; its cost."""
+    """Add prior and prediction to H and g; return their cost."""
     n, cost = len(z), 0.0
     for i in range(n):
         v = 0.0
@@ -184,7 +184,7 @@ def _expected(
 def _penalty(
     digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float, H: Float64, g: Float64,
 ) -> float:  # fmt: skip
-    """Add the penalty outside the limits to H and g; its cost."""
+    """Add the penalty outside the limits to H and g; return its cost."""
     cost, w, q = 0.0, 1.0 / _LIMIT_SD**2, np.empty(5)
     for i in range(5):
         row = digits[i]
@@ -219,7 +219,7 @@ def _penalty(
 
 @njit(cache=True)
 def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float) -> None:
-    """Bring the free angles within the limits, in place."""
+    """Clamp the free angles to the limits, in place."""
     q, out = np.empty(5), np.empty(4)
     for i in range(5):
         digit_angles(z, columns, gains, i, q)
@@ -232,7 +232,7 @@ def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: f
 
 @njit(cache=True)
 def _copy(one: Float64, other: Float64) -> None:
-    """Write a vector into another; a slice takes numba longer to compile."""
+    """Copy a vector into another; a slice takes numba longer to compile."""
     for k in range(len(one)):
         other[k] = one[k]
 
@@ -243,20 +243,20 @@ def fit(
     gains: Float64, c_max: float, prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64,
     predicted_z: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, iterations: int,
 ) -> float:  # fmt: skip
-    """Fit a hand from R (9,), t (3,), z (n,), in place; the cost.
+    """Fit a hand from R (9,), t (3,), z (n,), in place; return the cost.
 
     Args:
         digits: (5, `DIGIT`) of `hand_kernels`.
         mirror: -1 for a left hand, else 1.
         layout: (k, 3) the base's markers in the palm's frame of a right hand [m].
         points: (5 + k, 3) tips, then the base's markers [m].
-        information: (5 + k, 3, 3) inverse covariances [1/m²]; 0 where a marker does not count.
+        information: (5 + k, 3, 3) inverse covariances [1/m²]; 0 where a marker is not used.
         columns, gains: (5, 5) of a digit's angles f, a, m, b, c: which free angle times what; -1: held at 0.
         c_max: limit of c [rad].
-        prior_mean, prior: (n,), (n, n) what is usual, and the inverse of its covariance.
-        predicted_R, predicted_t, predicted_z, certainty: what was predicted, and (6 + n,) the inverse variances of the
-            palm's twist and of the angles.
-        iterations: at most.
+        prior_mean, prior: (n,), (n, n) mean and inverse covariance of the angles.
+        predicted_R, predicted_t, predicted_z, certainty: the prediction, and (6 + n,) the inverse variances of the
+            palm's twist and of the angles about it.
+        iterations: their largest number.
     """
     n = 6 + len(z)
     H, g, M, d = np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
@@ -317,19 +317,19 @@ def describe(
     gains: Float64, prior: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64, sd: Float64,
     alone: Float64, variances: Float64, residuals: Float64,
 ) -> bool:  # fmt: skip
-    """Where the landmarks are, how sure, and how sure the markers of this instant alone would be.
+    """Compute the landmarks and their uncertainty, from all information and from the markers of this frame alone.
 
-    Alone: with what is usual weakened to a hundredth of its information, and without the prediction.
+    Alone means: with a hundredth of the prior's information, and without the prediction.
 
     Args:
         x: (21, 3) world, out [m].
-        sd: (21,) standard deviation of a coordinate, from all there is, out [m].
+        sd: (21,) standard deviation of a coordinate, from all information, out [m].
         alone: (21,) likewise, from the markers alone, out [m].
-        variances: (6 + n,) of the palm's twist and of the free angles, from all there is, out.
-        residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker has no finite place.
+        variances: (6 + n,) of the palm's twist and of the free angles, from all information, out.
+        residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker's position is not finite.
 
     Returns:
-        Whether there is such a covariance.
+        Whether the covariance exists.
     """
     n = 6 + len(z)
     Hm, H, M, g = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
@@ -337,7 +337,7 @@ def describe(
     at = np.empty(11, dtype=np.int64)
     _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g)
     P = np.empty((2, n, n))
-    for case in range(2):  # the markers alone, and all there is
+    for case in range(2):  # the markers alone, and all information
         weight = _WEAK if case == 0 else 1.0
         for i in range(n):
             for k in range(n):

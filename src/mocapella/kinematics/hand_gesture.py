@@ -81,10 +81,10 @@ class GestureReport:
     """What became of the scenes.
 
     Attributes:
-        scenes: that were given, of a part of the gesture.
-        kept: of these, by part.
-        without_points: in which no markers are tracked.
-        too_soon: sooner after the last than the rate asks for.
+        scenes: number of scenes given during a phase of the gesture.
+        kept: number of scenes kept, by phase.
+        without_points: number of scenes without tracked markers.
+        too_soon: number of scenes too soon after the last one kept.
     """
 
     scenes: int
@@ -94,12 +94,12 @@ class GestureReport:
 
 
 class GesturePoints:
-    """The markers' places in each part of the gesture.
+    """Collects the markers' positions in each phase of the gesture.
 
     Args:
         tips: names of the markers of thumb to little finger.
-        base: names of those of the base, three or more.
-        rate_hz: so many scenes a second are kept: those of successive frames say much the same.
+        base: names of the base's markers, three or more.
+        rate_hz: scenes kept per second; successive frames hold nearly the same information.
     """
 
     def __init__(self, tips: Sequence[str], base: Sequence[str], *, rate_hz: float = 30.0) -> None:
@@ -130,10 +130,10 @@ class GesturePoints:
         return GestureReport(self._scenes, kept, self._without, self._too_soon)
 
     def update(self, scene: Scene, phase: str) -> None:
-        """Take in a scene of a part of the gesture.
+        """Add a scene of a phase of the gesture.
 
         Raises:
-            InputError: a marker is none of those that are tracked.
+            InputError: a marker is not tracked.
         """
         self._scenes += 1
         points = scene.points

@@ -1,15 +1,15 @@
-"""One digit's inverse kinematics, compiled: closed form with a limited search, FABRIK, and the Jacobian's methods.
+"""Kernels of one digit's inverse kinematics: closed form with a limited search, FABRIK, and Jacobian methods.
 
 A digit is solved in the frame of its first joint, where its tip at flexion f, abduction a, flexion m of the second and
 b of the third joint is (u·sin a, −w, u·cos a) with
 
     u = l₁·cos f + l₂·cos(f + m) + l₃·cos(f + m + b),   w likewise with sines:
 
-a plane chain in a plane that turns about y. Importing this module imports numba. The rows of numbers are made by
-`mocapella.kinematics.hand_solvers`.
+a plane chain in a plane that turns about y. Importing this module imports numba. `mocapella.kinematics.hand_solvers`
+makes the rows of numbers.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 
 Bool = NDArray[np.bool_]
 
-# A digit's row of numbers.
+# Indices in a digit's row of numbers.
 L1, L2, L3 = 0, 1, 2
 BASE = 3  # (3,) in the palm's frame
 FRAME = 6  # (9,) R_palm_digit, row by row
@@ -45,7 +45,7 @@ _DIRECTIONS = 8
 
 @njit(cache=True)
 def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point of the palm's frame [m] in the digit's."""
+    """Transform a point from the palm's frame to the digit's [m]."""
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
         row[FRAME] * x + row[FRAME + 3] * y + row[FRAME + 6] * z,
@@ -56,7 +56,7 @@ def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, 
 
 @njit(cache=True)
 def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, float, float]:
-    """Where the tip is, in the digit's frame [m]."""
+    """Return the tip in the digit's frame [m]: forward kinematics."""
     u = row[L1] * math.cos(f) + row[L2] * math.cos(f + m) + row[L3] * math.cos(f + m + b)
     w = row[L1] * math.sin(f) + row[L2] * math.sin(f + m) + row[L3] * math.sin(f + m + b)
     return u * math.sin(a), -w, u * math.cos(a)
@@ -64,14 +64,14 @@ def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, fl
 
 @njit(cache=True)
 def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
-    """How far the tip is from a point [m]."""
+    """Return the distance of the tip from a point [m]."""
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
 
 @njit(cache=True)
 def in_cone(row: Float64, f: float, a: float) -> bool:
-    """Whether flexion and abduction are within the elliptic cone, to a rounding error."""
+    """Return whether flexion and abduction are within the elliptic cone, to a rounding error."""
     if f < row[FMIN] - _TOLERANCE:
         return False
     s = ((f - row[F0]) / row[FX]) ** 2
@@ -84,7 +84,7 @@ def in_cone(row: Float64, f: float, a: float) -> bool:
 
 @njit(cache=True)
 def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) -> None:
-    """Write the angles brought within the limits into out (4,)."""
+    """Clamp the angles to the limits, into out (4,)."""
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
     if row[AX] > 0.0:
@@ -99,7 +99,7 @@ def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) ->
 
 @njit(cache=True)
 def wrapped(angle: float) -> float:
-    """The angle within ±π."""
+    """Wrap an angle to ±π."""
     if angle > math.pi:
         return angle - 2.0 * math.pi
     if angle < -math.pi:
@@ -109,7 +109,7 @@ def wrapped(angle: float) -> float:
 
 @njit(cache=True)
 def _second_flexion(row: Float64, squared: float) -> float:
-    """The flexion of the second joint at which a coupled digit's tip has that squared distance; NaN where none has.
+    """Return the flexion of the second joint at which a coupled digit's tip has a squared distance; NaN if none.
 
     The squared distance is a polynomial of c = cos(m/3), convex and rising between the limits: Newton's method from
     the chord overshoots once and then falls onto the root.
@@ -135,15 +135,17 @@ def _second_flexion(row: Float64, squared: float) -> float:
 
 @njit(cache=True)
 def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> bool:
-    """Write f, a, m, b (4,) that put the tip at a point of the digit's frame within the limits; whether there are any.
+    """Write angles f, a, m, b (4,) within the limits that put the tip at a point of the digit's frame.
 
-    For a digit that does not abduct: as near to it as its plane is.
+    A digit that does not abduct reaches the point's projection on its plane. The digit bends in the plane through y and
+    the point, where the third joint follows the second. If this violates a limit and the third joint is free, it takes
+    the nearest flexion that does not.
 
-    The digit bends in the plane through y and the point; in it the third joint follows the second. Where that breaks a
-    limit and the third joint is free, its flexion nearest to following that does not is taken.
+    Returns:
+        Whether such angles exist.
     """
     r, w = math.hypot(x, z), -y
-    if row[AX] == 0.0:  # what is off the plane stays off
+    if row[AX] == 0.0:  # projection on the digit's plane
         r = x * math.sin(row[A0]) + z * math.cos(row[A0])
     squared = r * r + w * w
     followed = _second_flexion(row, squared)
@@ -188,7 +190,7 @@ def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> boo
 
 @njit(cache=True)
 def _energy(row: Float64, x: float, y: float, z: float, v: Float64) -> float:
-    """Half the squared distance of the tip from a point, at v = (s, φ, m, b): see `_derivatives`."""
+    """Return half the squared distance of the tip from a point, at v = (s, φ, m, b) of `_derivatives`."""
     f = row[F0] + row[FX] * v[0] * math.sin(v[1])
     a = row[A0] + row[AX] * v[0] * math.cos(v[1])
     b = row[RATIO] * v[2] if row[COUPLED] > 0.0 else v[3]
@@ -200,7 +202,7 @@ def _energy(row: Float64, x: float, y: float, z: float, v: Float64) -> float:
 def _derivatives(row: Float64, x: float, y: float, z: float, v: Float64, g: Float64, H: Float64) -> None:
     """Write gradient (4,) and Hessian (4, 4) of `_energy`.
 
-    The cone is f = f₀ + F·s·sin φ, a = a₀ + A·s·cos φ with s ≤ 1, so that all limits are those of single variables.
+    The cone is f = f₀ + F·s·sin φ, a = a₀ + A·s·cos φ with s ≤ 1, so that all limits are bounds of single variables.
     """
     sine, cosine, s = math.sin(v[1]), math.cos(v[1]), v[0]
     F, A = row[FX], row[AX]
@@ -243,7 +245,7 @@ def _derivatives(row: Float64, x: float, y: float, z: float, v: Float64, g: Floa
 def _descend(
     row: Float64, x: float, y: float, z: float, v: Float64, low: Float64, high: Float64, work: Float64,
 ) -> float:  # fmt: skip
-    """Go down from v (4,) to a local best between the bounds, in place: Newton's method, damped until it falls."""
+    """Descend from v (4,) to a local minimum within the bounds, in place, by Newton's method with damping."""
     g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
     n = 3 if row[COUPLED] > 0.0 else 4
     value, damping = _energy(row, x, y, z, v), 1e-9
@@ -300,7 +302,7 @@ def _descend(
 
 @njit(cache=True)
 def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, work: Float64) -> None:
-    """Write f, a, m, b (4,) within the limits that bring the tip as near to a point as they can.
+    """Write the angles f, a, m, b (4,) within the limits whose tip is nearest to a point.
 
     Newton's method from the best points of a coarse grid, one for each direction in the cone
     (or, for a digit that does not abduct, for each bend).
@@ -353,7 +355,7 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
                     best[c] = v[c]
             if whole or v[0] > 1e-6:
                 break
-            v[0], v[1] = 0.05, math.pi - v[1]  # where all directions meet it could not turn
+            v[0], v[1] = 0.05, math.pi - v[1]  # at the apex φ has no gradient
     f = row[F0] + row[FX] * best[0] * math.sin(best[1])
     a = row[A0] + row[AX] * best[0] * math.cos(best[1])
     limit(row, f, a, best[2], best[3], out)
@@ -361,13 +363,13 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
 
 @njit(cache=True)
 def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors: Float64, reached: Bool) -> None:
-    """Bring five tips to targets in the palm's frame.
+    """Solve the angles of five digits for targets of their tips in the palm's frame.
 
     Args:
         digits: (5, `DIGIT`).
-        targets: (5, 3) [m], of a right hand; where one is not finite its digit stays as it is, within limits.
+        targets: (5, 3) [m], of a right hand; a digit without a finite target keeps its angles, within limits.
         angles: (5, 4) f, a, m, b [rad], in and out.
-        errors: (5,) distances that remain [m], out; NaN without a target.
+        errors: (5,) remaining distances [m], out; NaN without a target.
         reached: (5,) whether the closed form was within the limits, out.
     """
     work = np.empty((25, 4))
@@ -392,7 +394,7 @@ def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors:
 
 @njit(cache=True)
 def fabrik(row: Float64, x: float, y: float, z: float, out: Float64, tolerance: float, iterations: int) -> int:
-    """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; how many iterations.
+    """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; return its iterations.
 
     Aristidou and Lasenby 2011, algorithm 1 and section 4: the limits are imposed in every backward pass. The digit's
     hinges are parallel, so after the rotor's turn to the target all happens in one plane.
@@ -435,7 +437,7 @@ def follow_jacobian(
     row: Float64, x: float, y: float, z: float, out: Float64, kind: int, tolerance: float, iterations: int,
     damping_m: float, work: Float64,
 ) -> int:  # fmt: skip
-    """The Jacobian's methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; how many iterations.
+    """Jacobian methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; return their iterations.
 
     Args:
         kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
@@ -515,13 +517,13 @@ def hand_iterative(
     digits: Float64, targets: Float64, angles: Float64, errors: Float64, iterations: Int64, kind: int,
     tolerance: float, most: int, damping_m: float,
 ) -> None:  # fmt: skip
-    """As `hand_closed_form`, by an iterative method.
+    """Solve the angles of five digits as `hand_closed_form` does, by an iterative method.
 
     Args:
-        iterations: (5,) how many it took, out.
+        iterations: (5,) their number for each digit, out.
         kind: `FABRIK`, or as in `follow_jacobian`.
-        tolerance: good enough [m].
-        most: iterations.
+        tolerance: distance at which a digit counts as solved [m].
+        most: largest number of iterations.
     """
     work = np.empty((25, 4))
     for i in range(5):

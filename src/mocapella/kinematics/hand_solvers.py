@@ -29,12 +29,12 @@ Float64 = NDArray[np.float64]
 
 
 class Fingers(msgspec.Struct, frozen=True, eq=False):
-    """What a solver found.
+    """Angles of a hand's digits from a solver.
 
     Attributes:
         angles: (..., 21) in the order of `ANGLES` [rad], always within the limits.
-        errors_m: (..., 5) how far the tips stay from their targets; NaN where there was none.
-        measured: (..., 5) whether a digit had a target; the others stay as they were.
+        errors_m: (..., 5) distances of the tips from their targets; NaN without a target.
+        measured: (..., 5) whether a digit had a target; the others keep their angles.
         iterations: (..., 5) of an iterative solver; 0 of a closed form that was within the limits.
     """
 
@@ -198,7 +198,7 @@ class DampedLeastSquares(_Iterative):
 
 @cache
 def kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import hand_kernels
 
     return hand_kernels

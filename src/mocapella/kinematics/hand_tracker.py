@@ -1,8 +1,8 @@
-"""Five fingertips and the base's markers → a hand, instant after instant, with what is measured and how sure.
+"""Track a hand from five fingertip markers and the base's markers, with tracking states and uncertainties.
 
-Six markers do not determine a hand. With three or more on the base the palm's place is measured; with fewer it comes
-from the fit, and what the markers alone do not say comes from what is usual: a hand at rest, fingers that follow their
-neighbours, and how the hand moved until now. `hand_fit_kernels` says what is minimised, and how the states are told.
+Six markers do not determine a hand. Three or more on the base measure the palm's pose; with fewer it comes from the
+fit. A prior supplies the rest: a hand at rest, fingers that follow their neighbours, and the motion so far.
+`hand_fit_kernels` describes the cost function and the tracking states.
 """
 
 from __future__ import annotations
@@ -155,17 +155,17 @@ class HandTracker:
         self.report = HandReport(rejected=[0] * markers, missing=[0] * markers)
 
     def update(self, points: Any, at_s: float, uncertainty: Any = None) -> Hand:
-        """Take in what was measured at an instant.
+        """Update the hand with the markers of one instant.
 
         Args:
             points: (5 + k, 3) fingertips from the thumb to the little finger, then the base's markers, world [m]; NaN
                 where one is not seen.
-            at_s: when they were captured [s]; where it is before the last, the last is taken.
+            at_s: capture time [s]; a time before the last update's counts as that of the last update.
             uncertainty: (5 + k,) standard deviations of a coordinate [m] or (5 + k, 3, 3) covariances [m²]; the
-                settings' where not given. A marker whose own is not above 0 and finite does not count.
+                settings' unless given. A marker whose uncertainty is not positive and finite is not used.
 
         Returns:
-            The hand at that instant; unseen landmarks too.
+            The hand at that instant, with all landmarks.
 
         Raises:
             InputError: arrays of another shape, or a time that is none.
@@ -494,7 +494,7 @@ def _nobody(at_s: float, shape: HandShape, markers: int) -> Hand:
 
 @cache
 def _fitting() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import hand_fit_kernels
 
     return hand_fit_kernels

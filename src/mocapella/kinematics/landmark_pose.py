@@ -1,10 +1,10 @@
-"""The pose in which a rigged mesh's landmarks come nearest to given points: how a tracker begins from a rough skeleton.
+"""Fit a rigged mesh's pose to landmarks: the initialisation of a tracker from a rough skeleton.
 
     pose = pose_of(body, {"left hip": (0.1, 0.9, 2.0), "left knee": …})
 
-It needs no start. The trunk is aligned as a rigid body, then all joints are fitted (`twist_fit`). A joint that turns
-far has poses from which no small step leads on, such as an arm that points the wrong way; so each limb is begun anew
-from several places, and kept where that comes nearer.
+It needs no initial pose. The trunk is aligned as a rigid body, then all joints are fitted (`twist_fit`). A joint with a
+large range has local minima, such as an arm that points the wrong way; so each limb is fitted from several initial
+poses, and the best result is kept.
 """
 
 from __future__ import annotations

@@ -1,15 +1,14 @@
-"""Where a limb that went astray is: many poses of it are tried against what the images show that is not their room.
+"""Re-acquire a lost limb: compare many of its poses with the foreground of the images.
 
     of_it = [without(evidence, figure, vertices, limb) for evidence in …]    one for each camera
     found = search(limb, local_tree, (vertices, ends), of_it, rng, also_hidden=False)
 
-A limb whose outlines are nowhere near the image's is not brought back by steps, for nothing pulls it. But a limb that
-is where none is lies on the room, and this can be told without outlines: a pose is worth the mean over the limb's
-points and the cameras of what their samples show, 1 where it is somebody and something below 0 where it is the room;
-and less where it is in another limb. What the rest of the body covers says nothing of it, and what nobody knows
-neither. Poses are drawn about the one it has and anywhere within the limits, and the best of them again about
-themselves (R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", Methodology and
-Computing in Applied Probability 1, 1999).
+Gradient steps do not bring back a limb whose outline is far from the image's. But a misplaced limb covers background,
+which the foreground shows: the score of a pose is the mean over the limb's points and the cameras of their samples, 1
+on foreground and negative on background, less a penalty for penetrating another limb. Samples that the rest of the body
+covers, and unknown samples, are left out. Poses are drawn about the present one and anywhere within the limits, and
+again about the best of these (R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization",
+Methodology and Computing in Applied Probability 1, 1999).
 """
 
 from __future__ import annotations
@@ -37,22 +36,22 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class LimbSearchSettings:
-    """How a limb is looked for.
+    """Settings of the search for a limb.
 
     Attributes:
-        points: of its surface, at which it is asked what the images show.
-        drawn: poses at first, a third of them near, a third farther, a third anywhere.
-        near_rad, farther_rad: standard deviations of these [rad].
-        kept: of the best ones, about each of which `again` are drawn, nearer every time …
-        again: so many …
-        rounds: so often.
-        per_rad2: what a turn costs, of what a pose is worth [1/rad²]: of two that are as good the nearer one is.
-        room: how much a sample that looks like the room counts, against one that does not: people look like it, too.
-        against: a limb of which the images say so much that it is the room …
-        astray: and which is worth less than this, is looked for …
-        better: and stays, if no pose is worth so much more than its own.
-        much_better: others go only where a pose is worth so much more.
-        per_m: what limbs that are in each other cost [1/m].
+        points: number of surface points that are compared with the images.
+        drawn: number of initial poses: a third near the present one, a third farther away, a third anywhere.
+        near_rad, farther_rad: standard deviations of the first two thirds [rad].
+        kept: number of best poses about which new ones are drawn in each round, ever nearer.
+        again: number of poses drawn about each of them.
+        rounds: number of rounds.
+        per_rad2: cost of a rotation from the present pose, in units of the score [1/rad²].
+        room: weight of a background sample relative to a foreground one; people may look like the background.
+        against: share of background samples above which a limb may be lost.
+        astray: score below which such a limb is searched for.
+        better: gain of the score above which a lost limb moves.
+        much_better: gain of the score above which another limb moves.
+        per_m: cost of penetrating limbs [1/m].
     """
 
     points: int = 40
@@ -113,8 +112,10 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
 
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
-    """What hangs on a body and ends freely, in two parts or more; and the last part of each of these alone, such as a
-    foot, which little is said of by what is said of the whole leg.
+    """Return the limbs of a body with two parts or more, and the last part of each, such as a foot, as a limb of its
+    own.
+
+    A foot alone hardly changes the score of its whole leg.
     """
     parents, found = mesh.tree.parents, []
     solid = capsules_of(mesh)
@@ -152,8 +153,8 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         eye: the camera.
-        origin_px, step_px: of the map: its sample (row, column) is the image's point origin + step·(column, row).
-        strange: (rows, columns) from 1, somebody, to −1, the room; 0: not known.
+        origin_px, step_px: the map's sample (row, column) is the image point origin + step·(column, row).
+        strange: (rows, columns) from 1, foreground, to −1, background; 0: unknown.
     """
 
     eye: Eye
@@ -167,7 +168,7 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
     Args:
         evidence: of the whole body.
-        body: see there.
+        body: the body.
         vertices: (n, 3) of `rigged_mesh.posed`.
         limb: which.
     """
@@ -191,11 +192,11 @@ def lasting(now: Evidence, before: Evidence) -> Evidence:
 
 
 class FoundLimb(msgspec.Struct, frozen=True, eq=False):
-    """A limb that was looked for.
+    """Result of the search for a limb.
 
     Attributes:
-        pose: of the body's tree, within its limits; as it was but for the limb.
-        worth, was: of that pose, and of the one that it had: at most 1.
+        pose: pose of the body's tree, within its limits; only the limb differs.
+        worth, was: scores of that pose and of the former one, at most 1.
     """
 
     pose: TreePose
@@ -233,9 +234,7 @@ def worth(
 
 
 def _hung(limb: Limb, local: LocalTree) -> tuple[Int64, Int64, Float64, Float64, Float64]:
-    """A limb as a tree of its own, of whose root nothing but where it hangs is asked: parents, joints' parts and
-    twists; the motion (4, 4) of what it hangs on, and its angles.
-    """
+    """Return a limb as a separate tree: parents, joints' parts and twists; its parent's motion (4, 4); its angles."""
     tree = local.tree
     R, t = motions(tree, local.at)
     on, T = tree.parents[limb.parts[0]], np.eye(4)
@@ -260,7 +259,7 @@ def search(
         limb, local, places, evidence: as of `worth`.
         rng: what poses are drawn by.
         also_hidden: whether it is looked for where the images do not say that it is astray.
-        settings: see there.
+        settings: the settings.
     """
     s, at = settings, local.at.angles[limb.joints]
 
@@ -288,7 +287,7 @@ def search(
     angles = local.at.angles.copy()
     angles[limb.joints] = tried[np.argmax(values)]
     pose = local.back(TreePose(local.at.T_world_model, angles))
-    told = local.into(pose).angles[limb.joints]  # within the body's limits, which those of a local tree are not
+    told = local.into(pose).angles[limb.joints]  # within the body's limits, unlike a local tree's angles
     (value,), _ = valued(told[None])
     better = value > was + (s.better if astray else s.much_better)
     return FoundLimb(pose, float(value), float(was)) if better else None
@@ -296,7 +295,7 @@ def search(
 
 @cache
 def _seeing() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import outline_kernels
 
     return outline_kernels
@@ -304,7 +303,7 @@ def _seeing() -> Any:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import limb_search_kernels
 
     return limb_search_kernels

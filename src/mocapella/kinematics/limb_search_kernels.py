@@ -1,6 +1,6 @@
 """What images say for many poses of a limb; compiled. Importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import numpy as np
@@ -23,13 +23,13 @@ def places(
     parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, now: Float64, tried: Float64, part: Int64,
     points: Float64, at: Float64,
 ) -> None:  # fmt: skip
-    """Write where points are in each pose of a tree that is tried.
+    """Write the points in each candidate pose of a tree.
 
     Args:
         parents, joint_parts, twists: as of `TwistTree`; the root may have joints, too.
         T: (4, 4) the root's motion before these.
-        now, tried: (m,) the angles, (n, m) what is tried for them [rad].
-        part, points: (p,) and (p, 3) of which part, and where they are now [m].
+        now, tried: (m,) the present angles, (n, m) the candidates [rad].
+        part, points: (p,) part of each point, and (p, 3) its present position [m].
         at: (n, p, 3) written [m].
     """
     origin, n = np.zeros(3), len(points)
@@ -56,7 +56,7 @@ def add_worth(
         at: (n, p, 3) of `places`.
         T_camera_world, lens, farthest_r2: of the camera.
         strange, x0, y0, step: of `Evidence`.
-        worth: what is added to.
+        worth: sums, added to.
     """
     count, (rows, columns) = at.shape[1], strange.shape
     pixels, depth = np.empty((len(at) * count, 2)), np.empty(len(at) * count)
@@ -87,8 +87,9 @@ def forget_covered(mask: UInt8, strange: Float32) -> None:
 
 @njit(cache=True)
 def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, strange: Float32) -> None:
-    """Lower what is strange (rows, columns) to what was within so many samples before, in a map that begins so many
-    rows and columns earlier.
+    """Lower foreground values (rows, columns) to the largest earlier value within ``reach`` samples.
+
+    The earlier map begins ``rows_on`` rows and ``columns_on`` columns before the present one.
     """
     for i in range(strange.shape[0]):
         for j in range(strange.shape[1]):

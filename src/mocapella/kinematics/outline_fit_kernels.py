@@ -1,12 +1,13 @@
-"""Which point of a body's outline belongs to which point of an image's, and the plane it is to lie in; compiled.
+"""Kernels that match a body's outline with an image's, as point-to-plane constraints.
 
-The eye, a point of the image's outline and the direction of the outline there make a plane that touches the body: the
-surface's point is to lie in it. How far along the outline it lies is left open, because the outline does not say it.
+The camera centre and the tangent of the image's outline at a point span a plane that touches the body, and so
+constrains the matched surface point. The point's position along the outline stays free, because the outline does not
+show it.
 
 Importing this module imports numba.
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -23,7 +24,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 BIN_PX = 8.0
-"""Points of an outline are looked up by rows so high."""
+"""Height of the rows that index the points of an outline [px]."""
 
 
 HIT = 6
@@ -96,9 +97,9 @@ def _to_image(
     phi: Float32, surety: Float32, x0: int, y0: int, step: int, reach_px: float, at: Float64, normals: Float64,
     full: float, hits: Float64, which: Int64,
 ) -> int:  # fmt: skip
-    """From the body's outline to the nearest of the image's, along the slope of its level set.
+    """Match the body's outline with the nearest point of the image's, along the gradient of its level set.
 
-    Arguments are those of `touching`; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns how many.
+    `touching` describes the arguments; ``hits`` (room, HIT) and ``which`` (room,) are written. Returns their number.
     """
     k, per_px, per_full = 0, 1.0 / step, 1.0 / full
     for i in range(len(at)):
@@ -133,7 +134,7 @@ def _to_image(
 
 @njit(cache=True, error_model="numpy")
 def _by_rows(at: Float64) -> tuple[float, int, Int64, Int64]:
-    """Where rows of `BIN_PX` begin: of the first one [px], how many, (bins + 1,) starts in the order (n,)."""
+    """Sort points into rows of `BIN_PX`: first row [px], number of rows, starts (bins + 1,) in the order (n,)."""
     count = len(at)
     if count == 0:
         return 0.0, 0, np.zeros(1, np.int64), np.zeros(0, np.int64)
@@ -157,9 +158,9 @@ def _to_body(
     phi: Float32, surety: Float32, x0: int, y0: int, step: int, every: int, reach_px: float, at: Float64,
     normals: Float64, full: float, hits: Float64, which: Int64, k: int,
 ) -> int:  # fmt: skip
-    """From the image's outline, at every so many samples, to the nearest of the body's with a similar direction.
+    """Match samples of the image's outline with the nearest point of the body's that has a similar direction.
 
-    Arguments are those of `touching`; ``hits`` and ``which`` are written from ``k`` on. Returns up to where.
+    `touching` describes the arguments; ``hits`` and ``which`` are written from ``k`` on. Returns the next free index.
     """
     seen = 0
     rows, columns = phi.shape
@@ -217,15 +218,15 @@ def touching(
     normals: Float64, points: Float64, bone: Int32, far: Float64, soft_px: float, sd_px: float, full: float,
     R: Float64, t: Float64, lens: Float64, farthest_r2: float, T: Float64,
 ) -> tuple[Int64, Float64, Float64, Float64]:  # fmt: skip
-    """The planes that an image's outline wants a body's points to lie in: both ways, one after the other.
+    """Return the planes in which an image's outline constrains a body's points, matched in both directions.
 
     Args:
         phi, x0, y0, step: of `Silhouette`: signed distances up to ``reach_px``.
-        surety: (rows, columns) how much the image says for an edge [nats]; from ``full`` on it counts in full.
-        every: so manieth sample of the image's outline is asked.
+        surety: (rows, columns) evidence of an edge in the image [nats]; from ``full`` on an edge has its full weight.
+        every: stride between samples of the image's outline.
         at, normals, points, bone, far: of `outline_kernels.outline`.
-        soft_px: a miss of so much counts a quarter, and larger ones ever less (Geman and McClure).
-        sd_px: of an outline [px].
+        soft_px: scale of the robust loss: at this residual the weight is a quarter (Geman and McClure).
+        sd_px: standard deviation of an outline [px].
         R, t: (parts, 9), (parts, 3) the parts' motions.
         lens, farthest_r2, T: of the camera.
 

@@ -1,12 +1,12 @@
-"""A body's outline in a camera, and the planes that an image's outline wants its points to lie in.
+"""Render a body's outline in a camera, and constrain the body by an image's outline.
 
-    seen  = see(figure, vertices, eye, window)         the projected mesh: what it covers, and its outline
+    seen  = see(figure, vertices, eye, window)              the projected mesh: its mask and outline
     given = touching(figure, seen, motions, contour, eye)   constraints of `mocapella.kinematics.twist_fit`
 
-Correspondences are made both ways: from the body's outline to the nearest of the image's, and from the image's to the
-nearest of the body's, which alone notices a limb where the body has none (B. Rosenhahn, T. Brox, D. Cremers,
-H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, section 2.3). Weights fall with the miss
-(S. Geman, D. McClure, "Statistical methods for tomographic image reconstruction", Bull. ISI 52, 1987).
+Points are matched in both directions: the body's outline with the nearest point of the image's, and the image's with
+the nearest of the body's; only the second direction notices a limb where the body has none (B. Rosenhahn, T. Brox, D.
+Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, section 2.3). Weights fall with the
+residual (S. Geman, D. McClure, "Statistical methods for tomographic image reconstruction", Bull. ISI 52, 1987).
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """How outlines are brought together, in samples of the images' windows.
+    """Settings for matching outlines, in samples of the images' windows.
 
     Attributes:
-        spacing_steps: a point of the body's outline for about so much of it.
-        every: so manieth sample of the image's outline has a point of the body sought.
-        soft_steps: a miss of so much counts a quarter, and larger ones ever less.
-        sd_steps: of a pixel's length of outline; much more than an edge's own, for neighbours err alike.
-        sure_nats: where an image says so much for an edge, and more, it counts in full.
+        spacing_steps: distance of points on the body's outline.
+        every: stride between samples of the image's outline.
+        soft_steps: scale of the robust loss: at this residual the weight is a quarter.
+        sd_steps: standard deviation of one pixel of outline; much more than an edge's own, as neighbours' errors are
+            correlated.
+        sure_nats: least evidence of an edge with full weight.
     """
 
     spacing_steps: float = 2.0
@@ -60,13 +61,13 @@ DEFAULT = CorrespondenceSettings()
 
 
 class Figure(msgspec.Struct, frozen=True, eq=False):
-    """A mesh made ready to be seen.
+    """A mesh prepared for rendering.
 
     Attributes:
-        mesh: see there.
+        mesh: the mesh.
         edges: (e, 4) its edges, with the faces beside them.
         part: (n,) the part that moves each vertex most.
-        one_way: of `outline_kernels.one_way`: what it covers is known by its outline.
+        one_way: of `outline_kernels.one_way`: the outline determines the mask.
     """
 
     mesh: RiggedMesh
@@ -105,16 +106,16 @@ def eye(placed: PlacedCamera) -> Eye:
 
 
 class Outline(msgspec.Struct, frozen=True, eq=False):
-    """A body as a camera sees it.
+    """A body's mask and outline in a camera.
 
     Attributes:
-        origin_px, step_px: of the window, as of `Silhouette`.
-        mask: (rows, columns) uint8, 1 where it covers a sample.
+        origin_px, step_px: the window, as in `Silhouette`.
+        mask: (rows, columns) uint8, 1 where the body covers a sample.
         at: (n, 2) points of the outline [px].
-        normals: (n, 2) outwards, of the length of outline that each stands for [px].
-        points: (n, 3) where they are in the world [m].
-        part: (n,) of which part.
-        depth: (n,) before the camera [m].
+        normals: (n, 2) outward normals, as long as each point's share of the outline [px].
+        points: (n, 3) their positions in the world [m].
+        part: (n,) their parts.
+        depth: (n,) their depths [m].
     """
 
     origin_px: tuple[int, int]
@@ -142,16 +143,16 @@ def see(
     spacing_px: float = 4.0,
     window: Outline | None = None,
 ) -> Outline | None:
-    """How a body is seen; None where nothing of it is in the image.
+    """Render a body's outline; None where it is outside the image.
 
     Args:
-        body: see there.
+        body: the body.
         vertices: (n, 3) of `rigged_mesh.posed`.
-        by: see there.
-        step_px: of the window's samples.
-        margin_px: how much wider than the body the window is.
-        spacing_px: of the outline's points.
-        window: take the window of this one.
+        by: the camera.
+        step_px: distance of the window's samples.
+        margin_px: margin of the window about the body.
+        spacing_px: distance of the outline's points.
+        window: an outline whose window is used again.
     """
     given = (0, 0, 0, 0) if window is None else (*window.origin_px, *window.mask.shape[::-1])
     x0, y0, mask, *points = _seeing().outlined(
@@ -162,7 +163,7 @@ def see(
 
 
 def seen_at(points: Float64, by: Eye) -> Float64:
-    """Where points (n, 3) are seen, (n, 2) [px]; far beyond the image where they are not."""
+    """Project points (n, 3) into the image, (n, 2) [px]; invisible ones far beyond it."""
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
     pixels[depth <= 0.0] = -1e6
@@ -170,14 +171,15 @@ def seen_at(points: Float64, by: Eye) -> Float64:
 
 
 def within(points: Float64, by: Eye) -> bool:
-    """Whether all points (n, 3) are seen within the image."""
+    """Return whether all points (n, 3) are visible within the image."""
     at = np.ascontiguousarray(points)
     return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 
 
 def alike(seen: Outline, phi: NDArray[np.float32]) -> float:
-    """Intersection over union of what a body covers and of what is inside an image's outline (rows, columns), in the
-    window of ``seen``; 0 of nothing.
+    """Return the intersection over union of a body's mask and an image's silhouette (rows, columns) in its window.
+
+    It is 0 where both are empty.
     """
     return float(_seeing().alike(seen.mask, phi))
 
@@ -192,16 +194,16 @@ def touching(
     reach_px: float,
     settings: CorrespondenceSettings = DEFAULT,
 ) -> InPlanes:
-    """The planes in which the body's points are to lie so that its outline is the image's.
+    """Return the planes that constrain the body's points so that its outline matches the image's.
 
     Args:
         seen: the body's outline.
-        motions: R (parts, 9) and t (parts, 3) of the pose in which it was seen.
+        motions: R (parts, 9) and t (parts, 3) of the rendered pose.
         phi: (rows, columns) the image's outline, in the window of ``seen``.
-        surety: (rows, columns) how much the image says for an edge [nats].
+        surety: (rows, columns) evidence of an edge in the image [nats].
         by: the camera.
-        reach_px: up to where ``phi`` is a distance.
-        settings: see there.
+        reach_px: distance up to which ``phi`` is valid.
+        settings: the settings.
     """
     R, t = motions
     s, (x0, y0), step = settings, seen.origin_px, seen.step_px
@@ -214,7 +216,7 @@ def touching(
 
 @cache
 def _seeing() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import outline_kernels
 
     return outline_kernels
@@ -222,7 +224,7 @@ def _seeing() -> Any:
 
 @cache
 def _fitting() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import outline_fit_kernels
 
     return outline_fit_kernels

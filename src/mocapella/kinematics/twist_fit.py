@@ -1,17 +1,17 @@
-"""The pose in which a tree's points come nearest to lines of sight, points and planes, with what was expected of it.
+"""Fit a kinematic tree's pose to lines of sight, points and planes, with priors.
 
 The estimate minimises
 
     Σ w |x × n − m|² + Σ w |x − y|² + Σ w (n·x − d)²
     + Σ (per_m |p − p̂|)² + (per_rad φ)² + Σ (angles_per_rad (θ − θ̂))²
 
-over the root's motion and the angles within their limits, x being points of the parts, by Gauss–Newton steps in twists:
+over the root's motion and the angles within their limits, for points x of the parts, by Gauss–Newton steps in twists:
 B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, equations
-10 to 14 and 26. `mocapella.kinematics.twist_fit_kernels` says how. The second line is a `Prior`; p is the tree's point
-``root`` and φ the angle between the root's rotation and the expected one.
+10 to 14 and 26. `mocapella.kinematics.twist_fit_kernels` describes the algorithm. The second line is a `Prior`; p is
+the tree's point ``root`` and φ the angle between the root's rotation and the expected one.
 
-Weights are 1/variance: w in 1/m², those of priors, which are squared, in 1/m and 1/rad. Only their ratios matter to
-what is found. Robust weights are the caller's, from the residuals at the pose before.
+Weights are inverse variances w in 1/m²; priors take inverse standard deviations in 1/m and 1/rad. Only their ratios
+affect the result. The caller computes robust weights from the residuals at the previous pose.
 """
 
 from __future__ import annotations
@@ -83,13 +83,13 @@ Constraints = OnLines | OnPoints | InPlanes
 
 
 class Prior(msgspec.Struct, frozen=True, eq=False):
-    """What is known of the pose beforehand: a prediction, or what is usual.
+    """Prior of the pose: a prediction, or a typical pose.
 
     Attributes:
-        pose: the one that is expected.
-        root_per_m: how sure its place is, as 1/standard deviation [1/m]; 0: nothing is known.
-        root_per_rad: how sure its orientation is [1/rad].
-        angles_per_rad: (joints,) how sure its angles are [1/rad].
+        pose: the expected pose.
+        root_per_m: inverse standard deviation of the root's position [1/m]; 0: unknown.
+        root_per_rad: inverse standard deviation of its orientation [1/rad].
+        angles_per_rad: (joints,) inverse standard deviations of the angles [1/rad].
 
     Raises:
         SettingsError: a weight is below 0 or not finite.
@@ -112,7 +112,7 @@ class FitSettings:
     """When a fit ends.
 
     Attributes:
-        most_steps: at most so many; what is tried and would cost more is none.
+        most_steps: largest number of accepted steps.
         rest_m: a step that moves the root by less …
         rest_rad: … and turns it and every joint by less is the last.
     """
@@ -131,15 +131,15 @@ DEFAULT = FitSettings()
 
 
 class TreeFit(msgspec.Struct, frozen=True, eq=False):
-    """What a fit found.
+    """Result of a fit.
 
     Attributes:
         pose: its angles are within the limits.
         held: (joints,) which angles are at a limit.
-        steps: how many it took.
-        rests: whether the last one was small, not the last that was allowed.
-        cost: what is left of the constraints.
-        prior_cost: what is left of the priors.
+        steps: number of steps.
+        rests: whether the fit converged, rather than used up its steps.
+        cost: remaining cost of the constraints.
+        prior_cost: remaining cost of the priors.
     """
 
     pose: TreePose
@@ -157,17 +157,17 @@ def fit(
     priors: Sequence[Prior] = (),
     settings: FitSettings = DEFAULT,
 ) -> TreeFit:
-    """The pose that costs least, from where it is thought to be; what nothing holds stays as it is there.
+    """Fit the pose from an initial one; unconstrained degrees of freedom keep their initial values.
 
     Args:
-        tree: what is fitted.
-        start: one pose; angles beyond the limits begin at them.
-        constraints: any number, also none.
-        priors: any number; weights of 0 are as none.
-        settings: see there.
+        tree: the kinematic tree.
+        start: the initial pose; its angles are clamped to the limits.
+        constraints: any number, including none.
+        priors: any number; a weight of 0 has no effect.
+        settings: the settings.
 
     Raises:
-        SettingsError: arrays of other shapes than said, a part that the tree has not, or a start that is not finite.
+        SettingsError: wrong shapes, a part that the tree does not have, or an initial pose that is not finite.
     """
     problem = _problem(tree, start, constraints, priors)
     T, angles = np.array(start.T_world_model, np.float64), np.array(start.angles, np.float64)
@@ -182,8 +182,8 @@ def fit(
 class NormalEquations(msgspec.Struct, frozen=True, eq=False):
     """H δ = g of a Gauss–Newton step δ: the root's twist, translation and rotation, then the angles.
 
-    The twist is told about the place ``about``, with the world's axes. H is half the second derivative of the cost,
-    without its second-order terms, and g half its descent.
+    The twist refers to the point ``about``, with the world's axes. H is half the Hessian of the cost, without its
+    second-order terms, and g half its negative gradient.
 
     Attributes:
         H, g: (dofs, dofs), (dofs,); limits do not show in them.
@@ -200,7 +200,7 @@ class NormalEquations(msgspec.Struct, frozen=True, eq=False):
 def normal_equations(
     tree: TwistTree, pose: TreePose, constraints: Sequence[Constraints], priors: Sequence[Prior] = ()
 ) -> NormalEquations:
-    """The equations of a step from a pose; H's inverse is the covariance of what is estimated there.
+    """Return the normal equations at a pose; H's inverse is the covariance of the estimate.
 
     Raises:
         SettingsError: as of `fit`.
@@ -223,7 +223,7 @@ def normal_equations(
 def _problem(
     tree: TwistTree, start: TreePose, constraints: Sequence[Constraints], priors: Sequence[Prior]
 ) -> tuple[Float64, ...]:
-    """What `measure` takes: sums about the start's place, and priors."""
+    """Return the arguments of `measure`: sums about the initial position, and priors."""
     joints = len(tree.joint_parts)
     T, angles = np.asarray(start.T_world_model), np.asarray(start.angles)
     _check_shapes(T, angles, joints)
@@ -268,7 +268,7 @@ def _add(given: Constraints, about: Float64, sums: Float64) -> None:
 
 @cache
 def kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.kinematics import twist_fit_kernels
 
     return twist_fit_kernels

@@ -1,24 +1,24 @@
-"""A tree of rigid parts and revolute joints: where it is, and the step that brings its points to lines, points, planes.
+"""Kernels of a tree of rigid parts and revolute joints: forward kinematics and the Gauss–Newton step of a fit.
 
 Every constraint on a point x of a part costs (x − y)ᵀW(x − y): for a line along n, W = (n·n)1 − n nᵀ, which makes it
 |x × n − m|²; for a point, W = 1; for a plane with the normal n, W = n nᵀ. With x = T·(1, x₀), where x₀ is the point at
 rest and T the part's motion (translation, then the columns of its rotation), this is a polynomial of the second degree
-in T's twelve numbers. So of all constraints on a part only its coefficients are kept, Σ w (1, x₀)(1, x₀)ᵀ ⊗ W and what
-belongs to Wy and yᵀWy: points are looked at once, whatever the number of steps.
+in T's twelve numbers. So only this polynomial's coefficients are kept for a part: Σ w (1, x₀)(1, x₀)ᵀ ⊗ W, and those of
+Wy and yᵀWy. Points are read once, whatever the number of steps.
 
-In a step these sums tell each part's symmetric (6, 6) matrix Q and vector b of a small twist; a child's are its
-parent's too, so they are added from the leaves inwards as inertias of composite bodies are; and the normal equations
-of the degrees of freedom i and j, of which i moves j, are H_ij = ξ_iᵀ Q ξ_j with the Q of all that j moves
-(R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2). Where neither moves the other H_ij = 0. Factorised
-from the leaves inwards, H keeps these zeros (R. Featherstone, Efficient Factorization of the Joint-Space Inertia Matrix
-for Branched Kinematic Trees, Int. J. Robotics Research 24, 2005).
+In a step these sums give each part's symmetric (6, 6) matrix Q and vector b of a small twist. They are added from the
+leaves to the root, as inertias of composite bodies are. If i is an ancestor of j, the normal equations are
+H_ij = ξ_iᵀ Q ξ_j with the Q of the subtree of j
+(R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2). Elsewhere H_ij = 0. Factorised
+from the leaves to the root, H keeps these zeros (R. Featherstone, Efficient Factorization of the Joint-Space Inertia
+Matrix for Branched Kinematic Trees, Int. J. Robotics Research 24, 2005).
 
-Twists are (v, ω): they move the point x by v + ω × x. Points, twists and motions are told from one place, ``about``,
+Twists are (v, ω): they move the point x by v + ω × x. Points, twists and motions refer to one origin, ``about``,
 with the axes of the world. Degrees of freedom are the root's twist, six numbers, and then the joints' angles. Importing
 this module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
+# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
 
 import math
@@ -36,14 +36,14 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 ROOT = 6
-"""Degrees of freedom of the root."""
+"""Number of degrees of freedom of the root."""
 SUMS = 73
 """Numbers of a part: ten products of (1, x₀) by six of W (upper triangles, by rows), then four by Wy, then yᵀWy."""
 MOTION = 27
 """Numbers of a part: of Q the upper triangle of the block vv, the block vω, the upper triangle of ωω, and b."""
 LINES, POINTS, PLANES = np.int64(0), np.int64(1), np.int64(2)
-"""What points are to lie on."""
-_RELATIVE_FLOOR = 1e-12  # of the largest diagonal element: what nothing holds stays where it is
+"""Kinds of constraint."""
+_RELATIVE_FLOOR = 1e-12  # of the largest diagonal element; unconstrained degrees of freedom do not move
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 _ROUNDING = 1e-13  # of the constant term: costs that differ by less are equal
 
@@ -76,12 +76,12 @@ def add_constraints(
         part: (n,) of each point.
         points: (n, 3) at rest [m].
         targets: in the world: lines (n, 6), points (n, 3) [m], or planes n·x = d (n, 4), n and then d [m].
-        weights: (n,) [1/m²]; what is not above 0, or has a number that is not finite, does not count.
+        weights: (n,) [1/m²]; points without a positive weight, or with a number that is not finite, are left out.
         about: (3,) [m].
         sums: (parts, SUMS) are added to.
 
     Returns:
-        The first point of a part that there is not, -1 where there is none.
+        Index of the first point with an invalid part, -1 if all are valid.
     """
     f, g, h = about[0], about[1], about[2]
     for k in range(len(part)):
@@ -125,7 +125,7 @@ def add_constraints(
 
 @njit(cache=True)
 def linearised(sums: Float64, R: Float64, t: Float64, Q: Float64) -> float:
-    """Write Q (parts, MOTION) of each part where it is; returns what its constraints cost."""
+    """Write Q (parts, MOTION) of each part at its present motion; return the cost of the constraints."""
     cost, T = 0.0, np.empty((4, 3))
     for p in range(len(sums)):
         S, out = sums[p], Q[p]
@@ -177,11 +177,11 @@ def expect_root(
     expected: Float64, per_m: float, per_rad: float, root: Float64, about: Float64, R: Float64, t: Float64,
     out: Float64,
 ) -> float:  # fmt: skip
-    """Add to the root's Q (MOTION,) what keeps it to a pose; returns what that costs.
+    """Add the prior of the root's pose to its Q (MOTION,); return the prior's cost.
 
-    The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: both are the same wherever the
-    world's origin lies. Of φ² the derivative is that of |ω|² where the turn is ω: the Jacobian of the logarithm leaves
-    its own axis alone.
+    The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: neither depends on the
+    world's origin. The derivative of φ² equals that of |ω|² for the rotation vector ω, because the Jacobian of the
+    logarithm does not change the vector's own direction.
 
     Args:
         expected: (4, 4).
@@ -232,7 +232,7 @@ def expect_root(
 
 @njit(cache=True)
 def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
-    """Write above (dofs,): which degree of freedom is next towards the root, -1 for none."""
+    """Write above (dofs,): the next degree of freedom towards the root, -1 for none."""
     last, j = np.empty(len(parents), dtype=np.int64), 0
     for i in range(ROOT):
         above[i] = i - 1
@@ -248,7 +248,7 @@ def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
 def normal_equations(
     parents: Int64, joint_parts: Int64, above: Int64, xi: Float64, Q: Float64, H: Float64, g: Float64,
 ) -> None:  # fmt: skip
-    """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part with all it carries."""
+    """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part's subtree."""
     for p in range(len(parents) - 1, 0, -1):
         k = parents[p]
         for i in range(MOTION):
@@ -283,7 +283,11 @@ def normal_equations(
 
 @njit(cache=True, error_model="numpy")
 def factorise(above: Int64, H: Float64) -> bool:
-    """H (n, n) becomes L with LᵀL = H, in place and only along paths; whether there is one. The lower half is used."""
+    """Factorise H (n, n) into LᵀL = H, in place, along the tree's paths only; the lower half is used.
+
+    Returns:
+        Whether H is positive definite.
+    """
     for k in range(len(H) - 1, -1, -1):
         row = H[k]
         if not row[k] > 0.0:
@@ -306,7 +310,7 @@ def factorise(above: Int64, H: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(above: Int64, L: Float64, b: Float64) -> None:
-    """b (n,) becomes the solution x of LᵀL x = b."""
+    """Replace b (n,) by the solution x of LᵀL x = b."""
     for i in range(len(b) - 1, -1, -1):
         b[i] /= L[i, i]
         j = above[i]
@@ -325,7 +329,7 @@ def substitute(above: Int64, L: Float64, b: Float64) -> None:
 def _equations_of_free(
     above: Int64, H: Float64, g: Float64, damping: float, floor: float, held: Bool, L: Float64, delta: Float64,
 ) -> None:  # fmt: skip
-    """Write what is to be factorised into L, and into delta the right hand side, that of held angles left as it is."""
+    """Write the matrix of the free degrees of freedom into L and their right-hand side into delta."""
     for i in range(len(g)):
         fixed = i >= ROOT and held[i - ROOT]
         L[i, i] = 1.0 if fixed else H[i, i] * (1.0 + damping) + floor
@@ -347,16 +351,16 @@ def step(
     above: Int64, H: Float64, g: Float64, damping: float, angles: Float64, limits: Float64, L: Float64, held: Bool,
     delta: Float64,
 ) -> bool:  # fmt: skip
-    """Write the step delta (dofs,) that H and g ask for, the angles within their limits; whether there is one.
+    """Solve H and g for the step delta (dofs,), with the angles within their limits; return whether it exists.
 
-    An angle at a limit beyond which g would push it is held there, and so is one that the step would take beyond: the
-    rest is solved anew (D. Bertsekas, Projected Newton Methods for Optimization Problems with Simple Constraints, SIAM
-    J. Control and Optimization 20, 1982).
+    An angle at a limit is held there if g points beyond it, and so is an angle that the step would take beyond a limit;
+    the others are solved again (D. Bertsekas, Projected Newton Methods for Optimization Problems with Simple
+    Constraints, SIAM J. Control and Optimization 20, 1982).
 
     Args:
         above: of `path`.
         H, g: of `normal_equations`.
-        damping: by which part of itself the diagonal is raised (Levenberg and Marquardt).
+        damping: relative increase of the diagonal (Levenberg and Marquardt).
         angles: (joints,) within the limits [rad].
         limits: (joints, 2) [rad].
         L: (dofs, dofs) workspace.
@@ -392,7 +396,7 @@ def measure(
     prior_T: Float64, prior_root: Float64, prior_angles: Float64, prior_joints: Float64, T: Float64, angles: Float64,
     R: Float64, t: Float64, xi: Float64, Q: Float64, D: Float64, e: Float64,
 ) -> tuple[float, float]:  # fmt: skip
-    """Where the tree is, what it costs there, of the constraints and of the priors, and how that changes.
+    """Compute the tree's motions, the costs of constraints and priors, and their derivatives.
 
     Args:
         parents, joint_parts, twists, root: of `TwistTree`.
@@ -401,7 +405,7 @@ def measure(
         prior_angles, prior_joints: (priors, joints) [rad], [1/rad].
         T, angles: (4, 4), (joints,) [rad].
         R, t, xi, Q: of `forward` and `linearised`, written.
-        D, e: (joints,) written: what priors add to the diagonal of H, and to g.
+        D, e: (joints,) the priors' terms in the diagonal of H and in g, written.
     """
     forward(parents, joint_parts, twists, T, angles, about, R, t, xi)
     cost, expected = linearised(sums, R, t, Q), 0.0
@@ -419,7 +423,7 @@ def measure(
 
 @njit(cache=True)
 def _moved(T: Float64, delta: Float64, root: Float64, about: Float64, new: Float64) -> float:
-    """Write T after the root's twist delta: it turns by ω, and its point ``root`` moves by v + ω × x."""
+    """Write T after the root's twist delta: a rotation by ω, with its point ``root`` moved by v + ω × x."""
     B, C = np.empty(9), np.empty(9)
     for i in range(3):
         for k in range(3):
@@ -447,19 +451,19 @@ def fit(
     about: Float64, prior_T: Float64, prior_root: Float64, prior_angles: Float64, prior_joints: Float64,
     most_steps: int, rest_m: float, rest_rad: float, T: Float64, angles: Float64, held: Bool,
 ) -> tuple[int, bool, float, float]:  # fmt: skip
-    """Gauss–Newton steps, damped where one would cost more (Levenberg and Marquardt), until a step rests.
+    """Fit by Gauss–Newton steps, damped where the cost would rise (Levenberg and Marquardt), until convergence.
 
-    Steps that are tried and not taken do not count: where limbs are deep in each other, few steps would never begin.
+    Rejected steps do not count: where limbs penetrate each other deeply, many are rejected before the first.
 
     Args:
         parents, joint_parts, twists, limits, root: of `TwistTree`.
         sums, about, prior_T, prior_root, prior_angles, prior_joints: of `measure`.
         most_steps, rest_m, rest_rad: of `FitSettings`.
-        T, angles: (4, 4), (joints,) where it begins; what is found, written.
+        T, angles: (4, 4), (joints,) the initial pose, replaced by the result.
         held: (joints,) written: at a limit.
 
     Returns:
-        How many steps, whether the last one rested, and what constraints and priors cost.
+        Number of steps, whether the fit converged, and the costs of constraints and priors.
     """
     parts, joints = len(parents), len(angles)
     n = ROOT + joints

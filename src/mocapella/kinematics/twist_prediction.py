@@ -64,7 +64,7 @@ def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) ->
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import turn_kernels
 
     return turn_kernels

@@ -64,7 +64,7 @@ class Points(msgspec.Struct, frozen=True, eq=False):
 
 
 def unknown(count: int, at_s: float) -> Points:
-    """Points of which nothing is known."""
+    """Return points that are unknown."""
     nan = np.full((3, count, 3), np.nan)
     return Points(at_s, nan[0], nan[1], nan[2], np.full(count, -np.inf))
 
@@ -103,7 +103,7 @@ def _arrays(points: Points) -> tuple[Float64, Float64, Float64, Float64]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.smoothing import kalman_kernels
 
     return kalman_kernels

@@ -1,9 +1,9 @@
-"""The hot steps of `mocapella.smoothing.kalman`, compiled and in place; importing this module imports numba.
+"""Kernels of `mocapella.smoothing.kalman`, in place; importing this module imports numba.
 
-Points are (points, 3) positions and velocities, (points, 3) variances, (points,) when they were last seen.
+Points are positions and velocities (points, 3), variances (points, 3) and times of the last measurement (points,).
 """
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import numpy as np

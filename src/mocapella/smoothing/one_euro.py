@@ -87,7 +87,7 @@ class OneEuro:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.smoothing import one_euro_kernels
 
     return one_euro_kernels

@@ -1,6 +1,6 @@
 """The hot step of `mocapella.smoothing.one_euro`, compiled and in place; importing this module imports numba."""
 
-# ruff: noqa: PLR0917 - compiled: arrays come by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -34,7 +34,7 @@ def smooth(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
     beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """`OneEuro.update` of (points, dimensions), by the speed of each point; what is not seen stays as it was."""
+    """Update the filter of (points, dimensions), by the speed of each point; unmeasured points do not change."""
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
         if not seen(measured, j):
@@ -59,7 +59,7 @@ def smooth_points(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """`smooth`, and what is seen into ``out``."""
+    """Update the filter by `smooth`, and write measured points into ``out``, NaN elsewhere."""
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
         there = seen(measured, j)
@@ -82,7 +82,7 @@ def smooth_components(
         sum_of_zeros += 0.0 * m[i]  # NaN where one is not finite
     dt = at_s - since
     if together and sum_of_zeros == 0.0 and 0.0 < dt <= forget_after_s:
-        # The usual case, in which nothing depends on the point: the processor takes several at a time.
+        # The usual case: equal times for all points, so that the compiler vectorises the loop.
         smooth_all(x, v, m, y, dt, min_cutoff_hz, beta_per_m, gain(speed_cutoff_hz, dt))
         seen_s[:] = at_s
         return

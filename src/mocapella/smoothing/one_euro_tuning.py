@@ -63,7 +63,7 @@ def tune(
         fast: the same of markers in fast motion.
         jitter_goal: in the unit of the points.
         lag_goal_s: [s].
-        settings: of which min_cutoff_hz and beta_per_m are chosen anew.
+        settings: initial settings; min_cutoff_hz and beta_per_m are replaced.
 
     Raises:
         SettingsError: a goal that is not above 0.
