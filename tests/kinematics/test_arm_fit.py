@@ -331,7 +331,7 @@ def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side
         row = derivatives(model, pose, int(piece), part, normal)
         true_H += w * np.outer(row, row)
         true_g += w * e * row
-    k._tell(A, at, counts, Q, b, H, g)
+    k._add_groups(A, at, counts, Q, b, H, g)
     np.testing.assert_allclose(np.tril(H), np.tril(true_H), atol=1e-9)
     np.testing.assert_allclose(g, true_g, atol=1e-9)
 
