@@ -131,7 +131,7 @@ def test_videos_and_models_that_cannot_be_used_are_one_line(folder):
             "slow.avi: field frame rate: 50.0: has 50 frames a second, and fast.avi",
         ),
         (("c1", "c2=wide.avi", *GIVEN), "--other-size crop where pixels are as calibrated"),
-        (("c1", "c2", *GIVEN[:4]), "say it with --hz"),
+        (("c1", "c2", *GIVEN[:4]), "give it with --hz"),
         (("c1", "c2", *GIVEN, "--model", "mail"), "did you mean male"),
         (("c1", "c2", *GIVEN, "--model", "no.glb"), "no.glb"),
         (("c1", "c2", *GIVEN, "--height", "175"), "--height is 175.0; it must be 0.5 to 2.5 m"),

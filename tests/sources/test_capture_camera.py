@@ -41,8 +41,8 @@ CONTROLS = {
     cv2.CAP_PROP_CONTRAST: "contrast cannot be set to 40: it stays 32",
     cv2.CAP_PROP_AUTO_EXPOSURE: "automatic exposure cannot be switched off",
     cv2.CAP_PROP_AUTO_WB: "automatic white balance cannot be switched off",
-    cv2.CAP_PROP_FPS: "it says that it gives 30 frames a second, not the 60 asked for",
-    cv2.CAP_PROP_FOURCC: "it does not pack its pictures as MJPG",
+    cv2.CAP_PROP_FPS: "it reports 30 frames a second, not the requested 60",
+    cv2.CAP_PROP_FOURCC: "it does not support the pixel format MJPG",
 }
 
 

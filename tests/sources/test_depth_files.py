@@ -132,7 +132,7 @@ def test_what_is_missing_is_said_with_how_to_give_it(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=named):
             complete(DepthFiles([tmp_path], options).state, tmp_path)
-    with pytest.raises(InputError, match="nobody says"):
+    with pytest.raises(InputError, match="lens or unit is unknown"):
         complete(SourceState(None, unit_m=0.001, lens=LENS), "x")
 
 

@@ -52,7 +52,7 @@ def test_a_video_that_ends_before_its_header_says_is_said(tmp_path):
     shown = VideoSet(two(tmp_path), RIG)
     shown.videos["c1"] = msgspec.structs.replace(shown.videos["c1"], count=9)
     assert len(list(shown)) == 6
-    assert shown.notes == [f"{tmp_path / 'c1.avi'} ends before frame 6, though it says that it has 9"]
+    assert shown.notes == [f"{tmp_path / 'c1.avi'} ends before frame 6, though its header states 9 frames"]
 
 
 @pytest.mark.parametrize("hz", [None, 25.0])
@@ -61,7 +61,7 @@ def test_other_rates_are_an_error_that_names_both_unless_said(tmp_path, hz):
     if hz is not None:
         assert VideoSet(paths, RIG, rate_hz=hz).rate_hz == hz
         return
-    with pytest.raises(InputError, match=r"c1\.avi.*frame rate: 30.*c2\.avi 25; make all videos of one rate"):
+    with pytest.raises(InputError, match=r"c1\.avi.*frame rate: 30.*c2\.avi 25; convert all videos to one rate"):
         VideoSet(paths, RIG)
 
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_used_is_named(tmp_path):
 def test_folders_of_images_need_a_rate(tmp_path):
     write_folders(tmp_path, [{"c1": shades(3)[k], "c2": shades(3)[k]} for k in range(3)])
     folders = {name: tmp_path / name for name in ("c1", "c2")}
-    with pytest.raises(InputError, match="say it with --hz"):
+    with pytest.raises(InputError, match="give it with --hz"):
         VideoSet(folders, RIG)
     shown = VideoSet(folders, RIG, rate_hz=50.0)
     assert (shown.count, len(list(shown))) == (3, 3)

@@ -74,7 +74,7 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
     for name in automatic:
         problems.append(
             f"automatic {name.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's "
-            "own program, keep the light as it is, or learn the colours in the lightest and the darkest of it"
+            "own program, keep the light as it is, or learn the colours in the brightest and the darkest light"
         )
     for name, value in _VALUES.items():
         wished = getattr(wishes.controls, name)
@@ -86,10 +86,10 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
             reason = "there is no such control" if got == _NONE else f"it stays {got:g}"
             problems.append(f"{name.replace('_', ' ')} cannot be set to {wished:g}: {reason}; learn the colours again")
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    says = float(capture.get(cv2.CAP_PROP_FPS))
+    stated = float(capture.get(cv2.CAP_PROP_FPS))
     return SourceState(
         size_px=(width, height) if width > 0 and height > 0 else None,
-        fps=wishes.fps or (says if 0 < says < math.inf else None),
+        fps=wishes.fps or (stated if 0 < stated < math.inf else None),
         controls=CameraControls(**{name: _read(capture, prop) for name, prop in _VALUES.items()}, automatic=automatic),
         problems=tuple(problems),
     )
@@ -98,11 +98,13 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
 def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
     problems = []
     if wishes.fourcc is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != cv2.VideoWriter.fourcc(*wishes.fourcc):
-        problems.append(f"it does not pack its pictures as {wishes.fourcc}; leave --fourcc out, or try YUYV or MJPG")
-    says = float(capture.get(cv2.CAP_PROP_FPS))
-    if wishes.fps is not None and says > 0 and not math.isclose(says, wishes.fps, rel_tol=0.02):
         problems.append(
-            f"it says that it gives {says:g} frames a second, not the {wishes.fps:g} asked for; try another size, "
+            f"it does not support the pixel format {wishes.fourcc}; leave --fourcc out, or try YUYV or MJPG"
+        )
+    stated = float(capture.get(cv2.CAP_PROP_FPS))
+    if wishes.fps is not None and stated > 0 and not math.isclose(stated, wishes.fps, rel_tol=0.02):
+        problems.append(
+            f"it reports {stated:g} frames a second, not the requested {wishes.fps:g}; try another size, "
             "or --fourcc MJPG"
         )
     return problems

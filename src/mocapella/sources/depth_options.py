@@ -166,7 +166,7 @@ def complete(state: SourceState, source: object) -> Camera:
     if missing or state.lens is None or state.size_px is None:
         options = " and ".join(missing) or "images"
         fix = f"give {options}, or write a depth.toml beside the images (docs/arms/recordings.md)"
-        raise InputError("the camera's lens or unit is unknown", file=source, fix=fix)
+        raise InputError("the camera's size, lens or unit is unknown", file=source, fix=fix)
     check_lens(state.lens, state.size_px, source)
     return Camera("depth", state.size_px, np.array(state.lens))
 

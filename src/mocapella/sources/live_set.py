@@ -291,7 +291,7 @@ class LiveSet:
         for name, count in self._unused.items():
             if count > UNUSED:
                 delay = late_s.get(name, 0.0)
-                much = f": their latency is {_ms(delay)} ms above the others'" if delay > LATEST_S else ""
+                much = f": its latency is {_ms(delay)} ms above the others'" if delay > LATEST_S else ""
                 self._say_once(say, name, "unused", f"no frame uses its images, whose times are never near the "
                                f"others'{much}; images that are more than {_ms(LATEST_S)} ms late are not waited "
                                "for: make its stream smaller, or set it to a lower latency")  # fmt: skip

@@ -44,7 +44,7 @@ def open_depth(
     options = options or DepthOptions()
     kind, colon, which = text.partition(":")
     if colon and kind in (*CAMERAS, RENDERED) and kind != RAW and options.kinect_raw:
-        raise SettingsError(f"--unit {KINECT_RAW}: {kind} gives depths, and says their unit itself; leave --unit out")
+        raise SettingsError(f"--unit {KINECT_RAW}: {kind} gives depths in its own unit; leave --unit out")
     if colon and kind in CAMERAS:
         return camera_class(kind)(which or CAMERAS[kind][2], text, options)
     if colon and kind == RENDERED:

@@ -77,11 +77,11 @@ class PacedPictures:
         self._capture = cv2.VideoCapture(str(path))
         if not self._capture.isOpened():
             raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
-        says = float(self._capture.get(cv2.CAP_PROP_FPS))
-        if not 0 < says < math.inf and self._wished_fps is None:
+        stated = float(self._capture.get(cv2.CAP_PROP_FPS))
+        if not 0 < stated < math.inf and self._wished_fps is None:
             note = f"does not state its frame rate; {USUAL_FPS:g} Hz is assumed ({self._rate_option} sets it)"
-            says, problems = USUAL_FPS, (note,)
-        self._fps = self._wished_fps or says
+            stated, problems = USUAL_FPS, (note,)
+        self._fps = self._wished_fps or stated
         size = tuple(int(self._capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         self._frames = self._of_film(self._capture)
         return SourceState((size[0], size[1]), self._fps, problems=problems)

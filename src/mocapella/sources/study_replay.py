@@ -240,7 +240,7 @@ def _check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
     refuse(log, rows[no_date], "tracker_time_ms", "is no date of our time", "it counts milliseconds since year 1")
     negative = log.person_id[rows] < 0
     refuse(log, rows[negative], "person_id", "is no person", "number the people of a file from 0")
-    split = "a file is one run of the sensors: split it where the time begins anew"
+    split = "a file is one run of the sensors: split it where the time restarts"
     ahead = ticks - ticks[0] > MAX_LENGTH * NS_PER_S / TICK_NS
     refuse(log, rows[ahead], "skeleton_time_ticks", "is more than a day after the sensor's first row", split)
     back = np.maximum.accumulate(ticks) - ticks > MAX_STEP_BACK * NS_PER_S / TICK_NS

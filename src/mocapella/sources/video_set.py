@@ -156,14 +156,14 @@ class VideoSet:
         rates = {name: video.rate_hz for name, video in self.videos.items() if video.rate_hz is not None}
         if not rates:
             path = next(iter(self.videos.values())).path
-            raise InputError("nothing says how many frames a second there are", file=path, fix="say it with --hz")
+            raise InputError("the frame rate is unknown", file=path, fix="give it with --hz")
         (first, rate), *others = rates.items()
         for name, other in others:
             if abs(other - rate) > RATES_WITHIN * rate:
                 raise InputError(
                     f"has {other:g} frames a second, and {self.videos[first].path} {rate:g}",
                     file=self.videos[name].path, field="frame rate", value=other,
-                    fix="make all videos of one rate, such as with ffmpeg -r, or say with --hz which they all have",
+                    fix="convert all videos to one rate, such as with ffmpeg -r, or give their common rate with --hz",
                 )  # fmt: skip
         return rate
 
@@ -190,7 +190,7 @@ class VideoSet:
             count, end = self.videos[name].count, self._frames.end
             if count is not None and number < count and (end is None or number < end):
                 self.notes.append(
-                    f"{self.videos[name].path} ends before frame {number}, though it says that it has {count}"
+                    f"{self.videos[name].path} ends before frame {number}, though its header states {count} frames"
                 )
 
     def _check_size(self, name: str, image: UInt8, number: int) -> None:

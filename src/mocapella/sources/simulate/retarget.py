@@ -129,9 +129,9 @@ def _names() -> dict[str, Any]:
 
 
 def _skeleton(bvh: Bvh, file: object) -> tuple[Float64, Float64, Float64]:
-    """Root (frames, 3), directions (frames, 25, 3) and lengths (25,), in the file's unit; length 0 = not in the file.
+    """Root (frames, 3), directions (frames, 25, 3) and lengths (25,) in the file's unit; 0 for a missing bone.
 
-    A bone that the file has not goes on in the direction of the bone before it; a spine joint lies half way.
+    A missing bone has the direction of its parent bone; a missing spine joint is half way between its neighbours.
     """
     columns = joint_columns(bvh, file)
     positions = bvh.positions()
