@@ -223,8 +223,8 @@ def test_a_film_without_a_rate_names_the_commands_own_option(tmp_path: Path, mon
     film(tmp_path / "a.avi")
     monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
     for source, said in (
-        (PacedPictures(tmp_path / "a.avi"), "30 are taken (--fps says it)"),
-        (open_pictures(str(tmp_path / "a.avi"), rate_option="--hz"), "30 are taken (--hz says it)"),
+        (PacedPictures(tmp_path / "a.avi"), "30 Hz is assumed (--fps sets it)"),
+        (open_pictures(str(tmp_path / "a.avi"), rate_option="--hz"), "30 Hz is assumed (--hz sets it)"),
     ):
         (problem,) = source.open().problems
         assert problem.endswith(said)
