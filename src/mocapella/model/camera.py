@@ -1,4 +1,4 @@
-"""What a camera is, and cameras that stand somewhere."""
+"""Cameras, and rigs of cameras with known poses."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Float64 = NDArray[np.float64]
 
 
 class Camera(msgspec.Struct, frozen=True, eq=False):
-    """A camera's picture and lens.
+    """A camera's image size and lens.
 
     Attributes:
-        name: as of a sensor.
-        size_px: (width, height) of the picture for which the lens holds.
+        name: a sensor's name.
+        size_px: (width, height) of the image that the lens describes.
         lens: (9,) of `mocapella.geometry.lens`.
-        readout_s: from the capture of the first row to that of the last; 0 of a global shutter [s].
+        readout_s: rolling-shutter time from the first row to the last; 0 for a global shutter [s].
     """
 
     name: str
@@ -31,11 +31,11 @@ class PlacedCamera(msgspec.Struct, frozen=True, eq=False):
     """A camera of a rig.
 
     Attributes:
-        camera: see there.
-        T_camera_world: (4, 4) to its space: x right, y down, z out of the lens.
-        covariance: (6, 6) of a small motion of the camera in its own space, translation then rotation, [m] and [rad];
-            NaN where nobody knows.
-        clock_s: how much later its clock says the same instant than the rig's [s].
+        camera: size and lens.
+        T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
+        covariance: (6, 6) of a small motion of the camera in its own frame, translation then rotation, [m] and [rad];
+            NaN if unknown.
+        clock_s: clock offset: the camera's time minus the rig's, for one instant [s].
     """
 
     camera: Camera
@@ -45,7 +45,7 @@ class PlacedCamera(msgspec.Struct, frozen=True, eq=False):
 
 
 class CameraRig(msgspec.Struct, frozen=True, eq=False):
-    """Cameras that see one space.
+    """Cameras with poses in one world frame.
 
     Attributes:
         cameras: by name.

@@ -1,13 +1,13 @@
-"""A camera rig as a file: our own TOML, and those of other programs.
+"""Read and write camera rigs: our TOML format, and formats of other programs.
 
-Ours is written and read back to the bit. `load_camera_rig` recognises by itself what a file is:
+Our format is lossless to the bit. `load_camera_rig` recognises the format of a file:
 
 - ours, with ``format = "mocapella camera rig"``;
 - Caliscope's ``camera_array.toml`` (a table ``cameras``) and ``config.toml`` (tables ``cam_…``);
-- Pose2Sim's ``Calib_*.toml``, also as it makes them of Qualisys, OpenCap or Vicon (a table for each camera, with a
+- Pose2Sim's ``Calib_*.toml``, also converted from Qualisys, OpenCap or Vicon (a table for each camera, with a
   rotation vector).
 
-Others' worlds are kept as they are: only in ours is y known to be up.
+World frames of other formats are kept: only in ours y is known to be up.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ Float64 = NDArray[np.float64]
 
 FORMAT: Final = "mocapella camera rig"
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Version of the file's layout."""
 _ANEW: Final = "calibrate anew: mocapella calibrate cameras"
 _FIELDS: Final = ("size_px", "focal_px", "centre_px", "distortion", "T_camera_world")
 _OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
 
 
 def save_camera_rig(path: Path | str, rig: CameraRig) -> None:
-    """Write a rig; the file appears complete or stays as it was.
+    """Write a rig atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -64,10 +64,10 @@ def _table(placed: PlacedCamera) -> dict[str, Any]:
 
 
 def load_camera_rig(path: Path | str) -> CameraRig:
-    """Read a rig, ours or one of those above.
+    """Read a rig in any of the formats above.
 
     Raises:
-        InputError: there is no such file, or it is none of them; names the field, its value and what to do.
+        InputError: the file does not exist, or has another format; states the field, its value and a remedy.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -79,7 +79,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
-    """As TOML, to be read by people too."""
+    """Return a rig as TOML."""
     import tomli_w
 
     cameras = {name: _table(placed) for name, placed in rig.cameras.items()}
@@ -87,7 +87,7 @@ def encode_camera_rig(rig: CameraRig) -> str:
 
 
 def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
-    """A rig of TOML, ours or one of those above.
+    """Return the rig of a TOML text in any of the formats above.
 
     Raises:
         InputError: as `load_camera_rig`.
@@ -109,7 +109,7 @@ def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
 
 
 def is_camera_rig(text: str) -> bool:
-    """Return whether a text is meant as a camera rig, ours or one of those above, complete or not."""
+    """Return whether a text is a camera rig in any of the formats above, complete or not."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
@@ -118,7 +118,7 @@ def is_camera_rig(text: str) -> bool:
 
 
 def _tables_of_others(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Caliscope's or Pose2Sim's table of each camera, by name; empty where there is none."""
+    """Return Caliscope's or Pose2Sim's table of each camera, by name; empty without any."""
     tables = data.get("cameras")
     if isinstance(tables, dict) and tables:
         return {f"cam_{name}" if name.isdecimal() else name: table for name, table in tables.items()}
@@ -159,7 +159,7 @@ def _ours(data: Mapping[str, Any], path: object) -> CameraRig:
 
 
 def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
-    """Of Caliscope's and Pose2Sim's tables: both give OpenCV's matrix, distortions, rotation and translation."""
+    """Return the rig of such tables: OpenCV's matrix, distortions, rotation and translation."""
     cameras = {}
     for name, table in tables.items():
         _check_name(name, name, path)
@@ -207,7 +207,7 @@ def _foreign(name: str, table: Mapping[str, Any], path: object) -> PlacedCamera:
 
 
 class _Table:
-    """Reading one camera's table."""
+    """Reads the fields of one camera's table."""
 
     def __init__(self, table: Mapping[str, Any], where: str, path: object) -> None:
         self.table, self.where, self.path = table, where, path

@@ -1,4 +1,4 @@
-"""What the tracker says is wrong or missing, short enough to be read: sensors with one trouble are named together."""
+"""Shorten the tracker's state for display: sensors with the same problem are grouped."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Collection
 
 
 def conditions(reason: str, sensors: Collection[str]) -> list[str]:
-    """``front: with left: walk; left: with front: walk; a hand moved`` as ``["front, left: walk", "a hand moved"]``.
+    """Turn ``front: with left: walk; left: with front: walk; moved`` into ``["front, left: walk", "moved"]``.
 
-    Which pair of sensors asks for it changes several times a second; what to do does not.
+    The pair of sensors with a problem changes several times a second; the remedy does not.
 
     Args:
         reason: of the tracker's state: parts after ``; ``, some of them after ``SENSOR: ``.
@@ -25,7 +25,7 @@ def conditions(reason: str, sensors: Collection[str]) -> list[str]:
 
 
 def trouble(problem: str) -> str:
-    """A sensor's problem without the other sensor of the pair that it was found in: ``with left: walk`` is ``walk``."""
+    """Return a sensor's problem without the other sensor of its pair: ``with left: walk`` gives ``walk``."""
     return problem.partition(": ")[2] if problem.startswith("with ") and ": " in problem else problem
 
 

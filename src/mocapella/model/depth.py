@@ -1,4 +1,4 @@
-"""What a depth camera gives: one image of distances."""
+"""Depth images as frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UInt16 = NDArray[np.uint16]
 
 
 IMAGES_SUFFIX: Final = ".depth"
-"""What a node that finds arms adds to its sensor's name where it sends the images, too."""
+"""Suffix of the sensor name under which a node that detects arms also sends its depth images."""
 
 
 class DepthFrame(SensorFrame, frozen=True, eq=False):
@@ -25,7 +25,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
-        unit_m: metres a unit.
+        unit_m: metres per unit.
         lens: (9,) of `mocapella.geometry.lens`.
     """
 
@@ -35,7 +35,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def for_the_take(self) -> bool:
-        """Whether a node sends it beside the arms that it found in it: no method has to use it."""
+        """Whether a node sends it together with the arms detected in it, so that no method needs it."""
         return self.sensor.endswith(IMAGES_SUFFIX)
 
     @property
@@ -60,14 +60,14 @@ def depth_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> DepthFrame:
-    """A `DepthFrame` of array-likes.
+    """Make a `DepthFrame` of array-likes.
 
     Args:
         depth: (height, width) of whole units from 0 to 65535.
         lens: (4,) fx, fy, cx, cy [px], or (9,) of `mocapella.geometry.lens`.
 
     Raises:
-        SettingsError: a depth that is no uint16 image, a unit or lens that cannot be.
+        SettingsError: a depth that is not a uint16 image, or an impossible unit or lens.
     """
     image, numbers = np.asarray(depth), np.asarray(lens, dtype=np.float64)
     if image.ndim != 2 or image.dtype != np.uint16 or 0 in image.shape:

@@ -1,6 +1,7 @@
-"""Arrays and nodes of a glTF 2.0 file, each checked: what `mocapella.model.rigged_mesh_file` makes meshes of.
+"""Read validated arrays and nodes of a glTF 2.0 file, for `mocapella.model.rigged_mesh_file`.
 
-Khronos Group, *glTF 2.0 Specification* (2021), sections 3.5 to 3.7. pygltflib, of the extra ``meshes``, reads the JSON.
+Khronos Group, *glTF 2.0 Specification* (2021), sections 3.5 to 3.7. The JSON is read
+by pygltflib, of the extra ``meshes``.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ _BASE64: Final = ";base64,"
 
 @cache
 def pygltflib() -> Any:
-    """The library.
+    """Return the module pygltflib.
 
     Raises:
-        SettingsError: it is not installed; says how.
+        SettingsError: it is not installed; states how to install it.
     """
     try:
         import pygltflib as library
@@ -47,12 +48,12 @@ def pygltflib() -> Any:
 
 
 class Gltf:
-    """An open file, or one whose bytes are given: then nothing else is read from the disk.
+    """An open file; if its bytes are given, nothing else is read from the disk.
 
     Attributes:
-        path: of the file, named by errors.
-        content: what pygltflib read.
-        parents: (nodes,) of each node; -1: none.
+        path: of the file, for errors.
+        content: pygltflib's object.
+        parents: (nodes,) parent of each node; -1: none.
     """
 
     def __init__(self, path: Path, data: bytes | None = None) -> None:
@@ -65,14 +66,14 @@ class Gltf:
         self.parents = self._parents()
 
     def error(self, problem: str, field: str | None = None, value: object = None, fix: str = EXPORT) -> InputError:
-        """Of this file."""
+        """Return an error about this file."""
         return InputError(problem, file=self.path, field=field, value=value, fix=fix)
 
     def item(self, kind: str, index: Any) -> Any:
-        """The node, mesh, accessor or what else of that index.
+        """Return the node, mesh, accessor or other element of an index.
 
         Raises:
-            InputError: there is none.
+            InputError: it does not exist.
         """
         items = getattr(self.content, kind) or []
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(items):
@@ -80,13 +81,14 @@ class Gltf:
         return items[index]
 
     def array(self, index: Any, field: str, *kinds: str) -> NDArray[Any]:
-        """An accessor's numbers: (n,), (n, 2 to 4) or (n, 4, 4) by columns, integers or float64; normalised ones as
-        what they stand for.
+        """Return an accessor's numbers: (n,), (n, 2 to 4) or (n, 4, 4) by columns, integers or float64.
+
+        Normalised integers are converted to the floats that they represent.
 
         Args:
             index: of the accessor.
-            field: what it is, for errors.
-            kinds: what its type may be.
+            field: its name, for errors.
+            kinds: allowed types.
 
         Raises:
             InputError: it is missing, of another type, sparse, or beyond its buffer.
@@ -117,11 +119,11 @@ class Gltf:
         return values[:, 0] if width == 1 else values.reshape(-1, 4, 4) if width == 16 else values
 
     def name(self, node: int) -> str:
-        """Of a node."""
+        """Return the name of a node."""
         return self.item("nodes", node).name or f"node {node}"
 
     def T_world_node(self, node: int) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4) at rest; may have a scale."""
+        """Return (4, 4) the transform at rest, which may have a scale."""
         T = self._local(node)
         while self.parents[node] >= 0:
             node = self.parents[node]
@@ -195,7 +197,7 @@ class Gltf:
 
 
 def _parsed(path: Path, data: bytes) -> Any:
-    """What pygltflib makes of it."""
+    """Parse the file with pygltflib."""
     library = pygltflib()
     binary = data[:4] == b"glTF"
     if binary:

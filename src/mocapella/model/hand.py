@@ -1,8 +1,8 @@
-"""What a hand is: landmarks, joints with their limits, one person's bones, and a hand that was found.
+"""Hand models: landmarks, joints with their limits, one person's bones, and a measured hand.
 
 Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index,
-middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` says what a hand is made of and where its
-numbers come from; the palm's frame is described there.
+middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` defines the hand, the palm's frame and
+the sources of its numbers.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LANDMARKS: Final = (
     *(f"{finger} {joint}" for finger in DIGITS[1:] for joint in ("MCP", "PIP", "DIP", "tip")),
 )
 PARENTS: Final = (-1, *(0 if i % 4 == 0 else i for i in range(20)))
-"""Of each landmark: where its bone begins."""
+"""The landmark at which each landmark's bone starts."""
 ANGLES: Final = (
     *("thumb CMC flexion", "thumb CMC abduction", "thumb MCP flexion", "thumb MCP abduction", "thumb IP flexion"),
     *(
@@ -49,14 +49,14 @@ ANGLES: Final = (
 DIGIT_ANGLES: Final = np.array(
     [[0, 1, 2, 4, 3], *([5 + 4 * k, 6 + 4 * k, 7 + 4 * k, 8 + 4 * k, -1] for k in range(4))], dtype=np.int64
 )
-"""(5, 5) where in `ANGLES` a digit's are: flexion and abduction of its base, flexion of its second and third joint,
-abduction of its second (-1: has none)."""
+"""(5, 5) indices in `ANGLES` of a digit: flexion and abduction of its base, flexion of its second and third joint,
+abduction of its second (-1: none)."""
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Digit:
-    """A digit as the hand's file describes it; the words are explained there."""
+    """A digit as in the hand's file, which defines the fields."""
 
     base: tuple[float, float, float]
     bone: tuple[float, float, float]
@@ -92,7 +92,7 @@ class Digit:
 
 @dataclass(frozen=True)
 class HandModel:
-    """A hand's joints, axes, parents, limits and proportions; a value that any method may use.
+    """A hand's joints, axes, parents, limits and proportions.
 
     Attributes:
         name: of the file.
@@ -119,12 +119,12 @@ class HandModel:
 
     @property
     def coupling(self) -> Float64:
-        """(5,) flexion of the third joint over that of the second, of a hand at ease."""
+        """(5,) flexion of the third joint over that of the second, of a relaxed hand."""
         return np.array([digit.coupling_thirds / 3 for digit in self.digits])
 
     @cached_property
     def frames(self) -> Float64:
-        """(5, 3, 3) ``R_palm_digit`` at angles 0: z along the bone, -y to where it bends, x its axis of flexion."""
+        """(5, 3, 3) ``R_palm_digit`` at angles 0: z along the bone, -y in the direction of flexion, x its axis."""
         frames = np.empty((5, 3, 3))
         for frame, digit in zip(frames, self.digits, strict=True):
             z = np.array(digit.bone) / np.linalg.norm(digit.bone)
@@ -167,7 +167,7 @@ class HandModel:
         return out
 
     def within(self, angles: Float64, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Whether a hand keeps all limits, the cones and the strict couplings too.
+        """Return whether a hand keeps all limits, including the cones and the strict couplings.
 
         Args:
             angles: (..., 21) [rad].
@@ -188,7 +188,7 @@ class HandModel:
         return np.asarray(ok)
 
     def limited(self, angles: Float64) -> Float64:
-        """The angles brought within the limits, straight to the cones' centres; what is not finite becomes natural.
+        """Clamp angles to the limits, towards the cones' centres; values that are not finite become natural.
 
         Args:
             angles: (..., 21) [rad].
@@ -216,16 +216,16 @@ class HandModel:
         hand_breadth_m: float | None = None,
         person: str = "",
     ) -> HandShape:
-        """A hand of the reference's proportions.
+        """Return a hand with the reference's proportions.
 
         Args:
             handedness: left or right.
-            hand_length_m: from the wrist to the tip of the middle finger; the reference's where not given.
-            hand_breadth_m: across the knuckles; in proportion to the length where not given.
-            person: whose.
+            hand_length_m: from the wrist to the tip of the middle finger; the reference's if not given.
+            hand_breadth_m: across the knuckles; proportional to the length if not given.
+            person: its name.
 
         Raises:
-            SettingsError: a hand of no human size.
+            SettingsError: the size is not human.
         """
         length = self.hand_length_m if hand_length_m is None else hand_length_m
         breadth = self.hand_breadth_m * length / self.hand_length_m if hand_breadth_m is None else hand_breadth_m
@@ -236,23 +236,23 @@ class HandModel:
         return HandShape(handedness, lengths, bases, person)
 
     def with_constraints(self, constraints: ConstraintSet) -> HandModel:
-        """The same hand with the other set.
+        """Return the same hand with another set of constraints.
 
         Raises:
-            SettingsError: no such set.
+            SettingsError: the set does not exist.
         """
         check(constraints in ("full", "thesis"), "constraints", constraints, "full or thesis")
         return replace(self, constraints=constraints)
 
     def stretched(self, extension_deg: float, abduction_deg: float, apart: float = 1.0) -> HandModel:
-        """The same hand with fingers that bend backwards, and spread, so far; the thumb half as far again.
+        """Return the same hand with wider limits of extension and abduction; the thumb's are half as wide again.
 
         Args:
-            extension_deg, abduction_deg: see there.
-            apart: neighbouring fingers' flexions differ so many times as much.
+            extension_deg, abduction_deg: limits of the fingers.
+            apart: factor on the differences between neighbouring fingers' flexions.
 
         Raises:
-            SettingsError: farther than a hand can.
+            SettingsError: limits beyond a human hand.
         """
         check(0 <= extension_deg <= 45, "extension_deg", extension_deg, "0 to 45")
         check(5 <= abduction_deg <= 40, "abduction_deg", abduction_deg, "5 to 40")
@@ -272,14 +272,14 @@ class HandModel:
 
 
 class HandShape(msgspec.Struct, frozen=True, eq=False):
-    """One person's hand. Places are those of a right hand, of a left hand too: see the palm's frame.
+    """One person's hand. Positions are those of a right hand, also for a left one: see the palm's frame.
 
     Attributes:
         handedness: left or right.
         lengths: (5, 3) of the digits' bones from the base outwards [m].
         bases: (5, 3) of the digits' first joints in the palm's frame [m].
-        person: whose.
-        lengths_sd: (5, 3) how sure [m]; None where they are not measured.
+        person: its name.
+        lengths_sd: (5, 3) standard deviations [m]; None if not measured.
     """
 
     handedness: Handedness
@@ -296,12 +296,12 @@ class HandShape(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def mirror(self) -> Float64:
-        """(3,) what places of a right hand are multiplied with."""
+        """(3,) factors on a right hand's positions."""
         return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
 
 
 class HandPose(msgspec.Struct, frozen=True, eq=False):
-    """How a hand is held.
+    """The posture of a hand.
 
     Attributes:
         angles: (..., 21) in the order of `ANGLES` [rad].
@@ -313,19 +313,19 @@ class HandPose(msgspec.Struct, frozen=True, eq=False):
 
 
 class Hand(msgspec.Struct, frozen=True, eq=False):
-    """A hand at an instant, with what was measured and how sure.
+    """A measured hand at an instant, with uncertainties.
 
     Attributes:
-        at_s: when [s].
+        at_s: capture time [s].
         handedness: left or right.
-        landmarks: (21, 3), world [m]; NaN where the hand is not known.
-        states: (21,) `JointState`: tracked where the markers of this instant determine the landmark, inferred where
-            limits, proportions, habit or earlier instants do.
+        landmarks: (21, 3), world [m]; NaN if unknown.
+        states: (21,) `JointState`: tracked where this instant's markers determine the landmark, inferred where
+            limits, proportions, priors or earlier instants do.
         sd_m: (21,) standard deviation of a coordinate [m].
         angles: (21,) in the order of `ANGLES` [rad].
         angles_sd: (21,) [rad].
         T_world_palm: (4, 4).
-        residuals_m: (markers,) distance of each marker from the hand; NaN where it was not seen.
+        residuals_m: (markers,) distance of each marker from the hand; NaN if not seen.
     """
 
     at_s: float
@@ -341,10 +341,10 @@ class Hand(msgspec.Struct, frozen=True, eq=False):
 
 @cache
 def hand_model(constraints: ConstraintSet = "thesis", name: str = "human") -> HandModel:
-    """The hand of that name.
+    """Return the hand model of a name.
 
     Raises:
-        SettingsError: no such hand or set of constraints; says which there are.
+        SettingsError: unknown hand or set of constraints; lists the known ones.
     """
     folder = files("mocapella.model").joinpath("hands")
     names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
@@ -355,7 +355,7 @@ def hand_model(constraints: ConstraintSet = "thesis", name: str = "human") -> Ha
 
 
 def hand_model_from_toml(text: str) -> HandModel:
-    """Read a hand and check that it is one; of all 21 angles.
+    """Read and validate a hand model with all 21 angles.
 
     Raises:
         SettingsError: a key or digit that is unknown or missing, or a value out of range.

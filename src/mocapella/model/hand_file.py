@@ -1,4 +1,4 @@
-"""One person's hand as a JSON file: written whole or not at all, read with every number checked."""
+"""Read and write one person's hand as a JSON file, validated and atomically."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocapella.model.hand import DIGITS, Handedness, HandShape
 from mocapella.model.whole_file import read_whole, write_whole
 
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Version of the file's layout."""
 _FIX: Final = "measure the hand anew and save it"
 
 
@@ -27,17 +27,17 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def encode_hand_shape(shape: HandShape) -> bytes:
-    """As JSON, to be read by people too."""
+    """Return a hand as JSON."""
     sd = None if shape.lengths_sd is None else _named(shape.lengths_sd)
     file = _File(VERSION, shape.person, shape.handedness, _named(shape.lengths), _named(shape.bases), sd)
     return msgspec.json.format(msgspec.json.encode(file), indent=1)
 
 
 def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
-    """A hand of JSON.
+    """Return the hand of a JSON text.
 
     Raises:
-        InputError: it is none, of another version, or a number in it cannot be; names the field.
+        InputError: it is not a hand, of another version, or a number is invalid; names the field.
     """
     try:
         read = msgspec.json.decode(data, type=_File)
@@ -55,7 +55,7 @@ def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
 
 
 def save_hand_shape(path: Path | str, shape: HandShape) -> None:
-    """Write a hand; the file appears complete or stays as it was.
+    """Write a hand atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -67,7 +67,7 @@ def load_hand_shape(path: Path | str) -> HandShape:
     """Read a hand.
 
     Raises:
-        InputError: there is no such file, or it is no hand.
+        InputError: the file does not exist, or is not a hand.
     """
     return decode_hand_shape(read_whole(path, fix="measure the hand first"), file=path)
 

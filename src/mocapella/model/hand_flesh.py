@@ -1,10 +1,9 @@
-"""The flesh of a hand about joints that stand at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
+"""A hand's surface at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
-Places are those of a right hand in the palm's frame, see `mocapella.model.hand`.
+Positions are those of a right hand in the palm's frame, see `mocapella.model.hand`.
 
-**Fingertips.** The landmark of a fingertip is where the hand's model has it. With r the radius of the fingertip, it
-lies on the axis of the last bone, and the flesh ends 0.6 r beyond it: the last limb's round end has its middle 0.4 r
-before the landmark.
+**Fingertips.** A fingertip's landmark is that of the hand's model, on the axis of the last bone. With r the radius of
+the fingertip, the surface ends 0.6 r beyond it: the centre of the last limb's round end is 0.4 r before the landmark.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ def _rest_angles() -> Float64:
 
 
 REST_ANGLES: Final = _rest_angles()
-"""(21,) fingers apart, so that their flesh is."""
+"""(21,) a posture with the fingers, and so their surfaces, apart."""
 FINGER_RADII_MM: Final = (
     (12.5, 10.6, 9.3, 8.4),
     (9.7, 8.7, 7.6, 6.8),
@@ -40,10 +39,10 @@ FINGER_RADII_MM: Final = (
 """At the joints and the tip, of a hand of the reference's length; breadths of index finger and thumb as of T. Greiner,
 *Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
 THENAR, CORE, GROUPS = 5, 6, 7
-"""Groups of limbs after the digits: what goes with the thumb, and all else."""
+"""Groups of limbs after the digits: those that move with the thumb, and the rest."""
 WITHIN_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
 BETWEEN_M: Final = 0.006
-"""How far limbs of a group flow into each other, and groups; of a hand of any size."""
+"""Blending radii between limbs of a group, and between groups, for any size of hand."""
 
 
 def finger_radii(hand_length_m: float, thickness: float = 1.0) -> Float64:
@@ -51,13 +50,13 @@ def finger_radii(hand_length_m: float, thickness: float = 1.0) -> Float64:
 
     Args:
         hand_length_m: from the wrist to the tip of the middle finger.
-        thickness: over that of the reference, beside what the hand's length does.
+        thickness: over the reference's, in addition to the scale by length.
     """
     return 1e-3 * hand_length_m / 0.189 * thickness * np.array(FINGER_RADII_MM)
 
 
 def digits_at_rest(model: HandModel, hand: HandShape) -> tuple[Float64, Float64]:
-    """(15, 3, 4) ``T_palm_bone`` of the digits' bones and (20, 3) their joints and tips, at `REST_ANGLES`."""
+    """Return (15, 3, 4) ``T_palm_bone`` of the digits' bones and (20, 3) their joints and tips, at `REST_ANGLES`."""
     bones, places = np.empty((15, 3, 4)), np.empty((20, 3))
     for d in range(len(DIGITS)):
         c, s = np.cos(REST_ANGLES[DIGIT_ANGLES[d, 1]]), np.sin(REST_ANGLES[DIGIT_ANGLES[d, 1]])
@@ -69,7 +68,7 @@ def digits_at_rest(model: HandModel, hand: HandShape) -> tuple[Float64, Float64]
 
 
 def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_breadth_m: float) -> list[list[float]]:
-    """Rows of nine, see `limb_surface`; in no order.
+    """Return rows of nine, see `limb_surface`, unsorted.
 
     Args:
         places: (21 or more, 3) landmarks of the hand at rest.
@@ -117,16 +116,16 @@ def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_br
 
 
 def smooth(x: Float64, start: float, end: float) -> Float64:
-    """From 0 before the start to 1 after the end."""
+    """Return a smooth step from 0 before the start to 1 after the end."""
     u = np.clip((x - start) / (end - start), 0.0, 1.0)
     return np.asarray(u * u * (3.0 - 2.0 * u))
 
 
 def hand_weights(vertices: Float64, distance: Float64, bones: Float64, *, hand_length_m: float) -> Float64:
-    """(n, 16) how much the palm and the digits' bones move each vertex.
+    """Return (n, 16) weights of the palm and the digits' bones for each vertex.
 
-    Along a chain a joint hands over from one bone to the next within about a radius; between digits the nearer has the
-    vertex, with little between.
+    Along a chain the weight changes from bone to bone within about a radius of the joint; between digits the nearer one
+    moves the vertex, with a narrow transition.
 
     Args:
         vertices: (n, 3).

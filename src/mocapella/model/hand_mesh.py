@@ -1,10 +1,10 @@
-"""A hand to be fitted to pictures: its palm moves freely, and its fingers have 21 angles.
+"""A hand mesh to fit to images: its palm moves freely, and its fingers have 21 angles.
 
     hand = hand_mesh(hand_model("full").shape("left", hand_length_m=0.18))
 
-**Rest**: the palm's frame of `mocapella.model.hand`, of a left hand mirrored; the fingers apart, at `REST_ANGLES`. The
-angles of the tree begin there: they are those of `mocapella.model.hand.ANGLES`, in another order, less the rest's.
-The limits are those of each angle alone.
+**Rest**: the palm's frame of `mocapella.model.hand`, mirrored for a left hand; the fingers apart, at `REST_ANGLES`. The
+tree's angles are relative to that posture, and ordered differently from `mocapella.model.hand.ANGLES`. Limits apply to
+each angle alone.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ HAND_PARTS: Final = ("palm", *(f"{digit} {bone}" for digit in DIGITS for bone in
 DETAIL: Final = (0.9, 3.0)
 _REFERENCE_M: Final = 0.189, 0.085
 _STUB: Final = ((0.010, 0.0095, 0.0160), (-0.015, 0.0100, 0.0166))
-"""Of the forearm: along, half between its two bones, radius [m], of the reference hand."""
+"""The reference hand's forearm: length, half distance of its two bones, radius [m]."""
 
 
 def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> RiggedMesh:
-    """A hand and the end of its forearm.
+    """Return the mesh of a hand and the end of its forearm.
 
     Args:
         shape: the person's bones.
-        thickness: of the fingers, over that of other people with hands of that length.
-        detail: how fine the mesh is: so many times as many vertices along a line.
+        thickness: of the fingers, over the average for that length of hand.
+        detail: factor on the number of vertices along a line.
 
     Raises:
         SettingsError: thickness or detail out of range.
@@ -74,7 +74,7 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
     twists, joint_parts, limits, names = _joints(bones)
     M = shape.mirror
     left = shape.handedness == "left"
-    if left:  # of a mirrored turn the axis, which is no arrow, turns round
+    if left:  # a mirrored rotation's axis is a pseudovector, so it is reversed
         axes, points = twists[:, 3:] * -M, np.cross(twists[:, 3:], twists[:, :3]) * M
         twists = revolute(axes, points)
     part_of = [0, *(1 + 3 * (k // 4) + max(k % 4 - 1, 0) if k % 4 else 0 for k in range(20))]
@@ -93,13 +93,13 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
 
 
 def hand_mesh_angles(mesh: RiggedMesh, angles: Float64) -> Float64:
-    """The tree's angles (..., 21) of those of a hand (..., 21), in the order of `mocapella.model.hand.ANGLES` [rad]."""
+    """Convert angles (..., 21) in the order of `mocapella.model.hand.ANGLES` to the tree's (..., 21) [rad]."""
     order = [ANGLES.index(name) for name in mesh.joint_names]
     return np.asarray((np.asarray(angles) - REST_ANGLES)[..., order])
 
 
 def _joints(bones: Float64) -> tuple[Float64, list[int], Float64, list[str]]:
-    """Twists, parts, limits [rad] and names; of a bone's two turns the abduction comes first."""
+    """Return twists, parts, limits [rad] and names; a bone's abduction precedes its flexion."""
     model = hand_model("full")
     twists, parts, chosen = [], [], []
     for digit, (flexion, abduction, middle, last, thumb) in enumerate(DIGIT_ANGLES.tolist()):
@@ -115,7 +115,7 @@ def _joints(bones: Float64) -> tuple[Float64, list[int], Float64, list[str]]:
 
 
 def _grid(limbs: Float64, step: float) -> Float64:
-    """(a, b, c, 3) nodes: fine across the fingers, so that they stay apart."""
+    """Return (a, b, c, 3) grid nodes: fine across the fingers, so that they stay apart."""
     r = limbs[:, 6:8].max(axis=1)[:, None]
     low = (np.minimum(limbs[:, :3], limbs[:, 3:6]) - r).min(axis=0)
     high = (np.maximum(limbs[:, :3], limbs[:, 3:6]) + r).max(axis=0)

@@ -1,4 +1,4 @@
-"""One camera's image at one instant, as a frame like any other: encoded, or the pixels themselves."""
+"""Images as frames: encoded, or raw pixels."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class ImageFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         size_px: (width, height).
         format: ``raw``, ``jpeg``, ``png``, or in a take ``file``: a reference to a video's frame
-            (`mocapella.sources.referenced_images`); empty where the camera gave no picture at this instant.
-        data: the encoded bytes; of ``raw``, the (height, width, 3) uint8 BGR array; of ``file``, the reference; of an
-            empty format, no bytes.
+            (`mocapella.sources.referenced_images`); empty if the camera delivered no image.
+        data: the encoded bytes; for ``raw`` the (height, width, 3) uint8 BGR array; for ``file`` the reference; for an
+            empty format no bytes.
         empty_room: whether the image shows the room without people.
     """
 
@@ -47,19 +47,19 @@ def image_frame(
     sent_ns: int = 0,
     empty_room: bool = False,
 ) -> ImageFrame:
-    """An `ImageFrame` of an array, which is not copied, of encoded bytes, or of nothing.
+    """Make an `ImageFrame` of an array, which is not copied, of encoded bytes, or of nothing.
 
     Args:
         sensor: the camera's name.
-        image: (height, width, 3) uint8 BGR of ``raw``; the encoded bytes; None where the camera gave no picture.
+        image: (height, width, 3) uint8 BGR for ``raw``; the encoded bytes; None if the camera delivered no image.
         time_ns: of capture, on the camera's clock.
-        format: of ``image``; not read where that is None.
-        size_px: (width, height); of an array it is known.
+        format: of ``image``; ignored if that is None.
+        size_px: (width, height); not needed for an array.
         node_id, sequence, sent_ns: of `SensorFrame`.
         empty_room: whether the image shows the room without people.
 
     Raises:
-        SettingsError: an unknown format, an array that is no image, or encoded bytes without a size.
+        SettingsError: an unknown format, an array that is not an image, or encoded bytes without a size.
     """
     if image is None:
         return ImageFrame(sensor, node_id, sequence, int(time_ns), int(sent_ns), size_px or (0, 0), "", b"", empty_room)
@@ -77,4 +77,4 @@ def image_frame(
 
 
 REMEMBERED: Final[tuple[type[msgspec.Struct], ...]] = (ImageFrame,)
-"""Kinds that are in the memory of what keeps images."""
+"""Types in the snapshots of objects that keep images."""

@@ -1,4 +1,4 @@
-"""What one camera saw of coloured markers at one instant: positions in its picture, and no picture."""
+"""Observations of markers in one camera's image."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
     """The markers that one camera saw at one instant.
 
     Attributes:
-        time_ns: when its first row was captured, the middle of the exposure; else see `SensorFrame`.
-        size_px: (width, height) of the picture.
-        names: (markers,) of the colours that are looked for.
-        positions_px: (markers, 2) x, y, with the lens' distortion; the middle of the first pixel is (0, 0). NaN where
+        time_ns: capture of the first row, mid-exposure; else see `SensorFrame`.
+        size_px: (width, height) of the image.
+        names: (markers,) of all wanted markers.
+        positions_px: (markers, 2) x, y, with the lens' distortion; the centre of the first pixel is (0, 0). NaN where
             the marker is not seen.
         sd_px: (markers,) standard deviation of a coordinate; NaN where not seen.
         areas_px: (markers,) pixels; 0 where not seen.
-        confidences: (markers,) from 0 to 1, that it is the marker.
-        elongations: (markers,) long axis over short axis, NaN where not seen; it stays with the node, as the next.
-        candidates: (markers,) how many pieces of the picture could have been it; 255 stands for more, too.
+        confidences: (markers,) from 0 to 1.
+        elongations: (markers,) long axis over short axis, NaN where not seen; not sent by the node, like candidates.
+        candidates: (markers,) number of pieces of the image that could be the marker; at most 255.
     """
 
     size_px: tuple[int, int]
@@ -42,12 +42,12 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(markers,) which are seen."""
+        """(markers,) whether each is seen."""
         return np.asarray(np.isfinite(self.positions_px).all(axis=-1))
 
     @property
     def bodies(self) -> int:
-        """How many markers are seen: what a table of sensors shows."""
+        """Number of visible markers, which the sensor table shows."""
         return int(self.found.sum())
 
 
@@ -65,10 +65,10 @@ def marker_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> MarkerFrame:
-    """A `MarkerFrame` of array-likes; single numbers hold for all markers that are seen.
+    """Make a `MarkerFrame` of array-likes; scalars apply to all visible markers.
 
     Raises:
-        SettingsError: a marker without a name of its own, or a shape that does not fit their number.
+        SettingsError: names that are empty or not unique, or a shape that does not fit their number.
     """
     n = len(names)
     if len(set(names)) != n or not all(names):
@@ -92,7 +92,7 @@ def marker_frame(
 
 
 def joined(frame: MarkerFrame, *others: MarkerFrame) -> MarkerFrame:
-    """What several detectors found in one picture, as one frame, with the first's time, process and number.
+    """Join several detectors' markers of one image, with time, node and sequence number of the first frame.
 
     Raises:
         SettingsError: they are of different cameras or sizes, or two have a marker of one name.
@@ -101,7 +101,7 @@ def joined(frame: MarkerFrame, *others: MarkerFrame) -> MarkerFrame:
     for other in others:
         if (other.sensor, other.size_px) != (frame.sensor, frame.size_px):
             raise SettingsError(
-                f"markers of {other.sensor}, {other.size_px}, cannot be joined to those of {frame.sensor}, "
+                f"markers of {other.sensor}, {other.size_px}, cannot be joined to the markers of {frame.sensor}, "
                 f"{frame.size_px}: only those of one picture can"
             )
     names = tuple(name for one in frames for name in one.names)

@@ -1,7 +1,7 @@
-"""What an object with memory remembers, as bytes and back: so that a take can begin in the middle of a session.
+"""Serialise snapshots of stateful objects, so that a take can start in the middle of a session.
 
-Only a closed set of kinds is known, the plain ones and the classes that are named, so reading bytes that are not ours
-can make nothing else (unlike pickle).
+Only plain types and explicitly listed classes are supported, so that decoding foreign bytes cannot create other objects
+(unlike pickle).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _PLAIN = (type(None), bool, int, float, str, bytes)
 
 
 def pack(value: Any, kinds: Sequence[type]) -> bytes:
-    """The value as bytes; ``kinds`` are the structs, dataclasses and enumerations that may be in it.
+    """Encode a value; ``kinds`` are the structs, dataclasses and enumerations that it may contain.
 
     Raises:
-        TypeError: something in it is of a kind that is not named.
+        TypeError: it contains another type.
     """
     return msgspec.msgpack.encode(_down(value, frozenset(kinds)))
 
@@ -37,10 +37,10 @@ def recorded_name(kind: type) -> str:
 
 
 def unpack(data: bytes, kinds: Sequence[type]) -> Any:
-    """The value that `pack` was given, with arrays of its own.
+    """Decode a value encoded by `pack`, with writable copies of arrays.
 
     Raises:
-        WireError: the bytes are not of `pack`, or of other kinds.
+        WireError: the bytes are not from `pack`, or contain other types.
     """
     try:
         return _up(msgspec.msgpack.decode(data), {recorded_name(kind): kind for kind in kinds})

@@ -1,4 +1,4 @@
-"""What one sensor saw at one instant."""
+"""Observations of one sensor in one frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SENSOR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 class JointState(IntEnum):
-    """How a joint came to be; the Kinect's own numbers."""
+    """Tracking state of a joint, with the Kinect's numbers."""
 
     NOT_TRACKED = 0
     INFERRED = 1
@@ -29,7 +29,7 @@ class JointState(IntEnum):
 
 
 class Edge(IntFlag):
-    """The edges of a sensor's view at which a body is cut off; the Kinect's own bits."""
+    """Edges of a sensor's view that clip a body, with the Kinect's bits."""
 
     NONE = 0
     RIGHT = 1
@@ -39,10 +39,10 @@ class Edge(IntFlag):
 
 
 def check_sensor_name(name: str) -> str:
-    """The name itself, when it can serve as part of a key, a file and a heading.
+    """Return the name if it is valid in keys, file names and headings.
 
     Raises:
-        SettingsError: it cannot; says which names can.
+        SettingsError: it is not; states the rule.
     """
     if not _SENSOR_NAME.fullmatch(name):
         raise SettingsError(
@@ -53,20 +53,20 @@ def check_sensor_name(name: str) -> str:
 
 
 class BodyFrame(SensorFrame, frozen=True, eq=False):
-    """The skeletons that one sensor saw at one instant: arrays over (bodies, joints), and no limit of bodies.
+    """The skeletons of one sensor's frame: arrays over (bodies, joints), for any number of bodies.
 
     Attributes:
-        topology: which joints, in which order.
-        depth_size_px: (width, height) of the sensor's depth image; (0, 0) where it has none.
+        topology: names and order of the joints.
+        depth_size_px: (width, height) of the sensor's depth image; (0, 0) if it has none.
         tilt: of the sensor, upwards positive [rad].
-        height: of the sensor over the floor [m]; 0 where unknown.
+        height: of the sensor above the floor [m]; 0 if unknown.
         tracking_ids: (bodies,) uint64, the sensor's own ids, which change after a loss.
         tracked: (bodies,) bool, whether the sensor tracks the body.
         clipped_edges: (bodies,) uint8, `Edge` bits.
         states: (bodies, joints) uint8, `JointState`.
         positions: (bodies, joints, 3) float32, camera space [m]; NaN where not tracked.
-        depth_px: (bodies, joints, 2) float32, depth space [px]; NaN where a joint has none; None where no joint has.
-        orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z); NaN and None alike.
+        depth_px: (bodies, joints, 2) float32, depth space [px]; NaN for a joint without; None if no joint has any.
+        orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z); NaN and None likewise.
     """
 
     topology: Topology
@@ -83,12 +83,12 @@ class BodyFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def bodies(self) -> int:
-        """How many bodies there are."""
+        """Number of bodies."""
         return len(self.tracking_ids)
 
     @property
     def field_of_view_deg(self) -> tuple[float, float]:
-        """Of the sensors that report these joints, across and high [°]."""
+        """Field of view of the sensors with this topology, horizontal and vertical [°]."""
         return self.topology.field_of_view_deg
 
 
@@ -111,10 +111,10 @@ def body_frame(
     tilt: float = 0.0,
     height: float = 0.0,
 ) -> BodyFrame:
-    """A `BodyFrame` of array-likes, with what is not given filled in and shapes checked.
+    """Make a `BodyFrame` of array-likes; missing arrays get defaults, shapes are checked.
 
-    Where ``states`` is not given, a joint with finite coordinates is tracked and any other is not. Where a joint is
-    not tracked, its coordinates become NaN.
+    Without ``states``, joints with finite coordinates are tracked and others are not. Coordinates of joints that are
+    not tracked become NaN.
 
     Raises:
         SettingsError: a shape that does not fit the number of bodies or the topology.
@@ -164,9 +164,9 @@ def body_frame(
 
 
 class Arrival(msgspec.Struct, frozen=True, eq=False):
-    """A frame and when it was captured on the one clock that all sensors are brought to.
+    """A frame with its capture time on the common clock.
 
-    ``at_ns`` is all that a tracker learns of time, and it is recorded: a replay gives the same numbers.
+    ``at_ns`` is a tracker's only time, and it is recorded, so that a replay gives the same results.
     """
 
     frame: SensorFrame

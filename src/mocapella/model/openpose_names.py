@@ -1,4 +1,4 @@
-"""What OpenPose's keypoints are called on our bodies."""
+"""Names of OpenPose's keypoints on our body models."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ LANDMARKS: Final = {
     "RKnee": "right knee", "LAnkle": "left ankle", "RAnkle": "right ankle", "LBigToe": "left toe",
     "RBigToe": "right toe", "LHeel": "left heel", "RHeel": "right heel",
 }  # fmt: skip
-"""The landmark of `mocapella.model.body_meshes` that each keypoint means."""
+"""The landmark of `mocapella.model.body_meshes` for each keypoint."""
 NO_LANDMARKS: Final = ("Neck", "MidHip")
-"""Keypoints that mean none: OpenPose's neck is elsewhere than our bodies' joint of that name."""
+"""Keypoints without a landmark: OpenPose's neck differs from our models' joint of that name."""

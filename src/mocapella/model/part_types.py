@@ -1,6 +1,6 @@
-"""What a scene is made of: a descriptor for each type of part, looked up by name.
+"""Part types: a descriptor for each type of scene content, found by name.
 
-People, hands, arms, bodies, objects and points are part types. A method may bring one of its own.
+People, hands, arms, bodies, objects and points are part types. A method may add its own.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class PartType:
-    """A type of scene part.
+    """The descriptor of a type of scene part.
 
     Attributes:
         interface: of `mocapella.registry`.
         name: key in `Scene.parts`, in the plural: ``people``.
         type: class of the parts.
-        encode: a part as its message, or as bytes where ``field`` is empty.
-        decode: the message or bytes, and the scene's topology, as a part, checked; raises `WireError`.
-        field: of the message ``Scene`` that has them; empty where they travel in ``Scene.parts``, as a plug-in's do.
-        counted: one and many, for the view and the summary; None where they are not counted.
-        none: what an empty stage says.
-        there: whether a part is there at this instant; a part that only waits is not counted.
+        encode: returns a part's message, or bytes if ``field`` is empty.
+        decode: returns the part of such a message or bytes and the scene's topology, validated; raises `WireError`.
+        field: of the message ``Scene`` that has them; empty if they are in ``Scene.parts``, like a plug-in's.
+        counted: singular and plural noun, for the view and the summary; None if they are not counted.
+        none: text of an empty stage.
+        there: whether a part is present at this instant; parts that only wait are not counted.
         drawing: ``module:name`` of a `mocapella.viewer.room.DrawPart`, which draws them life-size; may be empty.
-        meter: ``module:name`` of a class with ``update(parts, at_s)`` and ``quality.as_json()``, or empty: how good
-            they are.
-        meter_name: under which the summary has what the meter says.
+        meter: ``module:name`` of a class with ``update(parts, at_s)`` and ``quality.as_json()``, or empty: their
+            quality.
+        meter_name: key of the meter's values in the summary.
     """
 
     interface: int
@@ -47,4 +47,4 @@ class PartType:
 
 
 PART_TYPES: Final = Table("mocapella.part_types", PartType, "part type")
-"""By name."""
+"""Part types by name."""

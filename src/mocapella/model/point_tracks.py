@@ -1,4 +1,4 @@
-"""Points over time, in the pictures of several cameras and in space, as files carry them."""
+"""Trajectories of points in the images of several cameras and in space, as stored in files."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Float64 = NDArray[np.float64]
 
 
 class ImageTracks(msgspec.Struct, frozen=True, eq=False):
-    """What cameras saw of named points, frame by frame.
+    """Image positions of named points, by frame and camera.
 
     Attributes:
         cameras, points: their names.
-        frames: (frames,) their numbers in the file, rising.
-        at_s: (frames, cameras) when each was captured [s]; NaN where the file does not say.
+        frames: (frames,) their numbers in the file, ascending.
+        at_s: (frames, cameras) capture times [s]; NaN if not in the file.
         pixels: (frames, cameras, points, 2) [px]; NaN where not seen.
-        confidences: (frames, cameras, points) 0 to 1, as whoever found them says; 1 where the file has none.
-        notes: what was left out or chosen while it was read, a line each.
+        confidences: (frames, cameras, points) 0 to 1, of the detector; 1 if the file has none.
+        notes: omissions and choices of the reader, a line each.
     """
 
     cameras: tuple[str, ...]
@@ -36,16 +36,16 @@ class ImageTracks(msgspec.Struct, frozen=True, eq=False):
 
 
 class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
-    """Named points in the world, frame by frame.
+    """World positions of named points, by frame.
 
     Attributes:
         points: their names.
         frames: (frames,) their numbers.
         at_s: (frames,) [s].
         positions: (frames, points, 3) [m]; NaN where not known.
-        sds: (frames, points) root of the mean variance of a coordinate [m]; NaN where it is not known.
-        residuals_px: (frames, points) root mean square over the cameras that were used.
-        views: (frames, points) how many cameras were.
+        sds: (frames, points) root of the mean variance of a coordinate [m]; NaN if unknown.
+        residuals_px: (frames, points) root mean square reprojection error over the cameras used.
+        views: (frames, points) number of cameras used.
         states: (frames, points) a `geometry.triangulation.PointState`.
     """
 
@@ -60,10 +60,10 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
 
 
 def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
-    """The rig's name of each camera of a file: the same, or the same but for case, ``_json``, ``cam`` and zeros.
+    """Match a file's camera names with a rig's, ignoring case, ``_json``, ``cam`` and leading zeros.
 
     Raises:
-        InputError: one has none, or two have the same.
+        InputError: a camera has no match, or two have the same.
     """
     names = list(rig)
     short: dict[str, list[str]] = {}

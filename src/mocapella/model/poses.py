@@ -1,4 +1,4 @@
-"""Where another tracker says rigid bodies are, in a space of its own."""
+"""Poses of rigid bodies from another tracker, in its own frame."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class PoseFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def bodies(self) -> int:
-        """How many have a pose: what a table of sensors shows."""
+        """Number of bodies with a pose, which the sensor table shows."""
         return int((self.states > 0).sum())
 
     def T_space_body(self, name: str) -> Float64 | None:  # noqa: N802 - the field's notation
-        """(4, 4) of one body; None where it is not here, or not tracked."""
+        """Return (4, 4) the pose of one body; None if it is missing or not tracked."""
         if name not in self.names:
             return None
         k = self.names.index(name)
@@ -62,10 +62,12 @@ def pose_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> PoseFrame:
-    """A `PoseFrame` of array-likes; a body with a number that is not finite is not tracked, quaternions are normalised.
+    """Make a `PoseFrame` of array-likes; bodies with values that are not finite are not tracked.
+
+    Quaternions are normalised.
 
     Raises:
-        SettingsError: a body without a name of its own, or a shape that does not fit their number.
+        SettingsError: names that are empty or not unique, or a shape that does not fit their number.
     """
     n = len(names)
     if len(set(names)) != n or not all(names):
@@ -89,7 +91,7 @@ def pose_frame(
 
 
 def rotation_of(quaternions: Any) -> Float64:
-    """(..., 3, 3) rotations of unit quaternions (..., 4) w, x, y, z."""
+    """Return (..., 3, 3) rotations of unit quaternions (..., 4) w, x, y, z."""
     q = np.asarray(quaternions, dtype=np.float64)
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = (
@@ -101,7 +103,7 @@ def rotation_of(quaternions: Any) -> Float64:
 
 
 def quaternion_of(R: Float64) -> Float64:
-    """(4,) the unit quaternion w, x, y, z, w ≥ 0, of a rotation (3, 3)."""
+    """Return (4,) the unit quaternion w, x, y, z, w ≥ 0, of a rotation (3, 3)."""
     from mocapella.geometry.twists import log_motion
 
     phi = log_motion(rigid(R, np.zeros(3)))[3:]

@@ -1,6 +1,6 @@
-"""A body as a mesh that joints move: a person, a pair of legs, a hand, a tool, an animal.
+"""Rigged meshes: surfaces moved by joints, such as a person, a pair of legs, a hand, a tool or an animal.
 
-What has no joints, a rigid object, is a mesh of one part.
+A rigid object is a mesh of one part without joints.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Int64 = NDArray[np.int64]
 
 
 class Landmark(msgspec.Struct, frozen=True, eq=False):
-    """A point of a body that has a name, such as a knee.
+    """A named point of a body, such as a knee.
 
     Attributes:
-        part: which part it moves with.
-        point: (3,) where it is at rest [m].
+        part: the part that it moves with.
+        point: (3,) its position at rest [m].
     """
 
     part: int
@@ -37,18 +37,18 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
     """A surface of triangles, and the tree of parts that moves it.
 
     Attributes:
-        name: what it is.
+        name: of the mesh.
         tree: parts and joints, in the mesh's rest frame.
         part_names: one for each part of the tree, all different.
         joint_names: one for each angle of the tree, all different.
         vertices: (n, 3) at rest [m].
         faces: (m, 3) corners, counter-clockwise as seen from outside.
-        bones: (n, most) parts that move each vertex, the one that moves it most first.
-        shares: (n, most) how much they do, falling; they add up to 1, and where one is 0 the rest are.
+        bones: (n, most) parts that move each vertex, by descending weight.
+        shares: (n, most) their weights, descending; they add up to 1, and all after a 0 are 0.
         landmarks: by name.
 
     Raises:
-        SettingsError: arrays that are not as said; names the vertex, face, part or landmark.
+        SettingsError: arrays that do not fit this description; names the vertex, face, part or landmark.
     """
 
     name: str
@@ -100,16 +100,16 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
 
 
 def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any] | None = None) -> RiggedMesh:
-    """An object without joints: six degrees of freedom, about the middle of its vertices.
+    """Return a rigid object: six degrees of freedom, about the centre of its vertices.
 
     Args:
-        name: what it is; that of its one part, too.
+        name: of the object and its only part.
         vertices: (n, 3) [m].
         faces: (m, 3) corners, counter-clockwise as seen from outside.
         landmarks: points (3,) [m] by name.
 
     Raises:
-        SettingsError: no vertices, or arrays that are not as `RiggedMesh` wants them.
+        SettingsError: no vertices, or arrays that do not fit `RiggedMesh`.
     """
     vertices = np.array(vertices, dtype=np.float64)
     check(vertices.ndim == 2 and len(vertices) > 0, f"{name}: shape of vertices", vertices.shape, "(1 or more, 3)")
@@ -127,7 +127,7 @@ def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any
 
 
 def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Where the vertices are: (..., n, 3) in the world, by linear blend skinning; poses may have leading batch axes."""
+    """Return (..., n, 3) vertices in the world, by linear blend skinning; poses may have leading batch axes."""
     T = part_motions(mesh.tree, pose)
     batch, parts = T.shape[:-3], T.shape[-3]
     R = np.ascontiguousarray(T[..., :3, :3]).reshape(-1, parts, 9)
@@ -139,7 +139,7 @@ def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float64, Float64]) -> Float64:
-    """Where points (n, 3) are that parts carry, by shares (n, most) of `RiggedMesh`: (n, 3) in one pose.
+    """Return (n, 3) points moved with their parts, by the weights of `RiggedMesh`, in one pose.
 
     Args:
         points, bones, shares: such as the vertices of a mesh.
@@ -151,10 +151,10 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
 
 
 def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> Float64:
-    """Where points (n, 3) are at rest that one part (n,) each carries: `carried` takes them to where they are.
+    """Return (n, 3) rest positions of points that one part (n,) each moves; the inverse of `carried`.
 
     Args:
-        points, part: such as some vertices of a mesh where it is, and the parts that move them most.
+        points, part: such as vertices of a posed mesh, and the parts that move them most.
         motions: of `twist_tree.motions`.
     """
     out = np.empty(points.shape)
@@ -163,12 +163,12 @@ def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> F
 
 
 def farthest_apart_m(these: Float64, those: Float64) -> float:
-    """How far points (n, 3) are from as many others, at most [m]; such as the vertices in two poses."""
+    """Return the greatest distance between corresponding points (n, 3) [m], such as vertices in two poses."""
     return float(_kernels().farthest_apart(these, those))
 
 
 def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Where the landmarks are: (..., landmarks, 3) in the world, in the mapping's order."""
+    """Return (..., landmarks, 3) landmarks in the world, in the mapping's order."""
     if not mesh.landmarks:
         return np.empty((*np.shape(pose.angles)[:-1], 0, 3))
     T = part_motions(mesh.tree, pose)[..., [landmark.part for landmark in mesh.landmarks.values()], :, :]
@@ -177,14 +177,14 @@ def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def rest(mesh: RiggedMesh) -> TreePose:
-    """As it was built: the root where it is at rest, all angles 0."""
+    """The rest pose: the identity for the root, all angles 0."""
     return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
 
 
 def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
-    """What `RiggedMesh` has of weights (n, parts) of 0 or more: bones and shares (n, most), at most so many of them.
+    """Convert weights (n, parts) of 0 or more to bones and shares (n, most) of `RiggedMesh`.
 
-    What is below a thousandth of what moves a vertex most is left out.
+    Weights below a thousandth of a vertex' largest are dropped.
     """
     order = np.argsort(-weights, axis=1, kind="stable")[:, :most]
     kept = np.take_along_axis(weights, order, axis=1)

@@ -1,19 +1,19 @@
-"""Rigged meshes as glTF files: ours back as they were, and those of others.
+"""Read and write rigged meshes as glTF files: ours without loss, and files of other programs.
 
     save_rigged_mesh("anna.glb", body)
     dog = load_rigged_mesh("dog.glb")
 
-**Of others.** The joints of the skin become parts; one without a joint above it is the root. Each of the others turns
-about the three axes of its node, "<node> x", "y", "z", without limits, and its place is a landmark of its name. The
-rest is how the nodes stand in the file, in metres, y up. A file without a skin is a rigid object.
+**Files of others.** The skin's joints become parts; the joint without a parent is the root. Each of the others rotates
+about the three axes of its node, "<node> x", "y", "z", without limits, and its position is a landmark of its name. The
+rest pose is the nodes' pose in the file, in metres, y up. A file without a skin is a rigid object.
 
-**Ours** have more in ``extras``, which other programs keep or leave out, and which may be written by hand, too. Of a
+**Our files** have more data in ``extras``, which other programs keep or drop, and which may be written by hand. In a
 joint's node::
 
     {"mocapella": {"turns": [{"name": "left knee flexion", "axis": [1, 0, 0], "point": [0.09, 0.5, 0],
                               "limits_rad": [0, 2.36]}]}}
 
-and of the skin, or of the mesh's node where there is none::
+and in the skin, or in the mesh's node if there is none::
 
     {"mocapella": {"root": [0, 0.93, 0], "landmarks": {"left knee": {"part": "left thigh", "point": [0.09, 0.5, 0]}}}}
 
@@ -44,7 +44,7 @@ Triple = tuple[float, float, float]
 
 OURS: Final = "mocapella"
 WEIGHTS_WITHIN: Final = 0.01
-"""By how much weights may miss 1; what other programs write misses it by rounding."""
+"""Tolerance of the sum of weights, for the rounding of other programs."""
 _IDENTITY_WITHIN: Final = 1e-6
 _TRIANGLES: Final = 4
 _WEIGH: Final = "give each vertex weights that add up to 1 (in Blender: Weights, Normalize All) and export anew"
@@ -75,18 +75,18 @@ def load_rigged_mesh(path: Path | str) -> RiggedMesh:
     """Read a .glb or .gltf file.
 
     Raises:
-        InputError: there is none, or something in it cannot be; names the field, its value, and what would do.
+        InputError: the file does not exist or is invalid; states the field, its value and a valid one.
         SettingsError: pygltflib is not installed.
     """
     return _loaded(Path(path))
 
 
 def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
-    """The mesh of a .glb or .gltf file's bytes, in which all of it has to be.
+    """Return the mesh of the bytes of a self-contained .glb or .gltf file.
 
     Args:
         data: the whole file.
-        name: named by errors.
+        name: of the file, for errors.
 
     Raises:
         InputError, SettingsError: as of `load_rigged_mesh`.
@@ -97,12 +97,12 @@ def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
 def _loaded(path: Path, data: bytes | None = None) -> RiggedMesh:
     pygltflib()
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused in the end
+        with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused later
             return _read(Gltf(path, data))
     except SettingsError as error:
         raise InputError(str(error), file=path, fix="mend the model") from None
     except (TypeError, AttributeError, ValueError, KeyError, OverflowError) as error:
-        # JSON of other types than the specification's, which the library lets through
+        # JSON types outside the specification, which the library accepts
         raise InputError(f"is no glTF: {error}", file=path, fix=EXPORT) from error
 
 
@@ -118,7 +118,7 @@ def _read(gltf: Gltf) -> RiggedMesh:
 
 
 def save_rigged_mesh(path: Path | str, mesh: RiggedMesh) -> None:
-    """Write a mesh: a .glb file, or a .gltf file with the numbers in it; it appears complete or stays as it was.
+    """Write a mesh atomically: a .glb file, or a .gltf file with embedded numbers.
 
     Raises:
         InputError: it cannot be written there, or is of another kind.
@@ -189,7 +189,7 @@ def _rigged(gltf: Gltf, placed: Sequence[tuple[int, Any]], skin: Any) -> RiggedM
 
 
 def _ordered(gltf: Gltf, nodes: Sequence[int]) -> tuple[list[int], list[int]]:
-    """The skin's joints, each after the one it hangs on, and which of them that is."""
+    """Return the skin's joints, each after its parent, and the parents' indices."""
     if not nodes:
         raise gltf.error("are none", "skins[0].joints", fix="export the mesh with its armature")
     for node in nodes:
@@ -209,13 +209,13 @@ def _ordered(gltf: Gltf, nodes: Sequence[int]) -> tuple[list[int], list[int]]:
         raise gltf.error("hang on no common joint", "skins[0].joints", names, "let one bone hold all the others")
     over = {node: above(node) for node in nodes}
     ordered: list[int] = []
-    while len(ordered) < len(nodes):  # in the file's order, as far as may be
+    while len(ordered) < len(nodes):  # in the file's order, if possible
         ordered.append(next(node for node in nodes if node not in ordered and over[node] in {-1, *ordered}))
     return ordered, [ordered.index(over[node]) if over[node] >= 0 else -1 for node in ordered]
 
 
 def _inverse_bind(gltf: Gltf, skin: Any, T: Float64) -> Float64:
-    """(joints, 4, 4) in the skin's order; identities where there are none, as the specification has it."""
+    """Return (joints, 4, 4) in the skin's order; identities if there are none, as specified."""
     if skin.inverseBindMatrices is None:
         return np.tile(np.eye(4), (len(T), 1, 1))
     field = "skins[0].inverseBindMatrices"
@@ -226,7 +226,7 @@ def _inverse_bind(gltf: Gltf, skin: Any, T: Float64) -> Float64:
 
 
 def _default_turns(name: str, T: Float64) -> list[_Turn]:
-    """About the node's axes."""
+    """Return the joint's rotations about the node's axes."""
     axes = [(float(a[0]), float(a[1]), float(a[2])) for a in T[:3, :3].T]
     point = (float(T[0, 3]), float(T[1, 3]), float(T[2, 3]))
     return [_Turn(f"{name} {letter}", axis, point) for letter, axis in zip("xyz", axes, strict=True)]
@@ -239,7 +239,7 @@ def _surfaces(
     joints: Sequence[int] = (),
     motions: Float64 | None = None,
 ) -> tuple[Float64, Int64, Int64, Float64]:
-    """All meshes as one, where they are at rest: vertices, faces, bones, shares."""
+    """Join all meshes at rest: return vertices, faces, bones and shares."""
     pieces = []
     for node, placement in placed:
         mesh = gltf.item("meshes", placement.mesh)
@@ -271,7 +271,7 @@ def _surfaces(
 
 
 def _triangles(gltf: Gltf, primitive: Any, field: str) -> tuple[Float64, Int64]:
-    """(n, 3) positions and (m, 3) corners."""
+    """Return (n, 3) positions and (m, 3) corners."""
     if primitive.mode not in (None, _TRIANGLES):
         raise gltf.error("are no triangles", f"{field}.mode", primitive.mode, "export triangles (mode 4)")
     if primitive.attributes.POSITION is None:
@@ -290,7 +290,7 @@ def _triangles(gltf: Gltf, primitive: Any, field: str) -> tuple[Float64, Int64]:
 
 
 def _weights(gltf: Gltf, primitive: Any, field: str, count: int, joints: int) -> tuple[Int64, Float64]:
-    """(n, 4 or more) which of the skin's joints move each vertex, and how much: falling, 1 together."""
+    """Return (n, 4 or more) the skin's joints that move each vertex, and their weights: descending, with sum 1."""
     attributes, sets = vars(primitive.attributes), []
     for k in itertools.count():
         names = (f"JOINTS_{k}", f"WEIGHTS_{k}")
@@ -329,7 +329,7 @@ def _weights(gltf: Gltf, primitive: Any, field: str, count: int, joints: int) ->
 
 
 def _at_rest(points: Float64, bones: Int64, shares: Float64, motions: Float64) -> Float64:
-    """Where the nodes bring what was bound to them; as it was where they stand as they did then."""
+    """Move bound vertices with their nodes; unchanged if the nodes are at their bind pose."""
     if np.abs(motions - np.eye(4)).max() < _IDENTITY_WITHIN:
         return points
     moved = np.einsum("nkij,nj->nki", motions[bones][..., :3, :3], points) + motions[bones][..., :3, 3]
@@ -337,7 +337,7 @@ def _at_rest(points: Float64, bones: Int64, shares: Float64, motions: Float64) -
 
 
 def _ours(gltf: Gltf, holder: Any, field: str, kind: Any) -> Any:
-    """What we, or somebody for us, wrote into the extras; None: nothing."""
+    """Return our data in the extras; None without any."""
     extras = holder.extras or {}
     if OURS not in extras:
         return None
@@ -348,7 +348,7 @@ def _ours(gltf: Gltf, holder: Any, field: str, kind: Any) -> Any:
 
 
 def _content(library: Any, mesh: RiggedMesh) -> Any:
-    """The mesh as glTF: a node for each part where its first joint is, none turned; then the mesh's own node."""
+    """Return the mesh as glTF: an unrotated node for each part at its first joint; then the mesh's own node."""
     tree, parts, blob = mesh.tree, len(mesh.part_names), bytearray()
     content = library.GLTF2(asset=library.Asset(generator="Mocapella"))
     content.scene, content.bufferViews, content.accessors = 0, [], []

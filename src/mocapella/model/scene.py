@@ -1,4 +1,4 @@
-"""What the tracker says there is: people and the views they were made of, hands, arms, objects, a plug-in's parts."""
+"""Scenes, the tracker's results: people and their views, hands, arms, objects, and parts of plug-ins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class Phase(StrEnum):
-    """The states that the thesis names, and stopped."""
+    """The thesis' states, and stopped."""
 
     STOPPED = "stopped"
     WAITING_FOR_SENSORS = "waiting for sensors"
@@ -31,14 +31,14 @@ class Phase(StrEnum):
 
 
 class TrackerState(msgspec.Struct, frozen=True):
-    """Where the tracker stands, in words and counts that a person can act on.
+    """The tracker's state, for users to act on.
 
     Attributes:
-        phase: which of the states.
-        sensors_missing: how many sensors are still waited for.
-        frames_remaining: how many frames of the slowest sensor the calibration still wants.
-        frames_wanted: how many it wants in all.
-        reason: why the calibration began again, or what to do; empty where there is nothing to say.
+        phase: the state.
+        sensors_missing: number of sensors that it waits for.
+        frames_remaining: number of frames of the slowest sensor that the calibration still needs.
+        frames_wanted: number that it needs in total.
+        reason: why the calibration restarted, or what to do; empty if there is neither.
     """
 
     phase: Phase
@@ -96,7 +96,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     name: str = ""
 
     def view_of(self, sensor: str) -> PotentialSkeleton | None:
-        """That sensor's view, or None where it does not see this person."""
+        """Return that sensor's view, or None if it does not see this person."""
         return next((view for view in self.views if view.sensor == sensor), None)
 
     def seen_from(self, sensor: str) -> Float64 | None:
@@ -109,15 +109,15 @@ class Person(msgspec.Struct, frozen=True, eq=False):
 
 
 class SensorPlace(msgspec.Struct, frozen=True, eq=False):
-    """Where a sensor stands, and how sure that is.
+    """A sensor's pose and its uncertainty.
 
     Attributes:
         sensor: its name.
         T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
         position_sd: standard deviation of a point's position where people are [m]; NaN where not known.
         rotation_sd: likewise of the angle [rad].
-        quality: how well it is known, in words.
-        problem: why its views are not used, or what to do; empty where all is well.
+        quality: of the pose, in words.
+        problem: why its views are not used, or what to do; empty if there is no problem.
     """
 
     sensor: str
@@ -211,10 +211,10 @@ class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
 
 
 class TrackedObject(msgspec.Struct, frozen=True, eq=False):
-    """A rigid thing.
+    """A rigid object.
 
     Attributes:
-        name: its own.
+        name: of the object.
         T_world_object: (4, 4); None where it has not been seen.
         outline: (k, 3) a closed line in its own frame, to be drawn [m].
         state: `JointState`: tracked; inferred = as last seen, or in the hand; not tracked.
@@ -227,7 +227,7 @@ class TrackedObject(msgspec.Struct, frozen=True, eq=False):
 
 
 class UnknownPart(msgspec.Struct, frozen=True):
-    """A part of a type that no installed package reads; it is written again as it came."""
+    """A part of a type that no installed package decodes; it is re-encoded unchanged."""
 
     kind: str
     content: bytes
@@ -240,8 +240,8 @@ class TrackedBodyView(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         camera: whose image it is.
-        overlap: intersection over union of the model's outline and the image's; NaN where the camera does not see it.
-        left_out: why the image does not count; empty where it does.
+        overlap: intersection over union of the model's and the image's silhouettes; NaN if the camera does not see it.
+        left_out: why the image is not used; empty if it is.
         outline_px: (k, 2) float32, of the model [px].
         contour_px: (k, 2) float32, of the segmented region in the image [px].
     """
@@ -288,16 +288,16 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
 
 
 class Scene(msgspec.Struct, frozen=True, eq=False):
-    """The result of one step, and which frame made it, so that it can be made again.
+    """The tracker's result for one frame, with that frame's identity, so that it can be reproduced.
 
     Attributes:
         step: 0, 1, 2, … since the tracker was made.
         at_ns: capture time of that frame on the common clock.
-        sensor, node_id, sequence: which frame made this step.
+        sensor, node_id, sequence: the frame of this step.
         topology: of all skeletons in it.
-        state: where the tracker stands.
+        state: of the tracker.
         parts: by the name of their type (`mocapella.model.part_types`), each in the order of their ids or names.
-        sensors: by name; empty where the method gives a sensor no place of its own.
+        sensors: by name; empty if the method gives sensors no poses.
     """
 
     step: int
@@ -311,7 +311,7 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     sensors: tuple[SensorPlace, ...] = ()
 
     def of(self, name: str) -> tuple[Any, ...]:
-        """The parts of one type; none where the method makes none."""
+        """Return the parts of one type; none if the method makes none."""
         return self.parts.get(name, ())
 
     @property
@@ -341,9 +341,9 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def points(self) -> TrackedPoints | None:
-        """Of which hands and objects were made; None where the method makes none."""
+        """Points from which hands and objects are estimated; None if the method makes none."""
         return next(iter(self.of("points")), None)
 
     def with_parts(self, **parts: tuple[Any, ...]) -> Scene:
-        """The same scene with other parts of these types."""
+        """Return the scene with other parts of these types."""
         return msgspec.structs.replace(self, parts={**self.parts, **parts})

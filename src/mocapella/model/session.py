@@ -1,6 +1,6 @@
-"""The session around the tracker: what was set up, how the sensors do, what is being recorded.
+"""The session around the tracker: setup, health of the sensors, and recording.
 
-These values travel as JSON on the bus and stand in a take, so that a take says how it was made.
+These values are sent as JSON on the bus and stored in a take, which so documents its origin.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from mocapella.conventions import NOT_AVAILABLE
 from mocapella.settings import check
 
 PLACEMENTS: dict[str, int] = {"parallel": 0, "right-45": 1, "right-90": 2, "left-45": 3, "left-90": 4}
-"""How two sensors stand, seen from the reference sensor, and the study log's number (Kinect_Config) for it."""
+"""Placements of two sensors, seen from the reference sensor, and their study log numbers (Kinect_Config)."""
 
 SCENARIOS: dict[str, int] = {
     "stationary": 1,
@@ -23,20 +23,20 @@ SCENARIOS: dict[str, int] = {
     "free": 7,
     "around-second": 8,
 }
-"""What the people do, and the study log's number (Scenario_Id) for it."""
+"""Scenarios, and their study log numbers (Scenario_Id)."""
 
 
 LONGEST_NAME = 40
-"""Characters of a person's name."""
+"""Most characters of a person's name."""
 
 
 @dataclass(frozen=True)
 class PersonName:
-    """What somebody calls a person.
+    """A name given to a person.
 
     Attributes:
         person: number of the person.
-        name: empty takes the name away.
+        name: empty removes the name.
     """
 
     person: int
@@ -51,7 +51,7 @@ class PersonName:
 
 @dataclass(frozen=True)
 class SensorPose:
-    """How a sensor stands, as the person who put it there measured it."""
+    """A sensor's tilt and height, as measured by the user."""
 
     tilt: float = 0.0
     """Upwards positive [rad]."""
@@ -65,7 +65,7 @@ class SensorPose:
 
 @dataclass(frozen=True)
 class Setup:
-    """What is chosen before a start.
+    """The choices before a start.
 
     Attributes:
         method: name of the tracker's method.
@@ -111,8 +111,8 @@ class SensorHealth:
         lost: frames of the record path that are known to be missing from the take.
         tilt: as set up, or else as its frames say, upwards positive [rad].
         height: likewise, over the floor [m]; 0 where unknown.
-        problem: what is wrong with it, for a person; empty when nothing is.
-        pictures: whether it is a camera that can be asked for its picture.
+        problem: a message for users; empty if there is none.
+        pictures: whether it is a camera that answers requests for its image.
         capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
             latency included [s]; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
@@ -143,16 +143,16 @@ class SensorHealth:
 
 @dataclass(frozen=True)
 class RecordingHealth:
-    """What is being recorded, or how the last recording ended.
+    """State of the present recording, or of the last one.
 
     Attributes:
-        active: whether it goes on.
-        path: of the take; empty where nothing was recorded yet.
-        frames, scenes: that are safe on the disk.
+        active: whether it is running.
+        path: of the take; empty before the first recording.
+        frames, scenes: number on the disk.
         lost: frames that are known to be missing.
         size_bytes: of the file.
-        seconds: how long it has gone on, or how long the take is [s].
-        problem: why it stopped by itself; empty where it did not.
+        seconds: duration so far, or of the take [s].
+        problem: why it stopped by itself; empty if it did not.
     """
 
     active: bool = False
@@ -167,20 +167,20 @@ class RecordingHealth:
 
 @dataclass(frozen=True)
 class SessionStatus:
-    """Everything a view or a script needs to know of the server, as one value.
+    """The server's complete state for views and scripts.
 
     Attributes:
         revision: grows by one with every command carried out, so that two views can tell which came last.
         running: whether frames are tracked.
         phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
-        counts: how many parts there are in the newest scene, by the name of their type.
+        counts: number of parts in the newest scene, by the name of their type.
         scenes: results so far.
         scenes_hz: results a second, over the last seconds.
-        setup: what was set up last.
+        setup: the last one.
         sensors: one row each, by name.
         recording: the present take, or the last one.
         next_take: a name that no take in the server's folder has, for the one after that.
-        notices: the newest last: refused nodes, changes of state, what a person should know.
+        notices: messages for users, the newest last: refused nodes, changes of state.
         uptime: of the server [s].
         version: of Mocapella.
     """
@@ -206,11 +206,11 @@ class SessionStatus:
 
 @dataclass(frozen=True)
 class CommandReply:
-    """What became of a command.
+    """The reply to a command.
 
     Attributes:
         ok: whether it was carried out.
-        message: what was done, or why not and what would have worked.
+        message: the result, or the error and a remedy.
         status: the session right after it.
     """
 

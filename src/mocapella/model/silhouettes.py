@@ -1,4 +1,4 @@
-"""An outline in an image, as the level set that the region model moves and that a projected mesh gives."""
+"""Silhouettes in images, as level sets: of segmentations and of projected meshes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ Float32 = NDArray[np.float32]
 
 
 class Silhouette(msgspec.Struct, frozen=True, eq=False):
-    """What a body covers in a window of an image.
+    """The silhouette of a body in a window of an image.
 
     Attributes:
         origin_px: (x, y) of the window's first sample in the image; whole pixels.
         step_px: between samples; 1 is the image's own grid.
-        phi: (rows, columns) signed distance to the outline [px of the image], above 0 inside; cut off at a few
-            pixels. Beyond the window there is nothing of the body.
+        phi: (rows, columns) signed distance to the contour [px of the image], above 0 inside; cut off at a few
+            pixels. The body lies within the window.
     """
 
     origin_px: tuple[int, int]
@@ -24,7 +24,7 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
     phi: Float32
 
     def mask(self, size_px: tuple[int, int]) -> NDArray[np.bool_]:
-        """(height, width) what it covers of an image of size (width, height), every sample standing for its square."""
+        """Return (height, width) the mask in an image of size (width, height); each sample covers its square."""
         width, height = size_px
         out = np.zeros((height, width), dtype=np.bool_)
         x, y = self.origin_px
@@ -38,7 +38,7 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
 
 
 def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    """Intersection over union of two masks of one shape; 0 of nothing."""
+    """Return the intersection over union of two masks of one shape; 0 if both are empty."""
     both = np.count_nonzero(a & b)
     union = np.count_nonzero(a) + np.count_nonzero(b) - both
     return both / union if union else 0.0

@@ -1,4 +1,4 @@
-"""How another tracker's space lies in the world of the cameras, as a value and as a file of its own."""
+"""Alignment of another tracker's frame with the cameras' world frame, as a value and a file."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ Float64 = NDArray[np.float64]
 
 FORMAT: Final = "mocapella space alignment"
 VERSION: Final = 1
-"""Of the file's layout."""
+"""Version of the file's layout."""
 _ANEW: Final = "align anew: mocapella calibrate space"
 _Row = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class SpaceAlignment:
-    """A space, and how well it is known.
+    """The pose of another tracker's frame, with uncertainties.
 
     Attributes:
         space: its name, as in the `mocapella.model.poses.PoseFrame` that are in it.
         rows: the upper three rows of ``T_world_space``.
-        clock_s: how much later the space's poses are told the same instant than the cameras' frames: their delay [s].
+        clock_s: delay of that tracker's poses relative to the cameras' frames [s].
         position_sd_m: of a point where the alignment was made; 0 where not known.
         rotation_sd_rad: of the rotation; 0 where not known.
         clock_sd_s: of ``clock_s``; 0 where not known.
@@ -63,13 +63,13 @@ class SpaceAlignment:
 
 
 def rows_of(T: Float64) -> tuple[_Row, _Row, _Row]:
-    """The upper three rows of a motion (4, 4), as numbers."""
+    """Return the upper three rows of a transform (4, 4)."""
     first, second, third = (tuple(map(float, row)) for row in T[:3])
     return first, second, third  # type: ignore[return-value]
 
 
 def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
-    """Write it as TOML; the file appears complete or stays as it was.
+    """Write it as TOML atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -81,16 +81,16 @@ def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
 
 
 def as_settings(alignment: SpaceAlignment) -> dict[str, Any]:
-    """As plain values, which `parse` makes an alignment of again."""
+    """Return plain values, from which `parse` rebuilds the alignment."""
     values = dataclasses.asdict(alignment)
     return values | {"rows": [list(row) for row in alignment.rows]}
 
 
 def load_space(path: Path | str) -> SpaceAlignment:
-    """Read it.
+    """Read an alignment.
 
     Raises:
-        InputError: there is no such file, or it is no alignment; names the field, its value and what to do.
+        InputError: the file does not exist, or is not an alignment; states the field, its value and a remedy.
     """
     try:
         data: Mapping[str, Any] = tomllib.loads(read_whole(path, fix=_ANEW).decode("utf-8", errors="replace"))

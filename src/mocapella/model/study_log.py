@@ -1,4 +1,4 @@
-"""The study log: what the thesis' program wrote of a study, one row for each sensor's view of a person."""
+"""The study log of the thesis: one row for each sensor's view of a person."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class StudyRow(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         study_id: the participant.
-        kinect_config: how the sensors stood, a value of `mocapella.model.session.PLACEMENTS`.
-        scenario_id: what the people did, a value of `mocapella.model.session.SCENARIOS`.
+        kinect_config: placement of the sensors, a value of `mocapella.model.session.PLACEMENTS`.
+        scenario_id: scenario, a value of `mocapella.model.session.SCENARIOS`.
         tracker_time_ms: when the program wrote the row, since the beginning of year 1.
         person_id: which person.
         skeleton_id: which view of this person; 0 is the reference sensor's.
@@ -98,7 +98,7 @@ class StudyLog(msgspec.Struct, frozen=True, eq=False):
         return len(self.positions)
 
     def rows(self) -> Iterator[StudyRow]:
-        """The rows, one by one, as they are written."""
+        """Yield the rows in the file's order."""
         columns = [getattr(self, name).tolist() for name in TITLES]
         for values, positions in zip(zip(*columns, strict=True), self.positions, strict=True):
             fields: dict[str, Any] = dict(zip(TITLES, values, strict=True))

@@ -1,4 +1,4 @@
-"""Which joints a sensor reports, and how they hang together: data, not code.
+"""Topologies: the joints and bones that a sensor reports, defined by data files.
 
 A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else.
 """
@@ -14,7 +14,7 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check
 
 UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
-"""Across and high, of a sensor whose topology's file says nothing of it: that of common depth cameras, or less."""
+"""Default field of view, horizontal and vertical [°]: that of common depth cameras, or less."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Topology:
     """Joints, bones, mirror pairs and the parts a method may ask for.
 
     Attributes:
-        name: what messages and files call it, such as ``kinect_v2``.
+        name: in messages and files, such as ``kinect_v2``.
         joints: the joints' names in the sensor's own order, which is the order of every joint axis.
         bones: (parent, child) indices; a tree that reaches every joint from ``root``.
-        mirror: for each joint, the index of its mirror image (itself for the joints of the middle).
-        parts: joint index by what it is for: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
+        mirror: for each joint, the index of its mirror image (itself for central joints).
+        parts: joint index by role: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
         field_of_view_deg: of the sensors that report these joints, across and high [°].
     """
 
@@ -41,10 +41,10 @@ class Topology:
         return len(self.joints)
 
     def index(self, joint: str) -> int:
-        """The joint's place on the joint axis.
+        """Return the index of a joint.
 
         Raises:
-            SettingsError: no such joint; lists those there are.
+            SettingsError: unknown joint; lists the known ones.
         """
         if joint not in self._index:
             raise SettingsError(f"{self.name} has no joint {joint!r}; it has {one_of(joint, self.joints)}")
@@ -56,11 +56,11 @@ class Topology:
 
 
 def topology_from_toml(text: str, name: str) -> Topology:
-    """Read a topology and check that it is one.
+    """Read and validate a topology.
 
     Raises:
-        SettingsError: a bone or pair names an unknown joint, the bones are no tree from the root, a joint has two
-            mirror images, or a field of view that no sensor has.
+        SettingsError: a bone or pair names an unknown joint, the bones are not a tree from the root, a joint has two
+            mirror images, or the field of view is impossible.
     """
     data = tomllib.loads(text)
     joints = tuple(data["joints"])
@@ -99,17 +99,17 @@ def topology_from_toml(text: str, name: str) -> Topology:
 
 @cache
 def topology_names() -> tuple[str, ...]:
-    """The names of all topologies there are."""
+    """Return the names of all topologies."""
     folder = files("mocapella.model").joinpath("topologies")
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def topology(name: str) -> Topology:
-    """The topology of that name.
+    """Return the topology of a name.
 
     Raises:
-        SettingsError: no such topology; lists those there are.
+        SettingsError: unknown topology; lists the known ones.
     """
     if name not in topology_names():
         raise SettingsError(f"unknown topology {name!r}; known: {one_of(name, topology_names())}")

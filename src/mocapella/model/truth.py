@@ -1,4 +1,4 @@
-"""What a simulated room knows to be true, published beside what its sensors see."""
+"""Ground truth of a simulated room, published beside its sensors' frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mocapella.model.topology import Topology
 
 
 class Truth(msgspec.Struct, frozen=True, eq=False):
-    """The room at the instant of one frame of one sensor.
+    """The ground truth at the capture of one sensor's frame.
 
     Attributes:
         sensor, sequence: the frame that it belongs to.

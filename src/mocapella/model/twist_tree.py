@@ -1,7 +1,7 @@
-"""A kinematic tree in twists: rigid parts, joints that turn about axes, and where all of it is in a pose.
+"""Kinematic trees in twists: rigid parts, revolute joints, and forward kinematics.
 
-A joint is a twist of zero pitch in the model's rest frame, so a model needs no frames of its bones: a part's motion
-takes a point from where it is at rest to where it is in the world, and is a product of exponentials
+A joint is a twist of zero pitch in the model's rest frame, so a model needs no bone frames: a part's motion maps a
+point from its rest position to the world, and is a product of exponentials
 (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, equation
 10; R. Murray, Z. Li, S. Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, section 3.2).
 """
@@ -27,16 +27,15 @@ class TwistTree(msgspec.Struct, frozen=True, eq=False):
     """Parts and joints of a model. A rigid object is a tree of one part and no joints.
 
     Attributes:
-        parents: (parts,) the part that each hangs on, before it in the order; -1 of the first, the root, which moves
-            freely.
-        joint_parts: (joints,) the part that each joint turns, and all that hangs on it; ascending. Several joints of a
-            part turn it one after the other, the last one next to it.
+        parents: (parts,) parent of each part, earlier in the order; -1 for the first, the root, which moves freely.
+        joint_parts: (joints,) the part that each joint rotates, with its descendants; ascending. Several joints of a
+            part act in sequence, the last one next to it.
         twists: (joints, 6) translation part [m], then the unit axis; of zero pitch; see `geometry.twists.revolute`.
         limits: (joints, 2) least and most angle [rad]; may be infinite.
-        root: (3,) the point of the root that stands for where the model is [m], such as the middle of the hips.
+        root: (3,) reference point of the model on the root [m], such as the middle of the hips.
 
     Raises:
-        SettingsError: arrays that are not as said.
+        SettingsError: arrays that do not fit this description.
     """
 
     parents: Int64
@@ -68,14 +67,14 @@ class TwistTree(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def arrays(self) -> tuple[Int64, Int64, Float64]:
-        """What the kernels of forward kinematics take first."""
+        """The first arguments of the kernels of forward kinematics."""
         return self.parents, self.joint_parts, self.twists
 
 
 def twist_tree(
     parents: Any, joint_parts: Any = (), twists: Any = (), limits: Any = None, root: Any = (0, 0, 0)
 ) -> TwistTree:
-    """A tree of anything that makes arrays; without limits, joints turn as far as they like.
+    """Make a tree of array-likes; without limits, joints are unbounded.
 
     Raises:
         SettingsError: see `TwistTree`.
@@ -92,7 +91,7 @@ def twist_tree(
 
 
 def limbs_of(tree: TwistTree) -> list[tuple[Int64, Int64]]:
-    """Joints and parts of each chain of parts: what hangs on the root, or where more than one part hangs on another."""
+    """Return joints and parts of each chain, which starts at the root or at a branching part."""
     limbs: dict[int, list[int]] = {}
     of = np.zeros(len(tree.parents), dtype=np.int64)
     for part in range(1, len(tree.parents)):
@@ -104,7 +103,7 @@ def limbs_of(tree: TwistTree) -> list[tuple[Int64, Int64]]:
 
 
 class TreePose(msgspec.Struct, frozen=True, eq=False):
-    """How a tree stands; leading axes are batches.
+    """The pose of a tree; leading axes are batches.
 
     Attributes:
         T_world_model: (..., 4, 4) the root's motion from the rest frame.
@@ -116,7 +115,7 @@ class TreePose(msgspec.Struct, frozen=True, eq=False):
 
 
 def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
-    """Where the parts are: (..., parts, 4, 4), each from the rest frame to the world."""
+    """Return (..., parts, 4, 4) transforms of the parts from the rest frame to the world."""
     R, t, _ = _forward(tree, pose)
     T = np.zeros((*R.shape[:-1], 4, 4))
     T[..., :3, :3] = R.reshape(*R.shape[:-1], 3, 3)
@@ -126,7 +125,7 @@ def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
 
 
 def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
-    """Where the parts are in one pose, as kernels take it: R (parts, 9), row by row, and t (parts, 3)."""
+    """Return the parts' transforms in one pose, for kernels: R (parts, 9), row by row, and t (parts, 3)."""
     parts = len(tree.parents)
     R, t, xi = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((len(tree.joint_parts), 6))
     _kernels().forward(*tree.arrays, pose.T_world_model, pose.angles, np.zeros(3), R, t, xi)
@@ -134,7 +133,7 @@ def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
 
 
 def joint_twists(tree: TwistTree, pose: TreePose) -> Float64:
-    """Where the joints' axes are: their twists (..., joints, 6) in the world, about its origin."""
+    """Return the joints' twists (..., joints, 6) in the world, about its origin."""
     return _forward(tree, pose)[2]
 
 

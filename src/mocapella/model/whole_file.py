@@ -1,4 +1,4 @@
-"""Files that appear complete or stay as they were, and are read whole."""
+"""Write files atomically, and read them whole."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mocapella.errors import InputError
 
 
 def write_whole(path: Path | str, data: bytes) -> None:
-    """Write a file; another program that reads it meanwhile, or a crash, finds all of it or none.
+    """Write a file atomically: readers, also after a crash, see the old or the new contents.
 
     Raises:
         InputError: it cannot be written there.
@@ -32,10 +32,10 @@ def write_whole(path: Path | str, data: bytes) -> None:
 
 
 def read_whole(path: Path | str, *, fix: str) -> bytes:
-    """What is in a file.
+    """Return the contents of a file.
 
     Raises:
-        InputError: it cannot be read; says how to ``fix`` that.
+        InputError: it cannot be read; the remedy is ``fix``.
     """
     try:
         return Path(path).read_bytes()
