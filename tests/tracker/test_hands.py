@@ -202,7 +202,7 @@ NEXT = seen_by("left", 6 / HZ)
     [
         (
             see("left", sensor_at(0.0), [somebody()], 1),
-            "sends skeletons, of which the method hands makes nothing: .*default",
+            "sends skeletons, which the method hands does not use: .*default",
         ),
         (
             Arrival(ArmFrame("left", 0, 0, 6, 6, (2, 2), np.ones(9), "m", ()), 6),
@@ -210,10 +210,10 @@ NEXT = seen_by("left", 6 / HZ)
         ),
         (
             Arrival(depth_frame("left", np.ones((2, 2), np.uint16), unit_m=0.001, lens=np.ones(9), time_ns=6), 6),
-            "it sends depth, of which no method makes anything",
+            "it sends depth, which no method uses",
         ),
         (frame_of(NEXT, sensor="lft"), "the rig has no camera 'lft'; it has .*left"),
-        (frame_of(NEXT, size_px=(320, 240)), "its pictures are 320 × 240, the rig's 640 × 480"),
+        (frame_of(NEXT, size_px=(320, 240)), "its images are 320 × 240, the rig's 640 × 480"),
         (frame_of(NEXT, names=("a", "b", "c", "d", "e", "f")), "none of its markers is wanted: .*red"),
         (seen_by("left", 4 / HZ), "time goes backwards"),
         (seen_by("left", 5 / HZ), "repeats the time of the frame before"),

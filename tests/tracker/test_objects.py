@@ -169,7 +169,7 @@ def test_another_trackers_poses_are_predicted_for_a_moment() -> None:
             told("stage", "LHR-1", np.eye(4), 1.0),
             "its space 'stage' is not aligned with the cameras: mocapella calibrate space",
         ),
-        (told("vr", "LHR-9", np.eye(4), 1.0), "none of its bodies is a thing: --set 'objects=.*LHR-9"),
+        (told("vr", "LHR-9", np.eye(4), 1.0), "none of its bodies is a configured object: --set 'objects=.*LHR-9"),
     ],
 )
 def test_poses_that_cannot_be_used_are_counted(arrival: Arrival, said: str) -> None:

@@ -172,7 +172,7 @@ def test_a_depth_camera_whose_place_nobody_knows_says_what_to_do() -> None:
     tracker.update(arms_at(0.3, []))
     tracker.update(arms_at(0.2, []))
     words = list(tracker.report.rejected)
-    assert words[0] == "it sends arms, and where front stands is not known yet"
+    assert words[0] == "it sends arms, and the pose of front is not known yet"
     assert """--set 'arms.depth_of={"other": "SENSOR"}'""" in words[1]
     assert words[2:] == ["repeats the time of the frame before", "time goes backwards"]
     assert tracker.report.kept == 2

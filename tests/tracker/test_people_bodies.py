@@ -21,7 +21,7 @@ from mocapella.model.scene import Scene
 from mocapella.model.topology import topology
 from mocapella.schema import decode_scene, encode_scene
 from mocapella.tracker import make_tracker
-from mocapella.tracker.people_bodies import NOBODY_SAID, WALK
+from mocapella.tracker.people_bodies import NOT_CONFIGURED, WALK
 from mocapella.tracker.silhouette_start import body_of
 from mocapella.tracker.silhouettes_setup import body_setup
 
@@ -135,7 +135,7 @@ def test_people_are_the_same_with_cameras_and_without() -> None:
 def test_images_are_refused_where_nobody_said_whom_they_show() -> None:
     one = make_tracker("default")
     one.update(Arrival(image_frame("c1", np.zeros((4, 4, 3), np.uint8), time_ns=1), 1))
-    assert list(one.report.rejected) == [NOBODY_SAID]
+    assert list(one.report.rejected) == [NOT_CONFIGURED]
 
 
 def test_an_image_that_the_rig_does_not_have_is_refused_with_why() -> None:

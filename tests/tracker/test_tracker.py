@@ -284,7 +284,7 @@ def test_images_that_are_sent_for_the_take_change_nothing(method: str) -> None:
         assert (after.sensor, after.people, after.state) == ("depth.depth", before.people, before.state)
     assert (tracker.report.frames, tracker.report.kept, tracker.report.rejected) == (6, 6, {})
     tracker.update(Arrival(msgspec.structs.replace(image, sensor="depth"), arrival.at_ns))
-    assert "of which no method makes anything" in " ".join(tracker.report.rejected)
+    assert "which no method uses" in " ".join(tracker.report.rejected)
 
 
 def test_what_is_no_memory_of_a_tracker_is_refused() -> None:

@@ -1,7 +1,7 @@
-"""The tracker: a frame in, a scene out. No clock, thread, file or socket, so a replay gives the same scenes to the bit.
+"""Trackers: a frame in, a scene out. They use no clock, thread, file or socket, so a replay is identical to the bit.
 
-A method is a descriptor in `METHODS`: ``default``, the KinectMultiTrack thesis' own, ``stand-still``, ``hands``,
-``arms``, or a plug-in's.
+A method is a descriptor in `METHODS`: ``default``, ``stand-still`` (the KinectMultiTrack thesis), ``hands``, ``arms``,
+``silhouettes``, or a plug-in's.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ def make_tracker(
     settings: Mapping[str, Any] | None = None,
     sensors: Mapping[str, SensorPose] | None = None,
 ) -> Tracker:
-    """A new tracker.
+    """Create a tracker.
 
     Args:
         method: key of `METHODS`.
-        sensors_expected: how many sensors to wait for before calibrating; more may join.
-        settings: the method's own, by name; the rest are its defaults.
-        sensors: pose by sensor name; overrides what the frames say.
+        sensors_expected: number of sensors to wait for before calibrating; more may join.
+        settings: the method's settings, by name; the others have their defaults.
+        sensors: pose by sensor name; overrides the frames'.
 
     Raises:
-        SettingsError: no such method, an unknown setting, or one out of range; says what would work.
-        PluginError: the method is registered and cannot be used.
+        SettingsError: unknown method or setting, or a value out of range; names valid ones.
+        PluginError: the method is registered but cannot be used.
     """
     found = METHODS.find(method)
     for part in found.parts:

@@ -1,12 +1,12 @@
-"""Arms that are followed through one depth camera or several: who is which, and what all say together.
+"""Track arms through one or more depth cameras, and fuse their views.
 
-    which    = match(seen, expected)        each camera's arms, one to one
-    aligned  = predict(views)               each camera's newest view, brought to one instant by its own motion
-    fused    = fuse(aligned)                joints by how sure each view is of them
-    left     = evidence(views)              which side, over time
+    which    = match(seen, expected)        assign each camera's arms to tracks, one to one
+    aligned  = predict(views)               bring each camera's newest view to one time by its own motion
+    fused    = fuse(aligned)                fuse joints by their uncertainty
+    left     = evidence(views)              accumulate evidence of the side
 
-Cameras are not synchronous, and their frames come in any order; a view is kept in its camera's own space, so that a
-camera whose place becomes better known moves nothing twice. Nothing is smoothed: the cameras' detectors do that.
+Cameras are not synchronised, and frames arrive in any order. A view is kept in its camera's frame, so that refining the
+camera's pose moves it only once. Nothing is smoothed here: the cameras' detectors do that.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ UInt8 = NDArray[np.uint8]
 TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 """From a sensor's space (x left, y up) to a camera's (x right, y down), and back."""
 _OF_EITHER_SIDE: Final = [WRIST, PALM, ELBOW]
-"""Points that a hand of the wrong side has where they are."""
+"""Points whose position does not depend on the side that a hand was detected as."""
 _SIDE_CAP: Final = 12.0
 _SIDE_STEP: Final = 2.0
-"""Evidence of the side is a logarithm of odds: at most so much in all, and so much of one view."""
+"""Evidence of the side is a logarithm of odds: bounds of the total (`_SIDE_CAP`), and of one view."""
 _FASTEST_M_S: Final = 6.0
 
 
 @dataclass(frozen=True)
 class ArmTracksSettings:
-    """How arms are followed and told.
+    """How arms are tracked and reported.
 
     Attributes:
-        match: when two arms are one.
-        fusion: how views become one.
-        fresh_s: a view that is older is not used.
-        velocity_s: time constant of a hand's motion as a whole …
-        finger_velocity_s: … and of that of its joints beside it.
-        acceleration_m_s2: what is not known of it: a view that is t old is less sure by half of this · t².
-        shown_for_s: an arm that no camera sees is told, as inferred, for so long …
-        keep_s: … and has its number back when it comes back within that.
-        coast_s: and goes on as it moved for so long.
-        one_m, one_s: two arms of which no camera sees both are one when their palms are so near for so long.
-        gesture_margin: another gesture is told when it is so much surer.
+        match: association of arms with tracks.
+        fusion: fusion of views.
+        fresh_s: age up to which a view is used.
+        velocity_s: time constant of the velocity of a hand as a whole …
+        finger_velocity_s: … and of its joints relative to it.
+        acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2.
+        shown_for_s: an unseen arm is reported, as inferred, for this long …
+        keep_s: … and keeps its number if it reappears within this time.
+        coast_s: its motion is extrapolated for this long.
+        one_m, one_s: two arms that no camera sees together are merged if their palms are this near for this long.
+        gesture_margin: confidence by which another gesture must exceed the present one.
     """
 
     match: ArmMatchSettings = field(default_factory=ArmMatchSettings)
@@ -85,11 +85,11 @@ class ArmTracksSettings:
 
 
 class ArmView(msgspec.Struct, frozen=True, eq=False):
-    """One camera's newest view of an arm, in that camera's space.
+    """One camera's newest view of an arm, in that camera's frame.
 
     Attributes:
-        arm: as the camera saw it.
-        at_s: when, on the common clock.
+        arm: as detected.
+        at_s: capture time, on the common clock.
         velocity: (23, 3) [m/s].
     """
 
@@ -100,13 +100,13 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass
 class ArmTrack:
-    """An arm that is followed: its views by camera, and what they came to last.
+    """A tracked arm: its views by camera, and the fused result.
 
     Attributes:
-        evidence: of its being a left one, as a logarithm of odds.
-        seen_s: when a camera saw it last.
-        at_s: of what follows, all in the world.
-        near_since_s: by the number of another arm: since when both are in one place.
+        evidence: of a left arm, as a logarithm of odds.
+        seen_s: when a camera last saw it.
+        at_s: time of the fused values, all in the world.
+        near_since_s: since when another arm is at the same position, by its number.
     """
 
     id: int
@@ -127,29 +127,29 @@ class ArmTrack:
 
     @property
     def left(self) -> bool:
-        """Whether it is a left one, by all that was seen of it."""
+        """Whether it is a left arm, from all evidence."""
         return self.evidence > 0
 
     @property
     def side(self) -> float:
-        """How sure it is a left one, from −1 to 1."""
+        """Confidence of a left arm, from −1 to 1."""
         return math.tanh(0.5 * self.evidence)
 
     def palm_at(self, at_s: float, coast_s: float) -> Float64:
-        """Where the palm, or else the wrist, is expected (3,) [m]."""
+        """Predict the palm, or else the wrist, (3,) [m]."""
         i = _middle(self.points)
         dt = min(max(at_s - self.at_s, -coast_s), coast_s)
         return np.asarray(self.points[i] + dt * self.velocity[i])
 
 
 class ArmTracks:
-    """See the module. The same frames in the same order give the same arms.
+    """Tracks of all arms. The same frames in the same order give the same result.
 
     Attributes:
         tracks: in the order of their ids.
-        now_s: the newest capture there was.
-        away: by camera: (how far it has palms from where all have them, smoothed [m], when that was updated [s]).
-        disputed: points that a view measured and others did not agree with, in all.
+        now_s: newest capture time so far.
+        away: by camera: smoothed distance of its palms from the mean of all cameras [m], and time of its update [s].
+        disputed: number of measured points that other views contradicted.
     """
 
     def __init__(self, settings: ArmTracksSettings | None = None) -> None:
@@ -165,13 +165,13 @@ class ArmTracks:
         self.disputed = 0
 
     def update(self, camera: str, arms: Iterable[SeenArm], at_s: float, places: Mapping[str, Float64]) -> None:
-        """Take in what a camera saw.
+        """Take in a camera's frame.
 
         Args:
-            camera: its name.
-            arms: that it saw, in its own space.
-            at_s: when, on the common clock [s].
-            places: ``T_world_camera`` (4, 4) of each camera whose place is known, this one's among them.
+            camera: name.
+            arms: its arms, in its own frame.
+            at_s: capture time on the common clock [s].
+            places: ``T_world_camera`` (4, 4) of each calibrated camera, including this one.
         """
         s, T = self.settings, places[camera]
         self.now_s = max(self.now_s, at_s)
@@ -196,19 +196,19 @@ class ArmTracks:
         self._join()
 
     def advance(self, now_s: float) -> None:
-        """Say that it is that late, though no camera has shown anything new."""
+        """Advance the time without a new frame."""
         self.now_s = max(self.now_s, now_s)
 
     def forget(self, camera: str) -> None:
-        """Use nothing more of what the camera saw."""
+        """Drop a camera's views."""
         self.away.pop(camera, None)
         for track in self.tracks:
             track.views.pop(camera, None)
 
-    def told(self) -> tuple[TrackedArm, ...]:
-        """The arms of now, in the order of their ids."""
+    def tracked_arms(self) -> tuple[TrackedArm, ...]:
+        """Return the present arms, in the order of their ids."""
         return tuple(
-            self._told(track) for track in self.tracks if self.now_s - track.seen_s <= self.settings.shown_for_s
+            self._tracked_arm(track) for track in self.tracks if self.now_s - track.seen_s <= self.settings.shown_for_s
         )
 
     def _match(self, camera: str, arms: list[SeenArm], at_s: float, T: Float64) -> NDArray[np.int64]:
@@ -240,7 +240,7 @@ class ArmTracks:
         moved = (arm.points - before.arm.points) / dt
         own = moved[_middle(arm.points)]
         own = own if np.isfinite(own).all() else np.zeros(3)
-        # A point that was only inferred, and is measured now, has not moved by as much as it jumped.
+        # A point that changes from inferred to measured jumps without moving.
         steady = (arm.states == before.arm.states) & np.isfinite(moved).all(axis=-1)
         moved = np.where(steady[:, None], moved, own)
         velocity = self._steadied(arm, before, moved, dt)
@@ -248,10 +248,9 @@ class ArmTracks:
         return ArmView(arm, at_s, velocity * np.minimum(1.0, _FASTEST_M_S / np.maximum(speed, 1e-9)))
 
     def _steadied(self, arm: SeenArm, before: ArmView, moved: Float64, dt: float) -> Float64:
-        """(23, 3) the motion of the hand as a whole, at once, and that of each point beside it, by and by [m/s].
+        """Filter the velocity (23, 3) [m/s]: fast for the hand as a rigid whole, slowly for points relative to it.
 
-        Of the hand as a whole it is a mean of many points, and so has little of their noise. The elbow has a motion of
-        its own.
+        The rigid motion is a mean over many points and has little noise. The elbow moves separately.
         """
         s, points = self.settings, np.where(np.isfinite(arm.points), arm.points, before.arm.points)
         whole, whole_before = (rigid_velocity(points, v, ~_OF_FOREARM) for v in (moved, before.velocity))
@@ -294,17 +293,20 @@ class ArmTracks:
             np.array([_moved(transforms[k] @ views[k].arm.T_camera_palm, dt[k] * velocity[k, PALM]) for k in posed]),
             fused.weights[posed],
         )
-        self._tell_gesture(track, [view.arm for view in views])
+        self._update_gesture(track, [view.arm for view in views])
         if len(fresh) > 1:
             self._note_distances([camera for camera, _ in fresh], points)
 
     def _of_the_side(self, track: ArmTrack, views: list[ArmView]) -> NDArray[np.bool_]:
-        """(views,) which have the arm's side; all, where none has: fingers of the wrong side have wrong names."""
+        """Return which views (views,) have the arm's side, or all if none has.
+
+        On the wrong side, fingers are mislabelled.
+        """
         right = np.array([view.arm.left == track.left for view in views])
         return right if right.any() else ~right
 
-    def _tell_gesture(self, track: ArmTrack, arms: list[SeenArm]) -> None:
-        """What the views are surest of; what was told before stays unless another is surer by the margin."""
+    def _update_gesture(self, track: ArmTrack, arms: list[SeenArm]) -> None:
+        """Choose the most confident gesture; the present one stays unless another exceeds it by the margin."""
         support: dict[str, float] = {}
         for arm in arms:
             support[arm.gesture] = support.get(arm.gesture, 0.0) + arm.gesture_sure
@@ -326,7 +328,7 @@ class ArmTracks:
             self.away[camera] = (before + gain * (off - before), self.now_s)
 
     def _join(self) -> None:
-        """Two arms in one place, of which no camera sees both, become the one that was there first."""
+        """Merge two arms at one position that no camera sees together, into the older one."""
         s = self.settings
         gone: set[int] = set()
         for i, one in enumerate(self.tracks):
@@ -346,7 +348,7 @@ class ArmTracks:
             for track in self.tracks:
                 track.near_since_s = {k: t for k, t in track.near_since_s.items() if k not in gone}
 
-    def _told(self, track: ArmTrack) -> TrackedArm:
+    def _tracked_arm(self, track: ArmTrack) -> TrackedArm:
         s, ago = self.settings, self.now_s - track.at_s
         points, states, sd, T = track.points, track.states, track.sd, track.T_world_palm
         cameras = tuple(sorted(name for name, view in track.views.items() if self.now_s - view.at_s <= s.fresh_s))
@@ -369,12 +371,12 @@ _EITHER: Final = np.isin(np.arange(len(ARM_POINTS)), _OF_EITHER_SIDE)
 
 
 def _middle(points: Float64) -> int:
-    """Where an arm is told to be: its palm, or its wrist where the palm is not known."""
+    """Return the index of the point that represents an arm: palm, or wrist if the palm is unknown."""
     return PALM if np.isfinite(points[PALM]).all() else WRIST
 
 
 def _side_of(arm: SeenArm) -> float:
-    """Evidence that it is a left arm, as a logarithm of odds."""
+    """Return the evidence of a left arm, as a logarithm of odds."""
     sure = min(max(arm.left_sure, 0.5), 1.0 - 1e-9)
     odds = min(math.log(sure / (1.0 - sure)), _SIDE_STEP)
     return odds if arm.left else -odds
@@ -387,4 +389,4 @@ def _moved(T: Float64, by: Float64) -> Float64:
 
 
 REMEMBERED: Final = (ArmTrack, ArmView, SeenArm)
-"""Kinds that an `ArmTracks` remembers, see `mocapella.model.memory`."""
+"""Classes in the state of an `ArmTracks`, see `mocapella.model.memory`."""

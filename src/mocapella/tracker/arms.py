@@ -1,10 +1,10 @@
-"""The method ``arms``: arms that one depth camera sees, or several.
+"""The method ``arms``: track arms with one or more depth cameras.
 
-    places = the rig's, or calibrate(frames)   a camera that has none is placed by the arm that it and others see
-    arms   = follow(frames, places)            `arm_tracks`: assigned to tracks, fused
+    poses = the rig's, or calibrate(frames)   an uncalibrated camera is calibrated by an arm that it and others see
+    arms  = follow(frames, poses)             `arm_tracks`: assign to tracks, fuse
 
-The world is the rig's. Without one it is the sensor space of the first camera that is heard (x to the camera's left, y
-up, z out of the lens), turned and lifted by its tilt and height where these are set up. See docs/arms/fusion.md.
+The world is the rig's. Without a rig it is the sensor space of the first camera (x to the camera's left, y up, z out of
+the lens), corrected by its tilt and height if these are set. See docs/arms/fusion.md.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class ArmsSettings:
     """The settings of every stage.
 
     Attributes:
-        tracks: how arms are followed and fused.
-        places: how cameras are placed that no rig places.
-        silent_after_s: a camera without a frame for so long is not waited for.
-        moved_m: a camera with palms so far from the mean of all is reported as moved.
+        tracks: tracking and fusion of arms.
+        places: calibration of cameras without a rig.
+        silent_after_s: a camera without a frame for this long is not waited for.
+        moved_m: a camera with palms this far from the mean of all is reported as moved.
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
@@ -61,7 +61,7 @@ class ArmsSettings:
 
 
 class ArmsTracker:
-    """See the module."""
+    """Tracker of the method ``arms``."""
 
     def __init__(
         self,
@@ -112,15 +112,15 @@ class ArmsTracker:
         self._given: dict[str, Float64] = dict(sorted(given.items()))
         self._placed = dict(self._given)
         self._delay_s: dict[str, float] = {}
-        self._places: tuple[SensorPlace, ...] = self._say_places()
+        self._places: tuple[SensorPlace, ...] = self._sensor_places()
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """See `KeepsLayout`; a place that the camera rig has is taken from there."""
+        """See `KeepsLayout`; the camera rig's poses take precedence."""
         self._kept = dict(layout.sensors)
         self.reset()
 
     def layout(self) -> SensorLayout | None:
-        """The layout that was found; None before two cameras have a place, and with a camera rig."""
+        """Return the estimated layout; None before two cameras have a pose, and with a camera rig."""
         if self.camera_rig is not None or len(self._placed) < 2:
             return None
         places = (place for place in self._places if place.T_world_sensor is not None)
@@ -150,22 +150,22 @@ class ArmsTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """What came of all frames so far."""
+        """Counts of all frames so far."""
         kept = self._steps - self._rejected.total()
         return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
 
     @property
     def delays_s(self) -> Mapping[str, float]:
-        """By camera that the arm has placed: how much later it is than the first [s]."""
+        """By camera calibrated from an arm: its delay relative to the first [s]."""
         return self._delay_s
 
     @property
     def places(self) -> tuple[SensorPlace, ...]:
-        """Where the cameras are, by name."""
+        """The cameras' poses, by name."""
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         frame: Any = arrival.frame
         if type(frame) is not ArmFrame:
             problem = not_taken(frame, "arms")
@@ -176,7 +176,7 @@ class ArmsTracker:
         return self._scene(arrival)
 
     def _see(self, arrival: Arrival, frame: ArmFrame) -> None:
-        """Take in what a depth camera saw of arms."""
+        """Take in a depth camera's arms."""
         camera = frame.sensor
         self._newest[camera] = (frame.node_id, frame.time_ns)
         self._heard_ns[camera] = arrival.at_ns
@@ -188,19 +188,19 @@ class ArmsTracker:
         self._calibrate(camera, frame, at_s)
         if camera in self._placed:
             self._tracks.update(camera, frame.arms, at_s - self._delay_s.get(camera, 0.0), self._placed)
-            self._arms = self._tracks.told()
-        self._places = self._say_places()
+            self._arms = self._tracks.tracked_arms()
+        self._places = self._sensor_places()
         self._state = self._stand()
 
     def _problem(self, frame: ArmFrame) -> str:
         placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)
         if placed is not None and placed.camera.size_px != frame.size_px:
-            told, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
-            return f"its images are {told}, the rig's {size}: calibrate with this size"
+            own, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
+            return f"its images are {own}, the rig's {size}: calibrate with this size"
         return time_problem(frame, self._newest.get(frame.sensor))
 
     def _level(self, camera: str) -> Float64:
-        """``T_world_camera`` of the camera that is the world's own."""
+        """Return ``T_world_camera`` of the camera that defines the world."""
         pose = self._poses.get(camera, SensorPose())
         return np.asarray(rigid(rotation_about_x(-pose.tilt), (0.0, pose.height, 0.0)) @ TO_SENSOR)
 
@@ -220,21 +220,21 @@ class ArmsTracker:
     def _stand(self) -> TrackerState:
         speaking = self._speaking()
         missing = self._expected - len(speaking)
-        said = [f"{name}: {self._calibration.needs(name)}" for name in speaking if name not in self._placed]
-        told = [*said, *(f"{name}: {self._moved(name)}" for name in speaking if self._moved(name))]
-        told += [f"{name}: {_one_part(self._reasons[name])}" for name in speaking if self._reasons[name]]
-        reason = "; ".join(told)
+        needs = [f"{name}: {self._calibration.needs(name)}" for name in speaking if name not in self._placed]
+        reasons = [*needs, *(f"{name}: {self._moved(name)}" for name in speaking if self._moved(name))]
+        reasons += [f"{name}: {_one_part(self._reasons[name])}" for name in speaking if self._reasons[name]]
+        reason = "; ".join(reasons)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=reason)
-        return TrackerState(Phase.CALIBRATING if said else Phase.TRACKING, reason=reason)
+        return TrackerState(Phase.CALIBRATING if needs else Phase.TRACKING, reason=reason)
 
     def _moved(self, camera: str) -> str:
         away, _ = self._tracks.away.get(camera, (0.0, 0.0))
         if away <= self.settings.moved_m:
             return ""
-        return f"it has hands {1e2 * away:.0f} cm from where all have them: was it moved? recalibrate"
+        return f"its hands are {1e2 * away:.0f} cm from the mean of all cameras: was it moved? recalibrate"
 
-    def _say_places(self) -> tuple[SensorPlace, ...]:
+    def _sensor_places(self) -> tuple[SensorPlace, ...]:
         names = sorted(self._given.keys() | self._heard_ns.keys())
         return tuple(self._place(name) for name in names)
 
@@ -261,7 +261,7 @@ class ArmsTracker:
 
 
 def _one_part(reason: str) -> str:
-    """A camera's sentence as one part of a state's reason, whose parts are divided by ``; ``."""
+    """Replace ``; ``, which separates the parts of a state's reason."""
     return reason.replace("; ", ", ")
 
 

@@ -1,4 +1,4 @@
-"""Which sensors speak, and what each saw last."""
+"""Keep each sensor's newest frame, and detect silent sensors and unusable frames."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from mocapella.model.topology import Topology
 
 
 def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
-    """Why a frame cannot follow its sensor's last one; empty where it can: a new process may have a new clock.
+    """Return why a frame cannot follow its sensor's last one; empty if it can. A new process may have a new clock.
 
     Args:
         frame: the newer one.
-        last: ``node_id`` and ``time_ns`` of the last; None where there is none.
+        last: ``node_id`` and ``time_ns`` of the last frame; None if there is none.
     """
     if last is None or frame.node_id != last[0] or frame.time_ns > last[1]:
         return ""
@@ -35,13 +35,13 @@ class Sighting(msgspec.Struct, frozen=True, eq=False):
 
 
 class Heard(msgspec.Struct, frozen=True, eq=False):
-    """What is known after an arrival.
+    """Result of an arrival.
 
     Attributes:
-        problem: why the frame cannot be used; empty where it can.
-        sensor: whose frame it is.
-        node_changed: another process serves this sensor now, so its tracking ids mean nothing any more.
-        newest: by name, of every sensor that is not silent, in the order of the names.
+        problem: why the frame cannot be used; empty if it can.
+        sensor: its name.
+        node_changed: whether another process serves this sensor now, so that old tracking ids are invalid.
+        newest: newest frames of all sensors that are not silent, by name, in the order of names.
     """
 
     problem: str
@@ -51,7 +51,7 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
 
 
 class Arrivals:
-    """Keeps each sensor's newest frame for as long as it speaks, and refuses frames that cannot follow it."""
+    """Keeps each sensor's newest frame until it is silent, and rejects frames that cannot follow it."""
 
     def __init__(self, silent_after_s: float, needed_parts: Sequence[str]) -> None:
         self._silent_after_ns = round(silent_after_s * NS_PER_S)
@@ -65,7 +65,7 @@ class Arrivals:
         self._now_ns: int | None = None
 
     def update(self, arrival: Arrival) -> Heard:
-        """Take a frame of bodies in, unless there is a problem with it."""
+        """Take in a frame of bodies, unless it has a problem."""
         frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)

@@ -27,11 +27,11 @@ GROWN_PX = 4
 
 
 class BodiesFitter:
-    """The fitters of all bodies, by name; a body is tracked once `start` has given its pose.
+    """The fitters of all bodies, by name; a body is tracked once `start` has set its pose.
 
     Attributes:
         fitters: by name.
-        others: (height, width) by name and camera, where the last frame was of others and said nothing of them.
+        others: (height, width) by name and camera: pixels that other bodies covered in the last frame.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class BodiesFitter:
         self._followed: set[str] = set()
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """Somebody is about there, and at rest.
+        """Set a body's approximate pose, at rest.
 
         Raises:
             SettingsError: no body has that name, or no camera sees a body there.
@@ -57,11 +57,11 @@ class BodiesFitter:
         self._followed.discard(name)
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants, between two frames; after `start` of all."""
+        """Return all state between two frames, for `recall`; after `start` of all."""
         return [{name: fitter.memory() for name, fitter in self.fitters.items()}, self._followed]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same bodies, rig and settings."""
+        """Restore the state that `memory` returned; for the same bodies, rig and settings."""
         fitters, self._followed = memory
         for name, fitter in self.fitters.items():
             fitter.recall(fitters[name])
@@ -73,7 +73,7 @@ class BodiesFitter:
             fitter.reset()
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Take in images of the empty room, as of `BodyFitter`."""
+        """Learn the background from images of the empty room, see `BodyFitter`."""
         for fitter in self.fitters.values():
             fitter.learn_background(images)
 
@@ -81,9 +81,9 @@ class BodiesFitter:
         """Fit every tracked body to the next frame.
 
         Args:
-            images: of one instant, by camera.
-            time_ns: of capture.
-            waiting: names of lost bodies; they are looked for at their last pose and cover nothing there.
+            images: simultaneous ones, by camera.
+            time_ns: capture time.
+            waiting: names of lost bodies; they are searched at their last pose and cover nothing there.
         """
         present = {name: fitter for name, fitter in self.fitters.items() if name in self._followed}
         covered = {

@@ -1,12 +1,12 @@
-"""Fit one body model, in twists, to the images of several cameras, frame by frame.
+"""Fit one body model, parametrised by twists, to the images of several cameras, frame by frame.
 
-    expected = predicted(before, last)                  where it will be if it goes on as it did
-    contour  = region_contour(image, prior of expected) in each camera: what the image says, the model's outline in mind
-    given    = touching(outline, contour)               where the outlines want the body to be
-    pose     = fit(given, smoothness(expected))         with the penalty on jitter inside the estimate
+    expected = predicted(before, last)                  extrapolate the motion
+    contour  = region_contour(image, prior of expected) segment each image, with the model's outline as a prior
+    given    = touching(outline, contour)               correspondences of outline and contour
+    pose     = fit(given, smoothness(expected))         with the penalty on jitter as a part of the estimate
 
-The last three are repeated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion
-Capture", DAGM 2007). See docs/methods/silhouettes.md.
+The last three steps are iterated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless
+Motion Capture", DAGM 2007). See docs/methods/silhouettes.md.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 SAMPLES_HIGH = 200
-"""About so many samples a body is high in an image."""
+"""Approximate height of a body in an image, in samples."""
 HALF_LIFE_S = 0.15
 """Half-life of an unseen part's predicted velocity [s]."""
 SETTLING = 4
-"""How many times as many rounds the first frame has, whose pose is rough."""
+"""Factor of the number of rounds in the first frame, whose initial pose is rough."""
 
 
 class FittedBody(msgspec.Struct, frozen=True, eq=False):
     """A body in one frame.
 
     Attributes:
-        time_ns: of capture.
+        time_ns: capture time.
         pose: see there.
         landmarks: (n, 3) [m], in the order of the mesh's.
         seen: by camera.
-        left_out: by camera, why its image did not count.
+        left_out: by camera, why its image was not used.
     """
 
     time_ns: int
@@ -70,20 +70,20 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
 
 
 class BodyFitter:
-    """Fits one body to images, beginning with a rough pose.
+    """Fits one body to images, starting from a rough pose.
 
     Attributes:
         settings: of every stage.
         mesh: of the body.
-        body: the same, made ready.
-        eyes: the cameras, made ready.
+        body: the same with precomputed values.
+        eyes: the cameras with precomputed values.
     """
 
     def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
-        self._strays = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
+        self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
         self.reset()
@@ -95,24 +95,24 @@ class BodyFitter:
         self._dead = DeadImages()
         self._missed = False
         self._as_expected = False
-        if self._strays is not None:
-            self._strays.reset()
+        if self._limb_recovery is not None:
+            self._limb_recovery.reset()
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants, between two frames; after `start`."""
-        strays = None if self._strays is None else self._strays.memory()
+        """Return all state between two frames, for `recall`; after `start`."""
+        limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
         state = [self._past, self._missed, self._as_expected]
-        return [state, self._dead.memory(), self._skin.memory(), strays, cameras]
+        return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same mesh, rig and settings."""
-        (self._past, self._missed, self._as_expected), dead, skin, strays, cameras = memory
+        """Restore the state that `memory` returned; for the same mesh, rig and settings."""
+        (self._past, self._missed, self._as_expected), dead, surface, limbs, cameras = memory
         self._dead.recall(dead)
-        self._skin = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
-        self._skin.recall(skin)
-        if self._strays is not None:
-            self._strays.recall(strays)
+        self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
+        self._surface.recall(surface)
+        if self._limb_recovery is not None:
+            self._limb_recovery.recall(limbs)
         self._cameras = {
             name: SilhouetteCamera(self.eyes[name], one[0], self.settings) for name, one in cameras.items()
         }
@@ -120,13 +120,13 @@ class BodyFitter:
             camera.recall(cameras[name])
 
     def start(self, pose: TreePose, time_ns: int) -> None:
-        """It is about there, and at rest.
+        """Set the approximate pose, at rest.
 
         Raises:
-            SettingsError: no camera sees it there.
+            SettingsError: no camera sees the body there.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
-        self._skin = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
+        self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
         for name, by in self.eyes.items():
@@ -135,7 +135,7 @@ class BodyFitter:
                 steps[name] = s.step_px or max(1, round(max(outline.mask.shape) / SAMPLES_HIGH))
         if not steps:
             raise SettingsError("no camera of the rig sees a body that stands there; is the pose in the rig's space?")
-        # Into the images of others it may walk.
+        # It may walk into the other cameras' images.
         usual = round(float(np.median(list(steps.values()))))
         self._cameras = {
             name: self._cameras.get(name) or SilhouetteCamera(by, steps.get(name, usual), s)
@@ -143,7 +143,7 @@ class BodyFitter:
         }
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Take in images of the empty room, by camera; after `start`. Cameras that move learn nothing.
+        """Learn the background from images of the empty room, by camera; after `start`. Moving cameras learn nothing.
 
         Raises:
             InputError: an image of another size than before.
@@ -154,7 +154,7 @@ class BodyFitter:
                 background.update(without_speckles(image), None)
 
     def expected(self, time_ns: int) -> TreePose:
-        """Where it will be if it goes on as it did."""
+        """Predict the pose by extrapolating the motion."""
         (last_ns, last) = self._past[-1]
         if len(self._past) < 2:
             return last
@@ -168,12 +168,12 @@ class BodyFitter:
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
     def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> FittedBody:
-        """The body in the next frame.
+        """Fit the body to the next frame.
 
         Args:
-            images: of one instant, by camera: (height, width) or (height, width, 3) uint8.
-            time_ns: of capture.
-            others: (height, width) by camera, where other people are; these pixels are no evidence for this body.
+            images: simultaneous ones, by camera: (height, width) or (height, width, 3) uint8.
+            time_ns: capture time.
+            others: (height, width) by camera, pixels of other people, which are no evidence for this body.
         """
         others = others or {}
         s = self.settings
@@ -207,10 +207,11 @@ class BodyFitter:
         pose = self._fitted(
             usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented, begun=not first
         )
-        found = None if self._strays is None else self._strays.found(pose, usable, others, self._segmented())
+        recovery = self._limb_recovery
+        found = None if recovery is None else recovery.found(pose, usable, others, self._segmented())
         if found is not None:
             joints, pose = found
-            # Where such a limb was says nothing of how it moves.
+            # The wrong positions of such a limb carry no information about its motion.
             self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
             priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
             pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
@@ -221,10 +222,10 @@ class BodyFitter:
                 seen[name] = camera.seen()
                 camera.learn(images[name], others.get(name))
         if seen:
-            # Where it was thought to be before the first frame was rough: it is at rest, until it is seen to move.
+            # The initial pose was rough: assume rest until motion is observed.
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
-            self._skin.learn(stands)
+            self._surface.learn(stands)
         self._missed = not seen
         return FittedBody(time_ns, pose, stands.landmarks, seen, left_out)
 
@@ -239,11 +240,11 @@ class BodyFitter:
         segmented: int,
         begun: bool = False,
     ) -> TreePose:
-        """Outlines, and the pose that they want, again and again; the first ones may be there."""
+        """Alternate segmentation and pose fit; initial segmentations may be given."""
         s, (usual, steady) = self.settings, priors
-        beside_skin = steady
+        beside_surface = steady
         if s.steadiness is not None and steady:
-            beside_skin = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
+            beside_surface = (looser(steady[0], s.steadiness.beside_skin), *steady[1:])
         wide = any(camera.wide for camera in self._cameras.values())
         near, looked = self._as_expected and segmented == s.segmented, self.body.standing(pose).vertices
         number = 0
@@ -270,8 +271,8 @@ class BodyFitter:
                     given.append(camera.planes(moved))
             held = steady
             if len(given) > 1 and steady:
-                held = beside_skin
-                given.append(self._skin.steady(stands, moved))
+                held = beside_surface
+                given.append(self._surface.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # An unseen part keeps its predicted motion; it is not drawn to its usual pose.
             local_priors = [local.into_prior(one) for one in held] + (
@@ -282,16 +283,16 @@ class BodyFitter:
         return pose
 
     def _segmented(self) -> dict[str, SilhouetteCamera]:
-        """Cameras in whose images of this frame the body was looked for, and is."""
+        """Return the cameras whose images of this frame were segmented and show the body."""
         return {name: camera for name, camera in self._cameras.items() if camera.segmented}
 
     def _near(self, these: Float64, those: Float64, steps: float) -> bool:
-        """Whether two vertex sets are at most ``steps`` samples of the segmentation apart."""
+        """Return whether two vertex sets are at most ``steps`` samples of the segmentation apart."""
         nearest_m = min((camera.sample_m for camera in self._segmented().values()), default=0.0)
         return farthest_apart_m(these, those) <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
-        """(height, width) by camera: what the body covers in a pose, and so much around it."""
+        """Return the pixels (height, width) that the body covers in a pose, by camera, grown by a margin."""
         vertices, out = posed(self.mesh, pose), {}
         for name, by in self.eyes.items():
             step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
@@ -304,7 +305,7 @@ class BodyFitter:
         return out
 
     def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
-        """How angles usually are, and how steady the body is."""
+        """Return the prior of usual angles, and the priors of smooth motion."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
         usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
@@ -313,7 +314,7 @@ class BodyFitter:
         (before_ns, _), (last_ns, last) = self._past
         since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
         per_s2 = 2.0 / (since_s * (since_s + before_s))
-        self._skin.expect(self.body.standing(expected), since_s, per_s2)
+        self._surface.expect(self.body.standing(expected), since_s, per_s2)
         penalty = s.steadiness.penalty(per_s2)
         turns = np.zeros(len(self._usual))
         turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
@@ -321,4 +322,4 @@ class BodyFitter:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (TreePose, Evidence, Eye)
-"""Kinds that are in a memory."""
+"""Classes in the state."""

@@ -1,7 +1,8 @@
-"""Which bodies are there, which are lost, where these wait, and when they are found again.
+"""Decide which bodies are visible and which are lost, and re-acquire lost ones.
 
-A body is seen where the outlines of a camera agree and differ from the empty room. For a moment without that it goes on
-as it did; then it is lost, and looked for where something is that was not in the empty room, or else where it was.
+A body is visible if a camera's two outlines agree and differ from the empty room. Without that its motion is
+extrapolated for a moment; then it is lost, and searched where the images differ from the empty room, or else at its
+last pose.
 """
 
 from __future__ import annotations
@@ -33,26 +34,26 @@ Bool = NDArray[np.bool_]
 SEEN_FROM: Final = 0.5
 """Least overlap of the outlines for a camera to count as seeing the body."""
 HIDDEN_FROM: Final = 0.7
-"""Least share of a body covered by others for a camera not to be asked about it."""
+"""Least fraction of a body covered by others for a camera to be ignored for it."""
 STANDS_OUT: Final = 0.3
 """Least foreground share of the segmented body."""
 LOST_AFTER_S: Final = 0.5
-"""A body that is not seen for so long is lost [s]."""
+"""Time unseen after which a body is lost [s]."""
 WITNESSES: Final = 2
-"""Cameras, of as many as there are, that have to see a body to find it again: one alone would take anything for it."""
+"""Fewest cameras, if there are as many, that must see a lost body to re-acquire it: one alone accepts any object."""
 
 
 class BodyPresence(msgspec.Struct, eq=False):
-    """State of one body from instant to instant.
+    """State of one body.
 
     Attributes:
-        pose: the last one that enough cameras saw whole; a lost body waits there.
+        pose: the last one that enough cameras saw completely; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
-        seen_ns: when it was seen last.
-        whole_in: in how many images all of it was then.
-        lost: whether it is.
+        seen_ns: when it was last seen.
+        whole_in: number of images that showed all of it then.
+        lost: whether it is lost.
         came: whether it has been seen at all.
-        placed: whether a person can be at the place that is searched.
+        placed: whether a person can be at the position that is searched.
     """
 
     pose: TreePose
@@ -69,11 +70,11 @@ class BodyPresence(msgspec.Struct, eq=False):
 
 
 class SilhouettePresence:
-    """Decides after every instant which of the fitted bodies are there, and where the fitter looks for the others.
+    """Decides for each frame which of the fitted bodies are present, and where the fitter searches for the others.
 
     Args:
         fitters: of the bodies.
-        rig: whose cameras see them.
+        rig: of the cameras.
 
     Attributes:
         empty: the background of each camera, as far as known.
@@ -92,11 +93,11 @@ class SilhouettePresence:
         self.empty = EmptyRoom()
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return [self._bodies, self.empty.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same bodies and rig."""
+        """Restore the state that `memory` returned; for the same bodies and rig."""
         self.reset()
         self._bodies, empty = memory
         self.empty.recall(empty)
@@ -107,20 +108,20 @@ class SilhouettePresence:
         return tuple(name for name, body in self._bodies.items() if body.lost)
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """A body is there, as the fitter was told."""
+        """Set a body's pose, as given to the fitter."""
         landmarks = landmarks_at(self._fitters.fitters[name].mesh, pose)
         self._bodies[name] = BodyPresence(pose, landmarks, time_ns, self._whole_in(landmarks, self._rig.cameras))
 
     def wait(self) -> None:
-        """Nobody is there yet: all bodies are looked for as lost ones are. After `start`.
+        """Treat all bodies as lost, because the room is empty at first. After `start`.
 
-        The empty room should be known: without it, any object is taken for a person.
+        The empty room should be known; without it, any object is taken for a person.
         """
         for body in self._bodies.values():
             body.lost, body.came = True, False
 
     def waiting(self, name: str) -> SeenBody:
-        """A body where it waits, before anything is looked for."""
+        """Return a body at its waiting pose, before any search."""
         body = self._bodies[name]
         fit = FittedBody(body.seen_ns, body.pose, body.landmarks, {}, {})
         return SeenBody(fit, True, self._covers(name, body.pose))
@@ -128,17 +129,18 @@ class SilhouettePresence:
     def update(
         self, number: int, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]
     ) -> tuple[dict[str, SeenBody], list[str]]:
-        """The bodies of one instant, the lost ones where they wait; and departures and arrivals in words.
+        """Return the bodies of one frame, with lost ones at their waiting pose, and messages about departures and
+        arrivals.
 
         Args:
-            number: of the instant, for the words.
-            found: by the fitter, by name.
+            number: of the frame, for the messages.
+            found: results of the fitter, by name.
             images: (height, width, 3) by camera.
         """
         for name, fit in found.items():
             self._look_for(name, fit, images)
         self._learn_empty(found, images)
-        seen, said = {}, []
+        seen, notes = {}, list[str]()
         for name, fit in found.items():
             body = self._bodies[name]
             away = body.away(fit.time_ns)
@@ -149,20 +151,21 @@ class SilhouettePresence:
             else:
                 seen[name] = SeenBody(fit, False)
             if away and not body.lost:
-                said.append(
+                notes.append(
                     f"frame {number}: {called(name)} is in no camera's image any more; the last place is watched"
                 )
             elif body.lost and not away:
-                said.append(f"frame {number}: {called(name)} is there{' again' if body.came else ''}")
+                notes.append(f"frame {number}: {called(name)} is there{' again' if body.came else ''}")
                 body.came = True
             body.lost = away
-        return seen, said
+        return seen, notes
 
     def _look_for(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Note when a body was seen, and the pose to wait at.
+        """Record when a body was seen, and the pose to wait at.
 
-        It waits only in a pose that enough cameras saw. A lost body is found again where all of it is seen, if it ever
-        was, and where the foreground shows a person: legs alone are soon lost again.
+        It waits only in a pose that enough cameras saw. A lost body is re-acquired only if all of it is visible, if it
+        ever was,
+        and if the foreground shows a person: legs alone are soon lost again.
         """
         body, others = self._bodies[name], self._fitters.others[name]
         good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in fit.seen.items())
@@ -174,7 +177,7 @@ class SilhouettePresence:
             body.seen_ns = fit.time_ns
 
     def _learn_empty(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]) -> None:
-        """Learn the room from images without one of the bodies, while the places of all bodies are known."""
+        """Learn the room from images without one of the bodies, while all bodies' poses are known."""
         if any(self._bodies[name].lost or self._bodies[name].away(one.time_ns) for name, one in found.items()):
             return
         without = [
@@ -186,7 +189,7 @@ class SilhouettePresence:
         self.empty.learn({camera: images[camera] for camera in without}, covered_by_all(found, self._rig))
 
     def _look_again(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Start the fitter where something is that was not in the empty room; else where the body was last."""
+        """Restart the fitter where the images differ from the empty room, or else at the body's last pose."""
         body, fitter, others = self._bodies[name], self._fitters.fitters[name], self._fitters.others[name]
         strange = {
             camera: self.empty.silhouette(camera, image, others=others.get(camera))
@@ -200,7 +203,7 @@ class SilhouettePresence:
         fitter.start(there or body.pose, fit.time_ns)
 
     def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
-        """In how many of these cameras' images all landmarks (n, 3) are."""
+        """Return in how many of these cameras' images all landmarks (n, 3) are."""
         return sum(within(landmarks, self._eyes[name]) for name in cameras)
 
     def _sees(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
@@ -212,7 +215,7 @@ class SilhouettePresence:
         return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
 
     def _covers(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
-        """What a body covers where it waits, by camera that sees it there."""
+        """Return the pixels that a body covers where it waits, by camera that shows it there."""
         if name not in self._waits or self._waits[name][0] is not pose:
             covered = self._fitters.fitters[name].covered(pose)
             drawn = {
@@ -225,4 +228,4 @@ class SilhouettePresence:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (BodyPresence, TreePose)
-"""Kinds that are in a memory."""
+"""Classes in the state."""

@@ -1,7 +1,7 @@
-"""Where somebody who is looked for is, of whom only what is not in the empty room is known.
+"""Re-acquire a lost body from foreground masks.
 
-The middles of what two or more cameras see are triangulated; the body is set there as it stood before, turned about
-itself in several ways, and moved as long as it covers more of what the cameras see.
+The centres of the foreground in two or more cameras are triangulated. The body is placed there in its last posture, in
+several rotations about its own axis, and moved while its overlap with the foreground increases.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 STEP_PX: Final = 8
-"""Coarse samples do: what is found is where a tracker begins."""
+"""Sampling step; coarse, because the result is only the tracker's initial pose."""
 FEWEST: Final = 8
-"""A thing of fewer samples is none."""
+"""Fewest samples of a foreground object."""
 MEETING_M: Final = 0.4
-"""Cameras see one thing if its middles' lines of sight are so near to each other [m]: some see only a part of it."""
+"""Largest distance of a line of sight from the object's centre [m]; some cameras see only a part of the object."""
 COVERED: Final = 0.45
-"""Share of what is covered or seen, in the mean of the cameras, that is both; below, it is something else."""
+"""Least mean overlap of body and foreground; below, the object is something else."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
-"""About the body's own axis, of the way it stood."""
+"""Rotations that are tried, about the body's own axis, relative to its last orientation."""
 STEPS_M: Final = (0.2, 0.1, 0.05)
-"""By which the body is moved [m]."""
+"""Steps by which the body is moved [m]."""
 BETTER_TURNED: Final = 0.02
-"""A turn has to be worth so much more: from before and from behind bodies are hardly different."""
+"""Gain in overlap that a rotation needs, because front and back views of bodies hardly differ."""
 
 
 def reacquire(
     seen: Mapping[str, Silhouette], body: SilhouetteBody, before: TreePose, eyes: Mapping[str, Eye]
 ) -> TreePose | None:
-    """The pose ``before``, moved and turned to where cameras see something; None where no two see one body.
+    """Return the pose ``before``, moved and rotated to the foreground; None if no two cameras see one body.
 
     Args:
-        seen: what is not in the empty room, by camera.
-        body: who is looked for.
-        before: how it stood last, upright.
+        seen: foreground relative to the empty room, by camera.
+        body: the lost body.
+        before: its last pose, upright.
         eyes: of the cameras.
     """
     masks = {name: _coarse(one, eyes[name].size_px) for name, one in seen.items()}
@@ -66,7 +66,7 @@ def reacquire(
 
 
 def _nearer(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> tuple[TreePose, float]:
-    """The pose moved to where it covers most, and how much that is."""
+    """Return the pose moved to its largest overlap, and that overlap."""
     most = _covers(body, pose, shown)
     for step_m in STEPS_M:
         for way in (*np.eye(3), *-np.eye(3)):
@@ -77,7 +77,7 @@ def _nearer(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Boo
 
 
 def _covers(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> float:
-    """Intersection over union of the body and what is seen, the mean of the cameras."""
+    """Return the intersection over union of body and foreground, the mean over the cameras."""
     shares, vertices = [], body.standing(pose).vertices
     for by, mask in shown:
         outline = see(body.figure, vertices, by, step_px=STEP_PX, margin_px=0, spacing_px=STEP_PX)
@@ -92,7 +92,7 @@ def _moved(pose: TreePose, by_m: Float64) -> TreePose:
 
 
 def _met(lines: Mapping[str, Float64]) -> tuple[Float64, Sequence[str]] | None:
-    """The point (3,) that most lines of sight are near to, and whose these are; None where no two meet."""
+    """Return the point (3,) that most lines of sight pass near, and their cameras; None if no two meet."""
     best: tuple[Float64, Sequence[str]] | None = None
     for pair in combinations(lines, 2):
         point = _nearest([lines[name] for name in pair])
@@ -103,7 +103,7 @@ def _met(lines: Mapping[str, Float64]) -> tuple[Float64, Sequence[str]] | None:
 
 
 def _nearest(lines: Sequence[Float64]) -> Float64:
-    """The point (3,) nearest to lines (6,), in the sum of squares; of parallel ones, the one nearest to the origin."""
+    """Return the point (3,) nearest to lines (6,) in the sum of squares; nearest to the origin if they are parallel."""
     A, b = np.zeros((3, 3)), np.zeros(3)
     for line in lines:
         A, b = A + np.eye(3) - np.outer(line[:3], line[:3]), b + np.cross(line[:3], line[3:])
@@ -111,13 +111,13 @@ def _nearest(lines: Sequence[Float64]) -> Float64:
 
 
 def _middle_line(mask: Bool, by: Eye) -> Float64:
-    """(6,) the line of sight of the middle of a coarse mask."""
+    """Return the line of sight (6,) of a coarse mask's centre."""
     pixels = STEP_PX * np.argwhere(mask).mean(axis=0)[::-1]
     return camera_rays(pixels, by.lens, by.T_camera_world)
 
 
 def _on_grid(outline: Outline, shape: tuple[int, ...]) -> Bool:
-    """(rows, columns) what an outline covers, of whose window a sample is one of the grid's."""
+    """Return the samples (rows, columns) of the grid that an outline covers; its window is aligned with the grid."""
     x, y = (at // STEP_PX for at in outline.origin_px)
     left, top = max(x, 0), max(y, 0)
     part, out = outline.mask[top - y :, left - x :], np.zeros(shape, np.bool_)
@@ -127,5 +127,5 @@ def _on_grid(outline: Outline, shape: tuple[int, ...]) -> Bool:
 
 
 def _coarse(silhouette: Silhouette, size_px: tuple[int, int]) -> Bool:
-    """(rows, columns) every `STEP_PX` px of an image, what a silhouette covers."""
+    """Sample a silhouette every `STEP_PX` px of an image (rows, columns)."""
     return silhouette.mask(size_px)[::STEP_PX, ::STEP_PX]

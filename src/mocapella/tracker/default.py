@@ -1,7 +1,7 @@
 """The method ``default``: calibrate sensors from people's motion, and track each person from a prediction.
 
     T, offsets  = calibrate(bodies)             one motion and clock offset for each sensor, shared by all people
-    people      = associate(bodies, expected)   global assignment to people's predicted places
+    people      = associate(bodies, expected)   global assignment to people's predicted positions
     labels      = facing(views)                 which way people face, and which views are mirrored
     measured    = fuse(views)                   mean of the views, weighted by their reliability
     steady      = body(measured)                the prediction is part of the estimate
@@ -72,10 +72,10 @@ _NEEDED_PARTS: Final = ("root",)
 
 
 class DefaultTracker:
-    """See the module.
+    """Tracker of the method ``default``.
 
     Attributes:
-        joint_bias: subtracted from the views of sensors with those joints, or None; read with every frame.
+        joint_bias: subtracted from the views of sensors with those joints, or None; read at every frame.
     """
 
     joint_bias: JointBiasModel | None
@@ -160,7 +160,7 @@ class DefaultTracker:
         self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin from poses known before the first frame: used for a sensor until its own place is known better."""
+        """Begin from given poses, each used until the sensor's own pose is estimated better."""
         self._calibration.start_from(T_world_sensor)
 
     def use_layout(self, layout: SensorLayout) -> None:
@@ -173,16 +173,16 @@ class DefaultTracker:
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
-        """What is known of the sensors now."""
+        """Return the present poses, clock offsets and swapped views of the sensors."""
         layout = self._calibration.layout
-        told = {name: np.array(sensor.T_world_sensor) for name, sensor in layout.sensors.items()} if layout else {}
+        given = {name: np.array(sensor.T_world_sensor) for name, sensor in layout.sensors.items()} if layout else {}
         if self._people is None:
-            return SensorViews(told)
+            return SensorViews(given)
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
         places = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
-        if self._root in told:  # of sensors that were not heard yet
-            T_world_layout = self._T_world_root @ inverse(told[self._root])
-            places |= {name: T_world_layout @ T for name, T in told.items() if name not in clocks}
+        if self._root in given:  # add sensors without a frame yet
+            T_world_layout = self._T_world_root @ inverse(given[self._root])
+            places |= {name: T_world_layout @ T for name, T in given.items() if name not in clocks}
         return SensorViews(
             places,
             {name: -clock.seconds for name, clock in clocks.items() if clock is not None and clock.known},
@@ -191,11 +191,11 @@ class DefaultTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """What came of all frames so far."""
+        """Counts of all frames so far."""
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         see = self._see.get(type(arrival.frame))
         problem = not_taken(arrival.frame, "default") if see is None else see(arrival)
         if problem:
@@ -203,7 +203,7 @@ class DefaultTracker:
         return self._scene(arrival)
 
     def _see_bodies(self, arrival: Arrival) -> str:
-        """Take in what a sensor saw of people's bodies; returns why it cannot be used."""
+        """Take in a sensor's bodies; return why the frame cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
             return heard.problem
@@ -215,31 +215,31 @@ class DefaultTracker:
         self._track(sighting, self._people, corrections)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
-        self._tell_arms(arrival.at_ns)
+        self._update_arms(arrival.at_ns)
         return ""
 
     def _see_arms(self, arrival: Arrival) -> str:
-        """Take in what a depth camera saw of people's arms; returns why it cannot be used."""
+        """Take in a depth camera's arms; return why the frame cannot be used."""
         frame: Any = arrival.frame
         placed = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
         if problem := self._arms.problem(frame, placed):
             return problem
         self._arms.update(frame, arrival.at_ns / NS_PER_S, placed)
-        self._tell_arms(arrival.at_ns)
+        self._update_arms(arrival.at_ns)
         return ""
 
     def _see_images(self, arrival: Arrival) -> str:
-        """Take in a camera's image of people's bodies; returns why it cannot be used."""
+        """Take in a camera's image; return why it cannot be used."""
         problem = self._bodies.see(arrival, self._shown, self._arrivals.topology)
-        self._shown_bodies = self._bodies.told(self._shown, self._arrivals.topology)
+        self._shown_bodies = self._bodies.tracked_bodies(self._shown, self._arrivals.topology)
         return problem
 
-    def _tell_arms(self, at_ns: int) -> None:
+    def _update_arms(self, at_ns: int) -> None:
         if self._shown_arms or self._arms.there:
-            self._shown_arms = self._arms.told(self._shown, self._arrivals.topology, at_ns / NS_PER_S)
+            self._shown_arms = self._arms.tracked_arms(self._shown, self._arrivals.topology, at_ns / NS_PER_S)
 
     def _without_jumps(self, sighting: Sighting, people: People) -> Sighting:
-        """The frame's bodies, without the ones at impossible places."""
+        """Return the frame's bodies without those at impossible positions."""
         bodies = sighting.bodies
         there = self._jumps.update(
             bodies.sensor, bodies.ids, bodies.positions[:, people.middle], sighting.at_ns / NS_PER_S
@@ -262,14 +262,14 @@ class DefaultTracker:
         return people.corrections(model, bodies, rows, T, max(self._now_s, at_s))
 
     def _common_s(self, sighting: Sighting) -> float:
-        """When a frame was captured, on the common clock [s]."""
+        """Return a frame's capture time on the common clock [s]."""
         clock = self._calibration.state.sensors[sighting.bodies.sensor].clock
         return sighting.at_ns / NS_PER_S - (clock.seconds if clock is not None and clock.known else 0.0)
 
     def _calibrate(self, sighting: Sighting, heard: Heard, corrections: Float64 | None) -> None:
         """Calibrate the sensors from the frame. The root sensor's space is the frame of all other results."""
         frame = sighting.frame
-        pose = self._poses.get(frame.sensor) or _told_pose(frame.tilt, max(0.0, frame.height))
+        pose = self._poses.get(frame.sensor) or _frame_pose(frame.tilt, max(0.0, frame.height))
         bodies = sighting.bodies
         if corrections is not None:
             bodies = msgspec.structs.replace(bodies, positions=bodies.positions + corrections)
@@ -288,7 +288,7 @@ class DefaultTracker:
                 self._tracks.move(T_root_old)
             self._root, self._T_root_sensor = root, {}
         before, self._T_root_sensor = self._T_root_sensor, {root: np.eye(4)}
-        if sensors[root].trusted:  # else its own place may be in doubt, and it goes on alone where it was
+        if sensors[root].trusted:  # otherwise it continues alone with its last pose
             self._T_world_root = sensors[root].T_world_sensor
             to_root = inverse(self._T_world_root)
             self._T_root_sensor |= {
@@ -301,7 +301,7 @@ class DefaultTracker:
                 if name in before and not np.array_equal(T, before[name]):
                     self._people.move_sensor(name, T @ inverse(before[name]))
             self._people.level(self._T_world_root[:3, :3])
-        self._places = self._say_places()
+        self._places = self._sensor_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
         """The root sensor, whose space defines the world: kept until more sensors are tied to each other without it."""
@@ -316,7 +316,7 @@ class DefaultTracker:
         if len(most) < 2 or (self._root in own and len(own) == len(most)):
             self._outvoted_s = None
             return self._root
-        # A change would lose the people seen now; mostly the root is tied to the others a little later.
+        # A change would lose the visible people; usually the root is tied to the others a little later.
         self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
         seen = self._tracks.memory.present.any()
         if self._root not in own and seen and self._now_s - self._outvoted_s < self.settings.keep_root_s:
@@ -334,7 +334,7 @@ class DefaultTracker:
         self._now_s = max(self._now_s, at_s)
         associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, corrections, at_s=at_s, now_s=self._now_s)
 
-    def _say_places(self) -> tuple[SensorPlace, ...]:
+    def _sensor_places(self) -> tuple[SensorPlace, ...]:
         return tuple(
             SensorPlace(
                 name,
@@ -355,7 +355,7 @@ class DefaultTracker:
         return TrackerState(Phase.TRACKING if tied else Phase.CALIBRATING, reason=self._conditions)
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
-        """The confirmed people who were seen lately, with the views that are not too old."""
+        """Return the confirmed people who were seen recently, with the views that are recent enough."""
         tracks, results = self._tracks.memory, people.results(self._T_world_root, self._now_s)
         views, states = self._follow_views(heard, people, results), people.memory.states.copy()
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
@@ -366,9 +366,9 @@ class DefaultTracker:
         )
 
     def _follow_views(self, heard: Heard, people: People, results: PeopleResults) -> list[dict[str, PotentialSkeleton]]:
-        """Of each row of people the views that are in use, in the order of the sensors' names.
+        """Return the views in use for each row of people, in the order of the sensors' names.
 
-        Only those of the newest frame are made anew, unless a place has changed, or two have become one.
+        Only those of the newest frame are rebuilt, unless a pose has changed or two tracks were merged.
         """
         fresh = results.fresh.tolist()
         anew = self._views is None or bool(self._tracks.merged)
@@ -398,7 +398,7 @@ class DefaultTracker:
     def _views_of(
         self, sensor: str, column: int, heard: Heard, people: People, results: PeopleResults
     ) -> list[PotentialSkeleton]:
-        """Of each row of people the sensor's newest view."""
+        """Return the sensor's newest view of each row of people."""
         frame, memory = heard.newest[sensor].frame, people.memory
         T, pose = self._T_world_root @ self._T_root_sensor[sensor], self._poses.get(sensor, frame)
         views = zip(
@@ -423,8 +423,8 @@ class DefaultTracker:
 
 
 @lru_cache(maxsize=64)
-def _told_pose(tilt: float, height: float) -> SensorPose:
-    """A frame says it anew each time."""
+def _frame_pose(tilt: float, height: float) -> SensorPose:
+    """Return a pose that frames repeat, as one shared value."""
     return SensorPose(tilt, height)
 
 

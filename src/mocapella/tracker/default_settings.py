@@ -23,18 +23,18 @@ class DefaultSettings:
     """The settings of every stage.
 
     Attributes:
-        calibration: where the sensors are.
+        calibration: of the sensors' poses.
         jumps: rejection of bodies at impossible places.
         tracks: assignment of bodies to people.
-        people: how their views become skeletons.
-        silent_after_s: a sensor without a frame for so long is not waited for.
-        joint_bias: ``learnt`` takes off what sensors are known to be wrong by, depending on how people are turned;
-            ``none`` does not.
+        people: fusion and smoothing of their views.
+        silent_after_s: a sensor without a frame for this long is not waited for.
+        joint_bias: ``learnt`` subtracts the sensors' known joint bias, which depends on people's facing; ``none`` does
+            not.
         keep_root_s: how long the root sensor, whose space defines the world, is kept while other sensors are tied to
             each other but not yet to it [s].
         arms: people's arms in depth cameras, and the poses of these cameras.
         bodies: body models fitted to cameras' images, and their assignment to people.
-        shown_for_s: how long a person whom no sensor sees is shown, as predicted [s].
+        shown_for_s: how long an unseen person is reported, as predicted [s].
     """
 
     calibration: PeopleCalibrationSettings = field(default_factory=PeopleCalibrationSettings)

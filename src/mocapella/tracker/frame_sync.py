@@ -1,19 +1,18 @@
-"""Group the frames of several cameras into sets of one instant, by their order of arrival alone.
+"""Group the frames of several cameras into simultaneous sets, from their order of arrival alone.
 
     sync = FrameSync(rig.cameras)
     for arrival in arrivals:
         for instant in sync.update(arrival):
             instant.time_ns, instant.frames["left"]
 
-Cameras in step, as of files, give frames of equal ``at_ns``: a set closes with the last of them. Cameras of one rate
-that are not in step are up to a period apart: a set has the first waiting frame of each that is within `WITHIN` of a
-period of the oldest, and where a camera's next one would be nearer to the others, its first is dropped. A camera that
-has nothing waiting is waited for until an arrival shows that its frame will not come: one of its own of a later
-instant, or one of another camera that is too much later. So the order of arrival within an instant does not matter,
-except for the first frame after a silence, which is not waited for.
+Synchronised cameras, such as files, give frames of equal ``at_ns``: a set closes with the last of them. Cameras of one
+rate without synchronisation are up to a period apart: a set has the first waiting frame of each camera within `WITHIN`
+of a period of the oldest; if a camera's next frame would be nearer to the others, its first one is dropped. A camera
+without a waiting frame is waited for until an arrival shows that its frame will not come: a later one of its own, or
+one of another camera that is late enough. So the order of arrival within a set does not matter, except for the first
+frame after a silence, which is not waited for.
 
-The only clock is the newest ``at_ns`` so far. A camera whose frames come steadily behind it is waited for that much
-longer.
+The only clock is the newest ``at_ns`` so far. A camera whose frames are constantly late is waited for that much longer.
 """
 
 from __future__ import annotations
@@ -30,19 +29,19 @@ from mocapella.model.observations import Arrival
 from mocapella.settings import check
 
 INTERVALS: Final = 15
-"""A camera's period is the median of so many last intervals."""
+"""Number of intervals whose median is a camera's period."""
 FEWEST: Final = 5
-"""Fewest intervals, or delays, for an estimate of a camera's period or lateness."""
+"""Fewest intervals, or delays, for an estimate of a camera's period or delay."""
 WITHIN: Final = 0.9
-"""Frames of one instant are less than so many periods apart."""
+"""Largest span of a set, in periods."""
 OVERDUE: Final = 1.5
-"""A prompt camera is waited for until another one is so many periods later."""
+"""A camera is waited for until another one is this many periods later."""
 NEARER: Final = 0.125
-"""A frame is dropped where the camera's next one makes a set shorter by so many periods."""
+"""A frame is dropped if the camera's next one shortens the set by this many periods."""
 STEADY: Final = 0.5
-"""How late frames come is known where half of them differ by less than so many periods."""
+"""A camera's delay is known if half of its delays differ by less than this many periods."""
 LATEST_S: Final = 0.5
-"""Nobody waits for a camera that is later: that many images would have to be kept."""
+"""Longest delay that is waited for, which bounds the number of stored images [s]."""
 
 NOT_RISING: Final = "its time does not rise"
 CLOSED: Final = "its set was closed before it came"
@@ -51,11 +50,11 @@ NOT_NEAREST: Final = "a later image of this camera is nearer to the others'"
 
 @dataclass(frozen=True)
 class FrameSyncSettings:
-    """What is to be known before the first frame.
+    """Assumptions before the first frame.
 
     Attributes:
-        period_s: of the cameras, as long as their frames have not shown it [s].
-        silent_after_s: a camera without a frame for so long is not waited for [s].
+        period_s: the cameras' period, until their frames show it [s].
+        silent_after_s: a camera without a frame for this long is not waited for [s].
     """
 
     period_s: float = 1.0 / 30.0
@@ -67,10 +66,10 @@ class FrameSyncSettings:
 
 
 class SyncedFrames(msgspec.Struct, frozen=True, eq=False):
-    """Frames of one instant.
+    """Simultaneous frames.
 
     Attributes:
-        time_ns: middle of the oldest and the newest, on the clock of all cameras.
+        time_ns: midpoint of the oldest and the newest, on the common clock.
         frames: one of each camera that has one, by its name.
     """
 
@@ -79,7 +78,7 @@ class SyncedFrames(msgspec.Struct, frozen=True, eq=False):
 
 
 class _Waiting:
-    """One camera's frames that are in no set yet, and how often and how late its frames come."""
+    """One camera's waiting frames, its intervals and its delays."""
 
     def __init__(self) -> None:
         self.frames: deque[Arrival] = deque()
@@ -90,13 +89,14 @@ class _Waiting:
         self._late: deque[int] = deque(maxlen=INTERVALS)
 
     def hear(self, arrival: Arrival, now_ns: int) -> None:
-        """A frame came when the newest of all was of ``now_ns``."""
+        """Record the arrival of a frame when the newest time was ``now_ns``."""
         self.heard_ns = now_ns
         self._late.append(now_ns - arrival.at_ns)
 
     def leave(self) -> None:
-        """The first frame waits no more. Its interval is learnt now, not when it came: what a set is made of must not
-        depend on the order of arrival.
+        """Remove the first frame, and learn its interval.
+
+        It is not learnt on arrival, so that sets do not depend on the order of arrival.
         """
         arrival, before = self.frames.popleft(), self._left
         self._left = arrival.frame.node_id, arrival.frame.sequence, arrival.at_ns
@@ -105,12 +105,12 @@ class _Waiting:
 
     @property
     def period_ns(self) -> float | None:
-        """The median of the camera's intervals; None before there is one."""
+        """Median of the camera's intervals; None before there is one."""
         known = sorted(self._intervals)
         return known[len(known) // 2] if known else None
 
     def late_ns(self, period_ns: float) -> float:
-        """How late the camera's frames come, in general; 0 while that is not known, or too much to be waited for."""
+        """Return the typical delay of the camera's frames; 0 while it is unknown, or too long to wait for."""
         known = sorted(self._late)
         count = len(known)
         if count <= FEWEST or known[3 * count // 4] - known[count // 4] > STEADY * period_ns:
@@ -118,7 +118,7 @@ class _Waiting:
         return known[count // 2] if known[count // 2] <= LATEST_S * NS_PER_S else 0.0
 
     def next_ns(self) -> float | None:
-        """When the frame after the first is expected; None where that is not known."""
+        """Return the expected time of the frame after the first; None if unknown."""
         period_ns = self.period_ns
         return None if period_ns is None or len(self._intervals) < FEWEST else self.frames[0].at_ns + period_ns
 
@@ -131,15 +131,15 @@ class _Waiting:
 
 
 class FrameSync:
-    """Holds frames until the set of their instant is complete.
+    """Holds frames until their set is complete.
 
     Args:
         cameras: names of the cameras to wait for.
         settings: see there.
 
     Attributes:
-        used: frames that became part of a set.
-        dropped: how many did not, by the reason.
+        used: number of frames that became part of a set.
+        dropped: number of dropped frames, by reason.
     """
 
     def __init__(self, cameras: Iterable[str], settings: FrameSyncSettings | None = None) -> None:
@@ -158,29 +158,29 @@ class FrameSync:
 
     @property
     def waiting(self) -> int:
-        """Frames whose instant is not complete."""
+        """Number of frames whose set is not complete."""
         return sum(len(camera.frames) for camera in self._cameras.values())
 
     @property
     def period_ns(self) -> float:
-        """The median of the cameras' periods; as the settings say before the first is known."""
+        """Median of the cameras' periods; the setting before the first is known."""
         known = sorted(period for camera in self._cameras.values() if (period := camera.period_ns) is not None)
         return known[len(known) // 2] if known else self.settings.period_s * NS_PER_S
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Cameras that are not waited for, in the order of their names given."""
+        """Cameras that are not waited for, in the order given."""
         return tuple(name for name, camera in self._cameras.items() if self._is_silent(camera))
 
     @property
     def heard(self) -> tuple[str, ...]:
-        """Cameras that speak."""
+        """Cameras that send frames."""
         return tuple(
             name for name, one in self._cameras.items() if one.heard_ns is not None and not self._is_silent(one)
         )
 
     def update(self, arrival: Arrival) -> list[SyncedFrames]:
-        """Take a frame in; returns the sets that are complete with it, in the order of their times.
+        """Take in a frame; return the sets that it completes, in the order of their times.
 
         Raises:
             KeyError: its sensor is none of the cameras.
@@ -203,12 +203,12 @@ class FrameSync:
         return list(self._closed(ended=True))
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants, of plain values and arrivals."""
+        """Return all state, for `recall`, as plain values and arrivals."""
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
         return [cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made."""
+        """Restore the state that `memory` returned."""
         cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped = memory
         for name, camera in self._cameras.items():
             camera.recall(cameras[name])
@@ -248,12 +248,12 @@ class FrameSync:
         return self._now_ns - since_ns > self.settings.silent_after_s * NS_PER_S
 
     def _may_come(self, camera: _Waiting, begin_ns: int, period_ns: float) -> bool:
-        """Whether a camera without a waiting frame may still give one of the instant that begins then."""
+        """Return whether a camera without a waiting frame may still give one for the set that begins then."""
         overdue_ns = camera.late_ns(period_ns) + OVERDUE * period_ns
         return self._now_ns is not None and self._now_ns - begin_ns <= overdue_ns and not self._is_silent(camera)
 
     def _not_nearest(self, together: Mapping[str, Arrival], period_ns: float) -> Sequence[str]:
-        """Cameras, the oldest first, without whose frames the set would be shorter: their next ones are nearer."""
+        """Return cameras, the oldest first, whose next frames would make the set shorter."""
         order = sorted(together, key=lambda name: (together[name].at_ns, name))
         begin_ns, end_ns = together[order[0]].at_ns, together[order[-1]].at_ns
         best, shortest_ns, later_ns = 0, end_ns - begin_ns - NEARER * period_ns, float(end_ns)
@@ -269,4 +269,4 @@ class FrameSync:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (Arrival,)
-"""Types in a memory, beside the frames' own."""
+"""Types in the state, besides the frames' own."""

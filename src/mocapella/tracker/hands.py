@@ -1,10 +1,10 @@
-"""The method ``hands``: coloured markers that several cameras see, a hand, and things that it holds.
+"""The method ``hands``: track coloured markers with several cameras, fit a hand, and track objects that it holds.
 
-    pixels = smooth(pixels)          each camera's, where that is asked for
-    points = rays(pixels)            each camera's pixels at their own instants, one point for each marker
-    steady = smooth(points)          where that is asked for
-    hand   = fit(steady)             within the limits of a hand
-    things = poses(pixels)           rigid objects, by their own markers or tags, or by another tracker; held or not
+    pixels  = smooth(pixels)         each camera's, if configured
+    points  = rays(pixels)           each camera's pixels at their own times, one point per marker
+    steady  = smooth(points)         if configured
+    hand    = fit(steady)            within the joint limits of a hand
+    objects = poses(pixels)          rigid objects, from markers, tags or another tracker; held or not
 
 See docs/methods/hand.md and docs/triangulation.md.
 """
@@ -54,27 +54,26 @@ _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class HandsSettings:
-    """Which markers are what, and the settings of every stage.
+    """Markers, and the settings of every stage.
 
     Attributes:
         tips: the markers of thumb to little finger.
         base: the markers of the hand's base.
-        base_places_m: (base, 3) where they are in the palm's frame of a right hand; empty takes the usual places, on
-            the palm's side.
-        middle_sd_px: how far the middle of what a camera sees of a marker is from that of the whole marker; on top of
-            what the camera says of its own error.
+        base_places_m: (base, 3) their positions in the palm frame of a right hand; empty for the usual ones on the
+            palm.
+        middle_sd_px: error of a partly visible marker's centre, in addition to the camera's own.
         constraints: ``thesis`` or ``full``: which angles are free.
-        rays: how markers move.
-        fit: how hands move.
-        smoothing_2d: of each camera's pixels, before the rays; its unit of speed is the pixel; None does without.
-        smoothing: of the points, before the hand is fitted; None does without.
-        objects: things that are tracked, too.
-        poses: how they move.
-        tag_sd_px: error of a tag's corners on top of what the camera says: of the lens, and of how it is glued on.
-        spaces: of other trackers, as `mocapella calibrate space` found them.
-        grasp: when they are held.
+        rays: motion of markers.
+        fit: motion of hands.
+        smoothing_2d: of each camera's pixels, before the rays, with speeds in pixels; None for none.
+        smoothing: of the points, before the hand is fitted; None for none.
+        objects: objects to track.
+        poses: motion of objects.
+        tag_sd_px: error of a tag's corners by lens and mounting, in addition to the camera's own.
+        spaces: of other trackers, as estimated by `mocapella calibrate space`.
+        grasp: when objects are held.
         rig_fit: when swapped cameras, or a rig that does not fit, are reported.
-        silent_after_s: a camera without a frame for so long is not waited for.
+        silent_after_s: a camera without a frame for this long is not waited for.
     """
 
     tips: tuple[str, str, str, str, str] = ("red", "yellow", "green", "blue", "magenta")
@@ -102,32 +101,32 @@ class HandsSettings:
         check(fits, "base_places_m", self.base_places_m, f"empty, or one place for each of {', '.join(self.base)}")
         check(0 <= self.middle_sd_px <= 100, "middle_sd_px", self.middle_sd_px, "from 0 to 100 px")
         check(0 <= self.tag_sd_px <= 100, "tag_sd_px", self.tag_sd_px, "from 0 to 100 px")
-        called = [thing.name for thing in self.objects]
-        check(len(set(called)) == len(called), "objects", called, "each with a name of its own")
+        own = [one.name for one in self.objects]
+        check(len(set(own)) == len(own), "objects", own, "each with its own name")
         spaces = [one.space for one in self.spaces]
         check(len(set(spaces)) == len(spaces), "spaces", spaces, "each once")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
 
     @property
     def hand_markers(self) -> tuple[str, ...]:
-        """Of the hand: tips and base."""
+        """Markers of the hand: tips and base."""
         return *self.tips, *self.base
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """All of them: of the hand, and those and the tags' corners of the objects."""
-        return (*self.hand_markers, *(name for thing in self.objects for name in thing.points))
+        """All markers: of the hand and of the objects, with the tags' corners."""
+        return (*self.hand_markers, *(name for one in self.objects for name in one.points))
 
 
 class _Taken(NamedTuple):
-    """What is done with frames of a type: why one cannot be used, empty where it can; and take it in."""
+    """Handlers of a frame type: why a frame cannot be used (empty if it can), and the update by it."""
 
     problem: Callable[[Any], str]
     see: Callable[[Arrival], None]
 
 
 class HandsTracker:
-    """See the module. Cameras that are not in the rig are refused."""
+    """Tracker of the method ``hands``. Cameras that are not in the rig are rejected."""
 
     def __init__(
         self,
@@ -150,7 +149,7 @@ class HandsTracker:
         self._fit = HandTracker(model, self.shape, places, s.fit)
         self._smooth_2d = {} if s.smoothing_2d is None else {name: OneEuro(s.smoothing_2d) for name in sorted(cameras)}
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
-        self._things = RigidObjects(self.rig, s.objects, s.poses, s.grasp)
+        self._objects = RigidObjects(self.rig, s.objects, s.poses, s.grasp)
         self._spaces = {one.space: one for one in s.spaces}
         self._places = {name: _place(name, camera.T_camera_world) for name, camera in sorted(cameras.items())}
         self._takes: dict[type[SensorFrame], _Taken] = {
@@ -168,7 +167,7 @@ class HandsTracker:
             smooth.reset()
         if self._smooth is not None:
             self._smooth.reset()
-        self._things.reset()
+        self._objects.reset()
         self._told_s = -math.inf
         self._heard_ns: dict[str, int] = {}
         self._newest: dict[str, tuple[int, int]] = {}
@@ -180,7 +179,7 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Find markers and hand anew; where the cameras are is the rig's, which `mocapella calibrate cameras` makes."""
+        """Detect markers and hand again; the cameras' poses are the rig's, from `mocapella calibrate cameras`."""
         rejected, steps, hand_id = self._rejected, self._steps, self._hand_id
         self.reset()
         self._rejected, self._steps, self._hand_id = rejected, steps, hand_id
@@ -195,13 +194,13 @@ class HandsTracker:
             {name: getattr(self._fit, name) for name in ("_state", "report")},
             None if self._smooth is None else {n: v for n, v in vars(self._smooth).items() if n != "settings"},
             [{n: v for n, v in vars(smooth).items() if n != "settings"} for smooth in self._smooth_2d.values()],
-            self._things.memory(),
+            self._objects.memory(),
         ]
         return pack(parts, _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
-        own, rays, rig_fit, fit, smooth, smooth_2d, things = unpack(data, _REMEMBERED)
+        own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         vars(self).update(own)
         vars(self._rays).update(rays)
         vars(self._rig_fit).update(rig_fit)
@@ -210,15 +209,15 @@ class HandsTracker:
             vars(self._smooth).update(smooth)
         for filtered, memory in zip(self._smooth_2d.values(), smooth_2d, strict=True):
             vars(filtered).update(memory)
-        self._things.recall(things)
+        self._objects.recall(objects)
 
     @property
     def report(self) -> TrackerReport:
-        """What came of all frames so far."""
+        """Counts of all frames so far."""
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         frame = arrival.frame
         takes = self._takes.get(type(frame))
         if takes is None:
@@ -231,15 +230,15 @@ class HandsTracker:
         return self._scene(arrival)
 
     def _see_poses(self, arrival: Arrival) -> None:
-        """Take in where another tracker says that objects are."""
+        """Take in another tracker's poses of objects."""
         frame: Any = arrival.frame
         space = self._spaces[frame.space]
         at_s = arrival.at_ns / NS_PER_S - space.clock_s
-        self._things.hear(frame, space.T_world_space, at_s)
-        self._said = self._with_things(self._said, max(at_s, self._told_s))
+        self._objects.add_poses(frame, space.T_world_space, at_s)
+        self._said = self._with_objects(self._said, max(at_s, self._told_s))
 
     def _see_markers(self, arrival: Arrival) -> None:
-        """Take in the markers that a camera sees."""
+        """Take in a camera's markers."""
         frame: Any = arrival.frame
         at_s = arrival.at_ns / NS_PER_S
         self._heard_ns[frame.sensor] = arrival.at_ns
@@ -248,18 +247,19 @@ class HandsTracker:
         if self._smooth_2d:
             pixels = self._smooth_2d[frame.sensor].update(pixels, at_s)
         points = self._rays.update(frame.sensor, pixels, sd, at_s)
-        self._things.see(frame, at_s, marker_sd_px=self.settings.middle_sd_px, tag_sd_px=self.settings.tag_sd_px)
+        s = self.settings
+        self._objects.add_markers(frame, at_s, marker_sd_px=s.middle_sd_px, tag_sd_px=s.tag_sd_px)
         self._state = self._stand(arrival.at_ns)
         self._said = self._describe(points, arrival.at_ns)
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:
-            fix = "mocapella calibrate space finds how it lies, and serve --alignment FILE says so"
+            fix = "run mocapella calibrate space, then serve --alignment FILE"
             return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
-        wanted = {thing.body for thing in self.settings.objects if thing.space == frame.space}
+        wanted = {one.body for one in self.settings.objects if one.space == frame.space}
         if frame.names and not set(frame.names) & wanted:
             fix = f"""--set 'objects=[{{"name": "thing", "space": "{frame.space}", "body": "{frame.names[0]}"}}]'"""
-            return f"none of its bodies is a thing: {fix}"
+            return f"none of its bodies is a configured object: {fix}"
         return ""
 
     def _markers_problem(self, frame: MarkerFrame) -> str:
@@ -267,14 +267,14 @@ class HandsTracker:
             return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.size_px != size:
-            told = f"{frame.size_px[0]} × {frame.size_px[1]}"
-            return f"its pictures are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
+            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
+            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
         if frame.names and not set(frame.names) & set(self.settings.markers):
             return f"none of its markers is wanted: {one_of('', self.settings.markers)}"
         return ""
 
     def _in_order(self, frame: MarkerFrame) -> tuple[Float64, Float64]:
-        """Pixels and their standard deviations in the order of the hand's markers; NaN of one that is not there."""
+        """Return pixels and standard deviations in the order of the hand's markers; NaN for missing ones."""
         place = {name: i for i, name in enumerate(frame.names)}
         names = self.settings.hand_markers
         pixels, sd = np.full((len(names), 2), np.nan), np.full(len(names), UNSAID_SD_PX)
@@ -301,14 +301,14 @@ class HandsTracker:
         hands = self._hands(hand)
         sd = np.sqrt(np.trace(found.covariances, axis1=1, axis2=2) / 3).astype(np.float32)
         cameras = np.where(found.states == RayState.TRACKED, 2, known.astype(int)).astype(np.uint8)
-        told = TrackedPoints(s.hand_markers, points, sd, cameras)
-        return self._with_things(_Said(hands, told, ()), found.at_s)
+        tracked = TrackedPoints(s.hand_markers, points, sd, cameras)
+        return self._with_objects(_Said(hands, tracked, ()), found.at_s)
 
-    def _with_things(self, said: _Said, at_s: float) -> _Said:
-        """The same, with the things' poses at that instant, and the held ones."""
+    def _with_objects(self, said: _Said, at_s: float) -> _Said:
+        """Return the results with the objects' poses at a time, and the held object."""
         self._told_s = at_s
-        objects = self._things.tell(said.hands[0] if said.hands else None, at_s)
-        hands = tuple(msgspec.structs.replace(one, holds=self._things.held) for one in said.hands)
+        objects = self._objects.track(said.hands[0] if said.hands else None, at_s)
+        hands = tuple(msgspec.structs.replace(one, holds=self._objects.held) for one in said.hands)
         return _Said(hands, said.points, objects)
 
     def _hands(self, hand: Hand) -> tuple[TrackedHand, ...]:
@@ -330,7 +330,7 @@ class HandsTracker:
 
 
 class _Said(msgspec.Struct, frozen=True, eq=False):
-    """What the last frame that could be used came to."""
+    """Results of the last usable frame."""
 
     hands: tuple[TrackedHand, ...]
     points: TrackedPoints | None
@@ -338,7 +338,7 @@ class _Said(msgspec.Struct, frozen=True, eq=False):
 
 
 _PALM_SIDE_M: Final = -0.0125
-"""Markers of the base are on the palm, so far from the joints [m]."""
+"""Offset of the base markers, which are on the palm, from the joints [m]."""
 
 
 def _place(name: str, T_camera_world: Float64) -> SensorPlace:

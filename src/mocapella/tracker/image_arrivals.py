@@ -1,4 +1,4 @@
-"""Images of one instant as the arrivals that a tracker takes."""
+"""Turn simultaneous images into arrivals for a tracker."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def arrivals_of(
     number: int = 0,
     empty_room: bool = False,
 ) -> list[Arrival]:
-    """The arrivals of one instant, none of whose images is copied.
+    """Return the arrivals of simultaneous images, without copying them.
 
     Args:
         images: (height, width, 3) uint8 BGR by camera.
-        time_ns: of capture, on the clock of all cameras.
-        cameras: of the rig; one without an image is said to have given none. None: those of ``images``.
-        number: of the instant.
+        time_ns: capture time, on the common clock.
+        cameras: of the rig; one without an image is marked as such. None: those of ``images``.
+        number: of the frame.
         empty_room: whether the images show the room without people.
 
     Raises:

@@ -1,10 +1,9 @@
-"""Images that are not of what a camera saw before, stored wrong or of another room, and are left out of a frame.
+"""Reject images that show something else: corrupted ones, or another scene.
 
-Two tests, each relative to what is usual in this camera: the image behind the body differs from before
-(`shows_another_scene`), or the outline found is not the body's although other cameras see the body where it was
-expected (`hides_the_body`). The second test catches a mirrored image of the same room, which resembles it everywhere
-else. Each camera is judged by itself, because even one remaining camera is enough to continue. An image that differs
-for long enough becomes the new reference.
+Two tests compare with usual values of the camera: the image behind the body differs from before
+(`shows_another_scene`), or the segmented outline is not the body's although other cameras see the body at its predicted
+pose (`hides_the_body`). The second test detects a mirrored image of the same room. Each camera is judged separately,
+because one remaining camera is enough to continue. An image that differs for long enough becomes the new reference.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ def shows_another_scene(
     settings: SilhouetteSettings,
     time_ns: int,
 ) -> dict[str, str]:
-    """Cameras in whose images what is behind the body is not as it was, and why they are left out.
+    """Return cameras whose background has changed, with the reasons.
 
-    One camera must differ much, for somebody may pass; where half of them do at one instant, what does not come by
-    chance is enough.
+    One camera must differ much, because a person may pass; if half of them differ at the same time, a significant
+    change is enough.
 
     Args:
-        cameras: in whose images the body is expected; they have looked there.
+        cameras: in whose images the body is expected; they have been searched.
         images: by camera.
-        left_out: what is left out already, and why.
+        left_out: cameras already left out, with reasons.
         settings: of the tracker.
-        time_ns: of capture.
+        time_ns: capture time.
     """
     unlike = {name: camera.unlike(images[name]) for name, camera in cameras.items()}
     much = {name for name, camera in cameras.items() if unlike[name] > camera.usually.much(settings.unlike)}
@@ -51,7 +50,7 @@ def shows_another_scene(
         elif camera.usually.else_for_ns(time_ns) >= settings.something_else_s * NS_PER_S:
             camera.forget_background()
         else:
-            differs = f"{unlike[name]:.0%} of what is behind the body differs from before"
+            differs = f"{unlike[name]:.0%} of the background differs from before"
             reasons[name] = f"it shows something else: {differs}"
     return reasons
 
@@ -59,12 +58,13 @@ def shows_another_scene(
 def hides_the_body(
     cameras: Mapping[str, SilhouetteCamera], left_out: Mapping[str, str], settings: SilhouetteSettings, time_ns: int
 ) -> dict[str, str]:
-    """Cameras in whose images the outline is all at once not that of the body where it was expected, and why they are
-    left out. Where it is so in all cameras, and nothing speaks against their images, the body moved.
+    """Return cameras whose outline suddenly is not that of the body at its predicted pose, with the reasons.
+
+    If that is so in all cameras, and no image is rejected otherwise, the body moved.
 
     Args:
         cameras: whose images were segmented.
-        left_out, settings, time_ns: as of `shows_another_scene`.
+        left_out, settings, time_ns: see `shows_another_scene`.
     """
     common = {name: camera.seen().overlap for name, camera in cameras.items()}
     poor = {name for name, camera in cameras.items() if common[name] < camera.covers.least()}

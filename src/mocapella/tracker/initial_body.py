@@ -1,4 +1,4 @@
-"""A body that is to be followed, where it begins, and how its mesh is made again."""
+"""A body to be tracked, its initial pose, and a description to rebuild its mesh."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mocapella.model.twist_tree import TreePose
 
 
 class InitialBody(msgspec.Struct, frozen=True, eq=False):
-    """A body and where it begins.
+    """A body and its initial pose.
 
     Attributes:
         mesh: of the body.
-        pose: about where it is at first.
-        build: JSON from which a reader rebuilds the mesh, see `TrackedBody.build`; empty if not given.
+        pose: approximate initial pose.
+        build: JSON description of the mesh, see `TrackedBody.build`; empty if not given.
     """
 
     mesh: RiggedMesh
@@ -26,13 +26,13 @@ class InitialBody(msgspec.Struct, frozen=True, eq=False):
 
 
 def build_of(model: str, height_m: float | None, proportions: Mapping[str, float], sha256: str = "") -> str:
-    """`TrackedBody.build` of a body.
+    """Return `TrackedBody.build` of a body.
 
     Args:
-        model: male, female, legs, or the name of a mesh's file.
-        height_m: where it was given.
+        model: male, female, legs, or the name of a mesh file.
+        height_m: subject height, if given.
         proportions: known lengths of segments [m], by name.
-        sha256: of the mesh's file, in hexadecimal digits; empty where there is none.
+        sha256: of the mesh file, in hexadecimal digits; empty without one.
     """
     if sha256:
         return json.dumps({"model": model, "sha256": sha256})

@@ -1,8 +1,8 @@
 """Select misplaced limbs and the evidence to search for them (`kinematics/limb_search.py`).
 
-A limb is doubtful where images show the room at its points, or where it is in another one. What is strange in one image
-alone may be gone in the next, so a limb is looked for in the foreground of two images in a row, from its second
-doubtful image on. Undoubted limbs are searched as well, one whole limb after the other: limbs hide behind a body, too.
+A limb is suspect if images show the background at its points, or if it penetrates another limb. Foreground in one
+image alone may be transient, so a limb is searched in the foreground of two consecutive images, from its second suspect
+image on. Other limbs are searched as well, one whole limb after the other, because limbs also hide behind a body.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 FEWEST_CAMERAS = 2
-"""One camera's word is not enough."""
+"""Fewest cameras with evidence."""
 EVERY_LIMB = 12
-"""After so many frames the next whole limb is looked for, even if nothing speaks against where it is."""
+"""Interval, in frames, at which the next whole limb is searched without a suspicion."""
 LOOSE = 1e-3
-"""How much the middle of a limb counts against its axes."""
+"""Weight of a limb's centre relative to its axes."""
 STRETCHED = 1.1
-"""How much farther than at rest a limb may reach."""
+"""Reach of a limb relative to its length at rest."""
 
 
 class LimbRecovery:
-    """One body's.
+    """Recovers misplaced limbs of one body.
 
     Args:
         body: see there.
@@ -63,20 +63,20 @@ class LimbRecovery:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the doubtful limbs and the evidence."""
+        """Forget the suspect limbs and the evidence."""
         self._rng = np.random.default_rng(0)
         self._frame = 0
         self._asked: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
-        # Its integers exceed the range of most formats.
+        """Return all state, for `recall`."""
+        # The generator's integers exceed the range of most formats.
         chance = json.dumps(self._rng.bit_generator.state)
         return [chance, self._frame, self._asked, self._evidence]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same body."""
+        """Restore the state that `memory` returned; for the same body."""
         chance, self._frame, self._asked, self._evidence = memory
         self._rng.bit_generator.state = json.loads(chance)
 
@@ -87,16 +87,16 @@ class LimbRecovery:
         others: Mapping[str, Bool],
         cameras: Mapping[str, SilhouetteCamera],
     ) -> tuple[NDArray[np.int64], TreePose] | None:
-        """Joints of limbs that are rather elsewhere, and where.
+        """Return joints of limbs that are elsewhere, and the corrected pose; None without any.
 
         Args:
             pose: of the body in this frame.
-            images, others: as of `BodyFitter.update`.
+            images, others: see `BodyFitter.update`.
             cameras: in whose images the body was segmented.
         """
         self._frame += 1
         stands = self._body.standing(pose)
-        # Of who leaves an image limbs are doubtful that are only outside of it.
+        # A limb that is merely outside the image would look suspect.
         seeing = {
             name: camera
             for name, camera in cameras.items()
@@ -125,16 +125,16 @@ class LimbRecovery:
         return (np.concatenate(moved), pose) if moved else None
 
     def _due(self, frame: int) -> set[str]:
-        """The limb whose turn it is, if it is one's."""
+        """Return the limb that is due for a search in this frame, if any."""
         turn, rest = divmod(frame, EVERY_LIMB)
         return {self._whole[turn % len(self._whole)]} if self._whole and rest == 0 else set()
 
     def _doubtful(
         self, images: Mapping[str, UInt8], seeing: Mapping[str, SilhouetteCamera], stands: Standing
     ) -> set[str]:
-        """Limbs placed where images show the room, or inside other limbs.
+        """Return limbs placed where images show the background, or inside other limbs.
 
-        Every other point is asked, the others in the next frame.
+        Every other point is tested; the others follow in the next frame.
         """
         these = slice(self._frame % 2, None, 2)
         points, limb_of = stands.vertices[self._points[these]], self._limb_of[these]
@@ -150,7 +150,7 @@ class LimbRecovery:
         }
 
     def _about(self, names: Collection[str], pose: TreePose) -> Sequence[Ball]:
-        """Where limbs can be: about where they hang, as far as they reach."""
+        """Return balls that limbs can reach, about their attachment points."""
         if not names:
             return []
         R, t = motions(self._body.mesh.tree, pose)
@@ -159,15 +159,16 @@ class LimbRecovery:
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
-    """The pose with other angles of some joints."""
+    """Return the pose with other angles of some joints."""
     changed = pose.angles.copy()
     changed[joints] = angles[joints]
     return TreePose(pose.T_world_model, changed)
 
 
 def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, Ball]:
-    """The part that a limb begins with, and the ball that it stays in, as of that part at rest: about the point that is
-    nearest to that part's axes, and to the limb.
+    """Return the part that a limb starts with, and the ball that contains the limb, in that part's rest frame.
+
+    Its centre is the point nearest to that part's axes and to the limb.
     """
     part, points = int(limb.part.min()), mesh.vertices[limb.vertices]
     axes = mesh.tree.twists[mesh.tree.joint_parts == part]

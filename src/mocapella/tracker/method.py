@@ -15,9 +15,9 @@ from mocapella.registry import Table
 from mocapella.tracker.protocol import Tracker
 
 Make = Callable[[Mapping[str, Any], int, Mapping[str, SensorPose]], Tracker]
-"""How to make a tracker of settings by name, sensors expected, and sensors' poses by name."""
+"""Creates a tracker from settings by name, number of sensors expected, and sensors' poses by name."""
 Practice = Callable[[], tuple[Tracker, Iterable[Arrival]]]
-"""Make a tracker and arrivals that use all its kernels, to compile these before the first frame."""
+"""Creates a tracker, and arrivals that call all of its kernels, to compile these before the first frame."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class Method:
         name: on the command line, in takes and in the view.
         summary: its purpose, in a line.
         settings: the frozen dataclass of its settings.
-        frame_types: classes of the frames that it takes; others are refused with the reason.
+        frame_types: classes of the frames that it accepts; others are rejected with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
-        make: a new tracker.
-        warm_up_run: for compiling before the first frame counts; None where nothing has to be compiled.
-        warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``. Where
-            these have to be compiled, other processes do so at the same time (`mocapella.live.compilation`).
-        camera_rig: whether it wants to know where calibrated cameras are, as ``rig`` in its settings.
-        keeps_layout: whether its tracker finds out where sensors stand, so that this can be kept (`KeepsLayout`).
+        make: creates a tracker.
+        warm_up_run: compiles kernels before the first frame; None if nothing has to be compiled.
+        warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``; they
+            are compiled in other processes at the same time (`mocapella.live.compilation`).
+        camera_rig: whether it needs the poses of calibrated cameras, as ``rig`` in its settings.
+        keeps_layout: whether its tracker estimates sensor poses that can be kept (`KeepsLayout`).
         files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
             of the files (a sequence of paths).
         stages: of the view, ``module:name`` each, in display order; the last is always shown.
@@ -58,16 +58,16 @@ class Method:
 
 
 METHODS: Final = Table("mocapella.methods", Method, "tracking method")
-"""By name."""
+"""All methods, by name."""
 
 
 def methods_making(part: str) -> tuple[str, ...]:
-    """Names of the methods that are about parts of that type."""
+    """Return the names of the methods whose main part is of that type."""
     return tuple(method.name for method in METHODS.values() if method.parts[0] == part)
 
 
 def not_taken(frame: SensorFrame, method: str) -> str:
-    """Why a method makes nothing of a frame; empty where it takes its type, and of frames that are only for takes."""
+    """Return why a method rejects a frame; empty if it accepts its type, and for frames that are only recorded."""
     return "" if frame.for_the_take else _not_taken(type(frame), what_it_sends(frame), method)
 
 
@@ -80,7 +80,5 @@ def _not_taken(kind: type[SensorFrame], name: str, method: str) -> str:
         return f"it sends {name}, which no installed package reads: install the one that does; a take keeps them"
     if not takers:
         hint = FRAME_TYPES[name].hint if name in FRAME_TYPES else ""
-        return f"it sends {name}, of which no method makes anything; {hint or 'a take keeps them'}"
-    return (
-        f"it sends {name}, of which the method {method} makes nothing: set up {' or '.join(takers)}; a take keeps them"
-    )
+        return f"it sends {name}, which no method uses; {hint or 'a take keeps them'}"
+    return f"it sends {name}, which the method {method} does not use: set up {' or '.join(takers)}; a take keeps them"

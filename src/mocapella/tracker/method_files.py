@@ -14,10 +14,10 @@ from mocapella.model.space import as_settings, load_space
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Where calibrated cameras are.
+    """Read the poses of calibrated cameras.
 
     Raises:
-        InputError: the file cannot be used; of a sensor layout, it names ``--layout``.
+        InputError: the file cannot be used; for a sensor layout, the message names ``--layout``.
         SettingsError: more than one is given.
     """
     path = _one(paths, "--rig")
@@ -30,16 +30,16 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def bodies_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Where calibrated cameras are whose images show the bodies of people that body sensors see, too.
+    """Read the poses of calibrated cameras for bodies of people that body sensors also see.
 
     Raises:
-        InputError, SettingsError: as of `camera_rig`.
+        InputError, SettingsError: see `camera_rig`.
     """
     return {"bodies": {"silhouettes": camera_rig(paths)}}
 
 
 def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
-    """Whose hand it is.
+    """Read the shape of the hand.
 
     Raises:
         InputError: the file cannot be used.
@@ -49,7 +49,7 @@ def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def spaces(paths: Sequence[Path]) -> dict[str, Any]:
-    """Other trackers' spaces, as `mocapella calibrate space` found them.
+    """Read the alignments of other trackers' spaces, as estimated by `mocapella calibrate space`.
 
     Raises:
         InputError: a file cannot be used.

@@ -1,8 +1,8 @@
-"""Rigid things beside a hand: by markers, by tags, or by another tracker's poses; and whether the hand holds them.
+"""Track rigid objects beside a hand, from markers, tags or another tracker's poses, and detect whether it holds them.
 
-things.see(camera, frame, at_s)          pixels of their markers and tags
-things.hear(frame, at_s)                 poses of another tracker, in a space that is aligned
-objects = things.tell(hand, at_s)        where they are, and which is held
+objects.add_markers(frame, at_s)         pixels of markers and tags
+objects.add_poses(frame, T, at_s)        poses of another tracker, in an aligned space
+tracked = objects.track(hand, at_s)      poses at a time; updates which object is held
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ Float64 = NDArray[np.float64]
 
 _LEAST_MARKERS: Final = 3
 _HEARD: Final = 8
-"""Poses of another tracker that are kept."""
+"""Number of another tracker's poses that are kept."""
 _BASE_S, _AHEAD_S = 0.03, 0.05
-"""Beyond the newest pose, its motion since so long before is believed for so long."""
+"""Beyond the newest pose, the motion since this time before (`_BASE_S`) is extrapolated up to `_AHEAD_S`."""
 _FLAT_M: Final = 0.001
-"""Markers that are nearer to a plane are on it."""
+"""Largest distance of markers from a common plane."""
 UNSAID_SD_PX: Final = 0.5
-"""Of a camera that does not say how sure it is."""
+"""Standard deviation assumed for a camera that does not report any."""
 
 
 @dataclass(frozen=True)
 class TagPlace:
-    """A tag on a thing.
+    """A tag on an object.
 
     Attributes:
         tag: its number.
-        side_m: of its dark square.
-        middle_m: where its middle is, in the thing's frame.
+        side_m: side of its dark square.
+        middle_m: its centre, in the object's frame.
         right, up: directions of the tag's own right and up there, as one reads it.
     """
 
@@ -71,26 +71,26 @@ class TagPlace:
 
     @property
     def corners_m(self) -> Float64:
-        """(4, 3) in the thing's frame, in the order of `mocapella.model.tags.corner_names`."""
+        """(4, 3) in the object's frame, in the order of `mocapella.model.tags.corner_names`."""
         R = np.stack([self.right, self.up, np.cross(self.right, self.up)], axis=1)
         return apply(rigid(R, self.middle_m), corner_places(self.side_m))
 
 
 @dataclass(frozen=True)
 class ObjectSettings:
-    """A rigid thing with markers or tags of its own, or one that another tracker follows.
+    """A rigid object with markers or tags, or one that another tracker follows.
 
     Attributes:
-        name: what it is called.
-        markers: names of colour markers; where there is no tag, three or more that are not on a line.
-        places_m: (markers, 3) where they are on it.
-        size_m: of the box that it fills, about its origin.
-        tag: number of a tag on the box's side towards z, upright with y; None where there is none.
-        tag_side_m: of that tag's dark square.
+        name: of the object.
+        markers: names of colour markers; without a tag, three or more that are not on a line.
+        places_m: (markers, 3) their positions on it.
+        size_m: of its bounding box, about its origin.
+        tag: number of a tag on the box's side towards z, upright with y; None for none.
+        tag_side_m: side of that tag's dark square.
         tags: tags anywhere on it.
-        space: in which another tracker says where ``body`` is; see `mocapella calibrate space`.
+        space: in which another tracker gives the pose of ``body``; see `mocapella calibrate space`.
         body: the other tracker's name of it.
-        origin_m: the thing's origin, the middle of its box, in the frame of ``body``.
+        origin_m: the object's origin, the centre of its box, in the frame of ``body``.
     """
 
     name: str
@@ -115,7 +115,7 @@ class ObjectSettings:
             both = bool(self.space and self.body) and max(len(self.space), len(self.body)) <= 80
             check(both, f"space and body of {self.name}", (self.space[:80], self.body[:80]), "1 to 80 characters each")
             alone = not (self.markers or self.places_m or tags)
-            check(alone, f"body of {self.name}", self.body, "of a thing without markers and tags")
+            check(alone, f"body of {self.name}", self.body, "of an object without markers and tags")
             return
         enough = len(self.markers) >= (0 if tags else _LEAST_MARKERS) and len(set(self.markers)) == len(self.markers)
         wanted = "three or more, each once; or give it a tag, or the space and body of another tracker"
@@ -130,24 +130,24 @@ class ObjectSettings:
 
     @property
     def all_tags(self) -> tuple[TagPlace, ...]:
-        """`tags`, and the one of ``tag``."""
+        """`tags`, and the tag of ``tag``."""
         if self.tag is None:
             return self.tags
         return TagPlace(self.tag, self.tag_side_m, (0.0, 0.0, 0.5 * self.size_m[2])), *self.tags
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Names of all that cameras see of it: its markers, then its tags' corners."""
+        """Names of all its points: its markers, then its tags' corners."""
         return *self.markers, *(name for tag in self.all_tags for name in corner_names(tag.tag))
 
     @property
     def points_m(self) -> Float64:
-        """(points, 3) where they are on it."""
+        """(points, 3) their positions on it."""
         return np.concatenate([np.array(self.places_m).reshape(-1, 3), *(tag.corners_m for tag in self.all_tags)])
 
     @property
     def planes(self) -> tuple[tuple[int, ...], ...]:
-        """Which of the points are on a plane, four or more."""
+        """Groups of four or more points on a plane."""
         n = len(self.markers)
         planes = [tuple(range(n + 4 * k, n + 4 * k + 4)) for k in range(len(self.all_tags))]
         if n >= 4:
@@ -158,21 +158,21 @@ class ObjectSettings:
 
 
 class HeardPose(msgspec.Struct, frozen=True, eq=False):
-    """What another tracker said of a thing, in the world."""
+    """Another tracker's pose of an object, in the world."""
 
     at_s: float
     T: Float64
     state: int
 
 
-class _Thing:
-    """One of them: what is known of it, and of the hand about it."""
+class _ObjectState:
+    """State of one object, and of the hand's grasp of it."""
 
     def __init__(self, rig: CameraRig, settings: ObjectSettings, poses: ObjectPoseSettings, grasp: GraspSettings):
         self.settings = settings
         self.poses = None if settings.body else ObjectPoses(rig, settings.points_m, poses, planes=settings.planes)
         self.grasp = Grasp(grasp)
-        self.T_body_thing = rigid(np.eye(3), settings.origin_m)
+        self.T_body_object = rigid(np.eye(3), settings.origin_m)
         self.gone_s, self.forget_s = poses.alone_s, poses.forget_after_s
         self.half_m = 0.5 * np.array(settings.size_m)
         self.outline = _outline(settings.size_m)
@@ -186,10 +186,10 @@ class _Thing:
         self.T: Float64 | None = None
         self.T_palm: Float64 | None = None
 
-    def tell(self, hand: TrackedHand | None, at_s: float) -> TrackedObject:
-        """By what is seen of it; while that is hidden it stays where it was, or in the palm that holds it."""
+    def track(self, hand: TrackedHand | None, at_s: float) -> TrackedObject:
+        """Return the object's pose: as observed; while hidden, at its last pose, or in the palm that holds it."""
         palm = None if hand is None else hand.T_world_palm
-        seen = self._seen(at_s)
+        seen = self._observed(at_s)
         carried = None if self.T_palm is None or palm is None else palm @ self.T_palm
         if seen.T is not None and not (seen.unseen_s > self.gone_s and carried is not None):
             self.T, state = seen.T, seen.state
@@ -205,16 +205,16 @@ class _Thing:
                 self.T_palm = inverse(palm) @ self.T
         return TrackedObject(self.settings.name, self.T, self.outline, int(state))
 
-    def hear(self, T_world_body: Float64, state: int, at_s: float) -> None:
-        """Take another tracker's pose in."""
+    def add_pose(self, T_world_body: Float64, state: int, at_s: float) -> None:
+        """Take in another tracker's pose."""
         if self.heard and not self.heard[-1].at_s < at_s <= self.heard[-1].at_s + self.forget_s:
-            self.heard = []  # its clock has jumped, or it was away
-        self.heard = [*self.heard[1 - _HEARD :], HeardPose(at_s, T_world_body @ self.T_body_thing, state)]
+            self.heard = []  # its clock jumped, or it was absent
+        self.heard = [*self.heard[1 - _HEARD :], HeardPose(at_s, T_world_body @ self.T_body_object, state)]
 
-    def _heard(self, at_s: float) -> _Seen:
-        """Between the poses that were told, or by the motion of the last ones beyond them, for a moment."""
+    def _heard(self, at_s: float) -> _Observed:
+        """Interpolate the other tracker's poses, or extrapolate the newest ones for a moment."""
         if not self.heard or at_s - self.heard[-1].at_s > self.forget_s:
-            return _Seen(None, JointState.NOT_TRACKED, math.inf)
+            return _Observed(None, JointState.NOT_TRACKED, math.inf)
         newest = self.heard[-1]
         unseen_s = max(0.0, at_s - newest.at_s)
         state = JointState(newest.state) if unseen_s <= self.gone_s else JointState.INFERRED
@@ -223,23 +223,23 @@ class _Thing:
         before = earlier[-1] if earlier and at_s > newest.at_s else self.heard[max(after - 1, 0)]
         span = self.heard[after].at_s - before.at_s
         if span <= 0:
-            return _Seen(newest.T, state, unseen_s)
+            return _Observed(newest.T, state, unseen_s)
         part = (min(at_s, newest.at_s + _AHEAD_S) - before.at_s) / span
         turn = log_motion(rigid(self.heard[after].T[:3, :3] @ before.T[:3, :3].T, np.zeros(3)))[3:]
         R = exp_twist(np.r_[np.zeros(3), part * turn])[:3, :3] @ before.T[:3, :3]
         t = before.T[:3, 3] + part * (self.heard[after].T[:3, 3] - before.T[:3, 3])
-        return _Seen(rigid(R, t), state, unseen_s)
+        return _Observed(rigid(R, t), state, unseen_s)
 
-    def _seen(self, at_s: float) -> _Seen:
+    def _observed(self, at_s: float) -> _Observed:
         if self.poses is None:
             return self._heard(at_s)
         pose = self.poses.at(at_s)
         state = JointState.TRACKED if pose.state == RayState.TRACKED else JointState.INFERRED
-        return _Seen(pose.T_world_object, state, pose.unseen_s)
+        return _Observed(pose.T_world_object, state, pose.unseen_s)
 
 
-class _Seen(NamedTuple):
-    """Where a thing is by what is seen of it, None where that says nothing, and for how long none of it was seen."""
+class _Observed(NamedTuple):
+    """The observed pose, None if unknown, and the time since the last observation."""
 
     T: Float64 | None
     state: JointState
@@ -247,90 +247,90 @@ class _Seen(NamedTuple):
 
 
 class RigidObjects:
-    """All things of a session."""
+    """All objects of a session."""
 
     def __init__(
         self,
         rig: CameraRig,
-        things: Sequence[ObjectSettings],
+        items: Sequence[ObjectSettings],
         poses: ObjectPoseSettings,
         grasp: GraspSettings,
     ) -> None:
-        self._things = [_Thing(rig, thing, poses, grasp) for thing in things]
+        self._items = [_ObjectState(rig, item, poses, grasp) for item in items]
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
-        for thing in self._things:
-            thing.reset()
+        for item in self._items:
+            item.reset()
 
-    def see(self, frame: MarkerFrame, at_s: float, *, marker_sd_px: float, tag_sd_px: float) -> None:
-        """Take in what a camera sees of them.
+    def add_markers(self, frame: MarkerFrame, at_s: float, *, marker_sd_px: float, tag_sd_px: float) -> None:
+        """Take in a camera's markers.
 
         Args:
             frame: of a camera of the rig.
-            at_s: when its first row was captured, on the camera's clock [s].
-            marker_sd_px, tag_sd_px: on top of what the camera says of a colour marker's or a corner's error.
+            at_s: capture time of its first row, on the camera's clock [s].
+            marker_sd_px, tag_sd_px: errors of a colour marker and of a corner, in addition to the camera's own.
         """
         place = {name: i for i, name in enumerate(frame.names)}
-        for thing in self._things:
-            if thing.poses is None:
+        for item in self._items:
+            if item.poses is None:
                 continue
-            names = thing.settings.points
+            names = item.settings.points
             pixels, sd = np.full((len(names), 2), np.nan), np.full(len(names), UNSAID_SD_PX)
             for i, name in enumerate(names):
                 if (k := place.get(name)) is not None:
                     pixels[i] = frame.positions_px[k]
                     sd[i] = frame.sd_px[k] if frame.sd_px[k] > 0 else UNSAID_SD_PX
-            colours = len(thing.settings.markers)
+            colours = len(item.settings.markers)
             more = np.where(np.arange(len(names)) < colours, marker_sd_px, tag_sd_px)
-            thing.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
+            item.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
 
-    def hear(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
-        """Take in what another tracker says of them, at an instant of the rig's clock."""
-        for thing in self._things:
-            if thing.settings.space != frame.space:
+    def add_poses(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
+        """Take in another tracker's poses at a time of the rig's clock."""
+        for item in self._items:
+            if item.settings.space != frame.space:
                 continue
-            T = frame.T_space_body(thing.settings.body)
+            T = frame.T_space_body(item.settings.body)
             if T is not None:
-                thing.hear(T_world_space @ T, int(frame.states[frame.names.index(thing.settings.body)]), at_s)
+                item.add_pose(T_world_space @ T, int(frame.states[frame.names.index(item.settings.body)]), at_s)
 
-    def tell(self, hand: TrackedHand | None, at_s: float) -> tuple[TrackedObject, ...]:
-        """Where they are at an instant."""
-        return tuple(thing.tell(hand, at_s) for thing in self._things)
+    def track(self, hand: TrackedHand | None, at_s: float) -> tuple[TrackedObject, ...]:
+        """Return all objects at a time."""
+        return tuple(item.track(hand, at_s) for item in self._items)
 
     @property
     def held(self) -> str:
-        """Name of the thing in the hand; empty where there is none."""
-        return next((thing.settings.name for thing in self._things if thing.grasp.held), "")
+        """Name of the object in the hand; empty if none."""
+        return next((item.settings.name for item in self._items if item.grasp.held), "")
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return [
             [
-                {name: getattr(thing, name) for name in _THING},
-                None if thing.poses is None else {name: getattr(thing.poses, name) for name in _POSES},
-                {n: v for n, v in vars(thing.grasp).items() if n != "settings"},
+                {name: getattr(item, name) for name in _OBJECT},
+                None if item.poses is None else {name: getattr(item.poses, name) for name in _POSES},
+                {n: v for n, v in vars(item.grasp).items() if n != "settings"},
             ]
-            for thing in self._things
+            for item in self._items
         ]
 
     def recall(self, memory: list[Any]) -> None:
-        """Be as when `memory` was made."""
-        for thing, (own, poses, grasp) in zip(self._things, memory, strict=True):
-            vars(thing).update(own)
-            if thing.poses is not None:
-                vars(thing.poses).update(poses)
-            vars(thing.grasp).update(grasp)
+        """Restore the state that `memory` returned."""
+        for item, (own, poses, grasp) in zip(self._items, memory, strict=True):
+            vars(item).update(own)
+            if item.poses is not None:
+                vars(item.poses).update(poses)
+            vars(item.grasp).update(grasp)
 
 
-_THING: Final = ("T", "T_palm", "heard")
+_OBJECT: Final = ("T", "T_palm", "heard")
 _POSES: Final = ("_hypotheses", "_frames", "_believed", "_refused", "_counts")
 REMEMBERED: Final[tuple[type, ...]] = (Hypothesis, SeenFrame, HeardPose)
-"""Kinds that are in a memory."""
+"""Classes in the state."""
 
 
 def _outline(size_m: tuple[float, float, float]) -> Float64:
-    """(10, 3) one line along the edges of a box."""
+    """Return one polyline (10, 3) along the edges of a box."""
     x, y, z = 0.5 * np.array(size_m)
     low = [(-x, -y, -z), (x, -y, -z), (x, -y, z), (-x, -y, z), (-x, -y, -z)]
     return np.array([*low, *((a, -b, c) for a, b, c in low)])

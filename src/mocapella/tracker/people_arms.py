@@ -1,7 +1,6 @@
-"""The arms of people: what depth cameras see, beside sensors of bodies, and whose arm each is.
+"""Track the arms of people with depth cameras beside body sensors, and assign each arm to a person.
 
-A depth camera has no place of its own: it is that of the sensor of bodies it is a part of, or is placed beside one that
-is by a rig of cameras.
+A depth camera's pose is that of the body sensor it is a part of, or is given relative to one by a camera rig.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ _LIMB_JOINTS: Final = ("Elbow", "Wrist", "Hand")
 
 @dataclass(frozen=True)
 class PeopleArmsSettings:
-    """Where depth cameras are, and how their arms are followed.
+    """Poses of depth cameras, and tracking of their arms.
 
     Attributes:
-        depth_of: by depth camera, the sensor of bodies whose depth camera it is: both have one lens.
-        rig: text of a camera rig's file, for depth cameras that are beside one of these, in the rig, too.
-        tracks: how arms are followed and fused.
-        owners: whose they are.
+        depth_of: by depth camera, the body sensor that it is a part of; both share one lens.
+        rig: text of a camera rig file, for depth cameras beside one of these, which is also in the rig.
+        tracks: tracking and fusion of arms.
+        owners: assignment to people.
     """
 
     depth_of: dict[str, str] = field(default_factory=dict)
@@ -57,7 +56,7 @@ class PeopleArmsSettings:
 
 
 class PeopleArms:
-    """See the module."""
+    """Arms of people, see the module."""
 
     def __init__(self, settings: PeopleArmsSettings | None = None) -> None:
         self.settings = s = settings or PeopleArmsSettings()
@@ -78,41 +77,41 @@ class PeopleArms:
         self._newest: dict[str, tuple[int, int]] = {}
 
     def memory(self) -> Any:
-        """What `recall` wants."""
+        """Return all state, for `recall`."""
         tracks = {name: value for name, value in vars(self._tracks).items() if name != "settings"}
         return [tracks, self._owners.limbs, self._newest]
 
     def recall(self, memory: Any) -> None:
-        """Go on as when `memory` was asked for."""
+        """Restore the state that `memory` returned."""
         tracks, self._owners.limbs, self._newest = memory
         vars(self._tracks).update(tracks)
 
     def problem(self, frame: ArmFrame, sensors: Mapping[str, Float64]) -> str:
-        """Why a frame cannot be used; empty where it can. ``sensors``: ``T_world_sensor`` of those that are placed."""
+        """Return why a frame cannot be used; empty if it can. ``sensors``: calibrated ``T_world_sensor``."""
         if frame.sensor not in self._in:
             fix = f"""--set 'arms.depth_of={{"{frame.sensor}": "SENSOR"}}' names the sensor that it is a part of"""
-            known = f"; those that have one: {one_of(frame.sensor, self._in)}" if self._in else ""
-            return f"it sends arms, and nobody said where it stands: {fix}{known}"
+            known = f"; configured cameras: {one_of(frame.sensor, self._in)}" if self._in else ""
+            return f"it sends arms, and its pose is not configured: {fix}{known}"
         sensor = self._in[frame.sensor][0]
         if sensor not in sensors:
-            return f"it sends arms, and where {sensor} stands is not known yet"
+            return f"it sends arms, and the pose of {sensor} is not known yet"
         return time_problem(frame, self._newest.get(frame.sensor))
 
     def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
-        """Take a frame in that has no `problem`."""
+        """Take in a frame without a `problem`."""
         self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
         places = {name: sensors[sensor] @ T for name, (sensor, T) in self._in.items() if sensor in sensors}
         self._tracks.update(frame.sensor, frame.arms, at_s, places)
 
     @property
     def there(self) -> bool:
-        """Whether any arm is known."""
+        """Whether there is any arm."""
         return bool(self._tracks.tracks)
 
-    def told(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
-        """The arms of now, and whose they are."""
+    def tracked_arms(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
+        """Return the present arms with their persons."""
         self._tracks.advance(now_s)
-        arms = self._tracks.told()
+        arms = self._tracks.tracked_arms()
         if not arms or topology is None:
             return arms
         owners = self._owners.update(
@@ -126,7 +125,7 @@ class PeopleArms:
 
 
 def _limbs(people: Sequence[Person], topology: Topology) -> Float64:
-    """(people, 2, 3, 3) elbow, wrist and hand, left and right; NaN of those that the topology has not."""
+    """Return elbow, wrist and hand (people, 2, 3, 3), left and right; NaN if the topology lacks them."""
     out = np.full((len(people), 2, 3, 3), np.nan)
     for i, side in enumerate(("Left", "Right")):
         for k, joint in enumerate(_LIMB_JOINTS):

@@ -1,7 +1,7 @@
 """Fit bodies to cameras' images, beside body sensors, and assign each body to a person.
 
-The method ``silhouettes`` follows bodies in the space of its camera rig. Where the rig lies in the world of the sensors
-is found from people whom both see (`mocapella.calibration.rig_in_world`); until then bodies are not in the scene.
+The method ``silhouettes`` tracks bodies in the frame of its camera rig. The rig's pose in the sensors' world is
+estimated from people that both see (`mocapella.calibration.rig_in_world`); until then the scene has no bodies.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Float64 = NDArray[np.float64]
 
 LIMBS: Final = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 """Joints that sensors and fitted bodies both have, left and right."""
-NOBODY_SAID: Final = (
-    "it sends images, and nobody said of which cameras and whom they show: mocapella serve --rig RIG.toml "
+NOT_CONFIGURED: Final = (
+    "it sends images, and neither rig nor bodies are configured: mocapella serve --rig RIG.toml "
     "--start JOINTS.json, or set up the method silhouettes"
 )
 WALK: Final = "walk where cameras and sensors both see you"
@@ -42,13 +42,13 @@ WALK: Final = "walk where cameras and sensors both see you"
 
 @dataclass(frozen=True)
 class PeopleBodiesSettings:
-    """Which bodies are fitted, and when one is a person's.
+    """Which bodies are fitted, and how they are assigned to people.
 
     Attributes:
-        silhouettes: the settings of the method ``silhouettes``; without any, images are refused.
-        alignment: when it is known where the rig lies in the world.
+        silhouettes: the settings of the method ``silhouettes``; if empty, images are rejected.
+        alignment: estimation of the rig's pose in the world.
         take_m: mean distance of the joints within which a body is assigned to a person …
-        keep_m: … and within which it stays [m].
+        keep_m: … and within which it stays assigned [m].
     """
 
     silhouettes: dict[str, Any] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class PeopleBodiesSettings:
 
 
 class PeopleBodies:
-    """See the module.
+    """Bodies of people, see the module.
 
     Raises:
         SettingsError, InputError: the settings of ``silhouettes`` cannot be used.
@@ -91,12 +91,12 @@ class PeopleBodies:
         self._owner: dict[int, int] = {}
 
     def memory(self) -> Any:
-        """What `recall` wants."""
+        """Return all state, for `recall`."""
         inner = b"" if self._tracker is None else self._tracker.snapshot()
         return [inner, self._alignment.memory(), {name: getattr(self, name) for name in _OWN}]
 
     def recall(self, memory: Any) -> None:
-        """Go on as when `memory` was asked for."""
+        """Restore the state that `memory` returned."""
         inner, alignment, own = memory
         if self._tracker is not None:
             self._tracker.restore(inner)
@@ -104,7 +104,7 @@ class PeopleBodies:
         vars(self).update(own)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
-        """Take an image in; returns why it cannot be used.
+        """Take in an image; return why it cannot be used.
 
         Args:
             arrival: of the image.
@@ -112,7 +112,7 @@ class PeopleBodies:
             topology: of their skeletons.
         """
         if self._tracker is None:
-            return NOBODY_SAID
+            return NOT_CONFIGURED
         before = self._tracker.report.rejected
         scene = self._tracker.update(arrival)
         after = self._tracker.report.rejected
@@ -125,14 +125,14 @@ class PeopleBodies:
 
     @property
     def reason(self) -> str:
-        """What is wrong or to be done; empty where there is nothing to say, or no image."""
+        """Problems and their remedies; empty if there is none, or no image."""
         if not self._cameras:
             return ""
         unknown = "" if self._alignment.found is not None else f"cameras: {WALK}"
         return "; ".join(part for part in (unknown, self._reason) if part)
 
     def places(self) -> tuple[SensorPlace, ...]:
-        """Where the rig's cameras are, as soon as there are images."""
+        """Return the poses of the rig's cameras, once there are images."""
         found = self._alignment.found
         if found is None:
             return tuple(SensorPlace(place.sensor, None, problem=WALK) for place in self._cameras)
@@ -143,8 +143,8 @@ class PeopleBodies:
             if place.T_world_sensor is not None
         )
 
-    def told(self, people: Sequence[Person], topology: Topology | None) -> tuple[TrackedBody, ...]:
-        """The bodies in the world, and whose they are; none before it is known where the rig lies."""
+    def tracked_bodies(self, people: Sequence[Person], topology: Topology | None) -> tuple[TrackedBody, ...]:
+        """Return the bodies in the world with their persons; none before the rig's pose is known."""
         found = self._alignment.found
         if found is None or topology is None:
             return ()
@@ -199,4 +199,4 @@ def _joints_of_body(body: TrackedBody) -> Float64:
 _SIDES: Final = tuple((limb, side) for limb in LIMBS for side in ("Left", "Right"))
 _OWN: Final = ("_bodies", "_cameras", "_reason", "_owner")
 REMEMBERED: Final = (*ALIGNMENT_REMEMBERED, TrackedBody, TrackedBodyView)
-"""Kinds that are in a memory."""
+"""Classes in the state."""

@@ -29,11 +29,11 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     """Assign the bodies to people and update all people.
 
     Args:
-        tracks, people: known people and their motion.
-        frame, bodies: what a sensor shows.
+        tracks, people: tracked people and their motion.
+        frame, bodies: a sensor's frame, and its bodies.
         T: (4, 4) from its camera space to the space of the people.
-        corrections: (bodies, joints, 3) to be added to the joints against the sensor's bias, camera space [m].
-        at_s, now_s: when it was captured, and the newest capture there was, on the common clock [s].
+        corrections: (bodies, joints, 3) of the sensor's bias, to add to the joints, camera space [m].
+        at_s, now_s: capture time, and the newest capture time so far, on the common clock [s].
     """
     prepared = people.prepare(bodies, T, now_s)
     rows = tracks.update(bodies.sensor, bodies.ids, prepared.middles, prepared.expected, at_s, prepared.lengths)

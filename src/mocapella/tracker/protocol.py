@@ -1,4 +1,4 @@
-"""What every tracking method offers."""
+"""Interface of all trackers."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackerReport:
-    """What came of all frames so far.
+    """Counts of all frames so far.
 
     Attributes:
-        frames: that came in.
-        kept: that were used.
-        rejected: how many were not, by the reason.
-        calibrations: that were completed.
-        restarts: how often a calibration began again.
+        frames: number of arrivals.
+        kept: number of used frames.
+        rejected: number of rejected frames, by reason.
+        calibrations: completed ones.
+        restarts: of a calibration.
     """
 
     frames: int
@@ -40,13 +40,13 @@ class TrackerReport:
 
 
 class SensorViews(msgspec.Struct, frozen=True, eq=False):
-    """What a method knows of the sensors after a frame; it is applied to *later* frames only.
+    """A method's knowledge of the sensors after a frame, to be applied to *later* frames only.
 
     Attributes:
-        T_world_sensor: (4, 4) by sensor: one motion, shared by all people; a sensor that is not in it is unknown.
-        time_offset_s: by sensor: its frames were captured so much later than their ``at_ns`` says [s]. Two sensors
-            that are both in it have their views brought to one instant; others are compared as they came.
-        swapped: the views whose left and right labels are to be swapped so that the sensors agree.
+        T_world_sensor: (4, 4) by sensor, shared by all people; missing sensors are unknown.
+        time_offset_s: by sensor: delay of its frames relative to their ``at_ns`` [s]. Views of two sensors that both
+            have one are brought to one time; others are compared without correction.
+        swapped: views whose left and right labels must be swapped so that the sensors agree.
     """
 
     T_world_sensor: Mapping[str, Float64]
@@ -63,15 +63,15 @@ def scene_at(
     topology: Topology | None = None,
     sensors: tuple[SensorPlace, ...] = (),
 ) -> Scene:
-    """The scene of a step.
+    """Return the scene of a step.
 
     Args:
-        arrival: whose frame made it.
+        arrival: the frame that caused it.
         step: its number.
-        state: where the tracker stands.
+        state: of the tracker.
         parts: by the name of their type.
-        topology: of the skeletons; any where there are none.
-        sensors: where they stand.
+        topology: of the skeletons; any if there are none.
+        sensors: their poses.
     """
     frame = arrival.frame
     of = topology or named_topology("kinect_v2")
@@ -79,22 +79,22 @@ def scene_at(
 
 
 class Tracker(Protocol):
-    """One step a frame. The same arrivals and commands in the same order give the same scenes, to the bit."""
+    """One step per frame. The same arrivals and commands in the same order give the same scenes, to the bit."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
 
     def recalibrate(self, reason: str) -> None:
-        """Begin the calibration again; the next scene says why."""
+        """Restart the calibration; the next scene gives the reason."""
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
 
     def snapshot(self) -> bytes:
-        """All that it remembers: a new tracker of the same settings that restores it goes on to the bit alike."""
+        """Return all state: a new tracker of the same settings that restores it continues identically, to the bit."""
 
     def restore(self, data: bytes) -> None:
-        """Remember what a `snapshot` holds, and nothing else.
+        """Replace all state by that of a `snapshot`.
 
         Raises:
             WireError: the bytes are no snapshot of this method.
@@ -102,15 +102,15 @@ class Tracker(Protocol):
 
     @property
     def report(self) -> TrackerReport:
-        """What came of all frames so far."""
+        """Counts of all frames so far."""
 
 
 class TrackerNote(msgspec.Struct, frozen=True):
-    """Something that happened once, to be told to a person; what lasts is in the state's reason.
+    """An event to report to the user once; lasting conditions are in the state's reason.
 
     Attributes:
-        time_ns: of the capture that showed it, on the clock of all sensors.
-        text: in words.
+        time_ns: capture time of its evidence, on the common clock.
+        text: the message.
     """
 
     time_ns: int
@@ -119,18 +119,18 @@ class TrackerNote(msgspec.Struct, frozen=True):
 
 @runtime_checkable
 class TellsNotes(Protocol):
-    """A tracker that tells what happens."""
+    """A tracker that reports events."""
 
     def drain_notes(self) -> list[TrackerNote]:
-        """What happened since the last call, the oldest first."""
+        """Return the events since the last call, the oldest first."""
 
 
 @runtime_checkable
 class KeepsLayout(Protocol):
-    """A tracker that finds out where the sensors are, so that it can be kept for the next time."""
+    """A tracker that estimates sensor poses that can be kept for the next session."""
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """Begin anew from a layout: its sensors are where it says until people show something else."""
+        """Restart from a layout, whose poses are used until people contradict them."""
 
     def layout(self) -> SensorLayout | None:
-        """The layout that was found; None before two of them are tied to each other."""
+        """Return the estimated layout; None before two sensors are tied to each other."""

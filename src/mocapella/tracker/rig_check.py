@@ -1,7 +1,7 @@
-"""Whether the cameras stand where the rig says: judged in the first instants by what moves and by the empty room.
+"""Check whether the cameras are at the rig's poses, in the first frames, from motion and from the empty room.
 
-The outlines alone do not say it: they are looked for where a body is expected. So it is asked what differs from the
-empty room, and where that is not known, what moves.
+The outlines alone cannot show it, because they are searched at the predicted body. So the foreground relative to the
+empty room is compared, or motion if the room is not known.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from mocapella.tracker.silhouette_views import covered_by_all
 UInt8 = NDArray[np.uint8]
 
 DOUBTED_BELOW: Final = 0.4
-"""Overlap of the body and the foreground below which a camera is doubted."""
+"""Overlap of the body and the foreground below which a camera is reported."""
 MOVES_WITH: Final = 0.85
-"""Share of what moves that has to be where the body is."""
+"""Least fraction of the moving pixels that must be at the body."""
 JUDGED_BY: Final = 5
-"""Images with motion by which a camera is judged; in later ones, the motion may be unrelated to the body."""
+"""Number of images with motion by which a camera is judged; later motion may be unrelated to the body."""
 
 
 class RigCheck:
-    """Judges a rig while all bodies are there.
+    """Checks a rig while all bodies are visible.
 
     Args:
         rig: of the cameras.
@@ -44,22 +44,22 @@ class RigCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Judge anew."""
+        """Start again."""
         self.said: list[str] = []
         self._moved, self._shares = MovedSince(), dict[str, list[float]]()
         self._compared = False
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return [self.said, self._moved.memory(), self._shares, self._compared]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same rig."""
+        """Restore the state that `memory` returned; for the same rig."""
         self.said, moved, self._shares, self._compared = memory
         self._moved.recall(moved)
 
     def update(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom) -> list[str]:
-        """New disagreements in words, after an instant with all bodies present.
+        """Return messages about new disagreements, after a frame with all bodies visible.
 
         Args:
             found: by name.
@@ -93,7 +93,7 @@ class RigCheck:
 def rig_faults(
     found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig
 ) -> list[str]:
-    """What in one instant says that a camera is not where the rig says, of the cameras whose empty room is known."""
+    """Return messages about cameras that contradict the rig in one frame, of those whose empty room is known."""
     said, silhouettes = [], {}
     covers = "the body covers" if len(found) == 1 else "the bodies cover"
     for name, covered in covered_by_all(found, rig).items():

@@ -1,4 +1,4 @@
-"""A body as the method ``silhouettes`` has it: what of its mesh every frame needs, made once."""
+"""A body of the method ``silhouettes``, with precomputed values of its mesh."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from mocapella.model.twist_tree import TreePose, motions
 Float64 = NDArray[np.float64]
 
 SKIN_POINTS = 6
-"""So many of each part stand for its skin."""
+"""Number of vertices per part that represent its surface."""
 
 
 class Standing(msgspec.Struct, frozen=True, eq=False):
-    """Where a body is in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
+    """A body in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
 
     pose: TreePose
     vertices: Float64
@@ -30,10 +30,10 @@ class SilhouetteBody:
     """One body.
 
     Attributes:
-        mesh: of it.
-        figure: what its outline is made from.
-        balls: its joints of three axes.
-        solid: what must not be in each other.
+        mesh: of the body.
+        figure: source of its outline.
+        balls: its joints with three axes.
+        solid: capsules that must not penetrate each other.
         skin: (k,) vertices spread over its parts.
     """
 
@@ -55,7 +55,7 @@ class SilhouetteBody:
         self._stood: Standing | None = None
 
     def standing(self, pose: TreePose) -> Standing:
-        """Where it is; of the last pose that was asked, it is known already."""
+        """Return the body in a pose; cached for the last pose."""
         if self._stood is None or self._stood.pose is not pose:
             mesh, moved = self.mesh, motions(self.mesh.tree, pose)
             vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
@@ -63,5 +63,5 @@ class SilhouetteBody:
         return self._stood
 
     def local(self, pose: TreePose) -> LocalTree:
-        """Its tree, with the balls' axes as they are in a pose."""
+        """Return its tree, with the ball joints' axes at a pose."""
         return local_tree(self.mesh.tree, self.balls, pose)

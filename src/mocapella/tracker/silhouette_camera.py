@@ -25,21 +25,21 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 MOST_AT_FIRST = 0.6
-"""Before it is known how much of a background differs from image to image, so much may."""
+"""Largest change of a background before its usual change is known."""
 LEAST_JUMP, BEYOND = 0.04, 6.0
-"""More than this, and so many usual deviations, of a background that differs does not come by chance; nor …"""
+"""A change of a background is significant above this, and above `BEYOND` usual deviations …"""
 LEAST_LOSS = 0.25
-"""… that the outlines have so much less in common than usual."""
+"""… and so is a loss of the outlines' usual overlap by this."""
 LEARNT = 0.2
-"""Learning rate of the usual share and its deviation."""
+"""Learning rate of the usual value and its deviation."""
 WIDE = 2.0
-"""Where a pose is rough, outlines are looked for so many times as far away."""
+"""Factor of the search distance of outlines for a rough pose."""
 FARTHER, EVERY = 0.3, 3
-"""A limb is looked for in so much more than the body's window, at every so manieth sample."""
+"""Margin around the body's window in which a limb is searched, as a fraction of it, and the sampling step there."""
 NEAREST_LIMB_M = 0.3
-"""Nearer than this to a camera a limb may be anywhere in its image [m]."""
+"""Nearer to a camera, a limb may be anywhere in its image [m]."""
 USUAL_STEP_PX = 2
-"""For which a region's settings in pixels hold; other steps have them scaled."""
+"""Sampling step to which a region's settings in pixels refer; they are scaled for others."""
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):
@@ -57,14 +57,14 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
-    """A place (3,) and how far about it [m]."""
+    """A centre (3,) and a radius [m]."""
 
     centre: Float64
     radius_m: float
 
 
 class SilhouetteCamera:
-    """What is known of a camera's images."""
+    """State of one camera's images."""
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
         self._eye, self.step_px, self._settings = by, step_px, settings
@@ -81,7 +81,7 @@ class SilhouetteCamera:
         self.forget_frame()
 
     def forget_frame(self) -> None:
-        """Another frame begins."""
+        """Prepare for the next frame."""
         self._window: Outline | None = None
         self._looked: tuple[Float64, float] | None = None
         self._outline: Outline | None = None
@@ -89,12 +89,12 @@ class SilhouetteCamera:
         self._found: tuple[Silhouette, Float32] | None = None
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants, between two frames."""
+        """Return all state between two frames, for `recall`."""
         background = None if self.background is None else self.background.memory()
         return [self.step_px, background, self.usually.memory(), self.covers.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same ``step_px``, which is the first of it."""
+        """Restore the state that `memory` returned; for the same ``step_px``, its first element."""
         _, background, usually, covers = memory
         if self.background is not None:
             self.background.recall(background)
@@ -107,17 +107,17 @@ class SilhouetteCamera:
 
     @property
     def segmented(self) -> bool:
-        """Whether this frame's image was, and the body is in it."""
+        """Whether this frame's image was segmented and shows the body."""
         return self._found is not None and self._outline is not None
 
     @property
     def sample_m(self) -> float:
-        """How far samples are apart, at the distance of the body's nearest outline [m]."""
+        """Distance between samples at the body's nearest outline [m]."""
         assert self._outline is not None
         return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
-        """See the body; all of a frame's looks have one window. False where it is not in the image."""
+        """Project the body's outline; all of a frame share one window. False if it is outside the image."""
         if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
             return self._outline is not None
         self._looked = vertices, self._reach
@@ -133,19 +133,19 @@ class SilhouetteCamera:
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
-        """What it shows is how things are now."""
+        """Take the present image as the new background."""
         assert self.background is not None
         self.background.reset()
         self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
-        """What the image says, the body's outline in mind, which may be ``near`` to it."""
+        """Segment the image, with the body's outline as a prior; ``near`` if that is close."""
         settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.background, settings=settings)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
-        """Where the outlines want the body to be."""
+        """Return the correspondences of outline and contour, as constraints of the pose."""
         assert self._outline is not None
         assert self._found is not None
         contour, surety = self._found
@@ -156,23 +156,23 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """The outcome of a frame."""
+        """Return the result of a frame."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
 
     def shows_all(self, vertices: Float64) -> bool:
-        """Whether all of a body (n, 3) is within the image."""
+        """Return whether all of a body (n, 3) is within the image."""
         return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
-        """(n,) how much the image shows the room at points (n, 3) of the body, 0 to 1."""
+        """Return how much the image shows the background at points (n, 3) of the body: (n,), 0 to 1."""
         assert self.background is not None
         return np.maximum(-self.background.strange_at(image, seen_at(points, self._eye)), 0.0)
 
     def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
-        """What of the image is not the room, about the body, as far as some limbs reach."""
+        """Return the foreground around the body, within the reach of some limbs."""
         assert self._outline is not None
         assert self.background is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
@@ -184,7 +184,7 @@ class SilhouetteCamera:
         if bounds is not None:
             left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
             right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
-        # At least a sample, beyond the image where limbs are.
+        # At least one sample, even if limbs are outside the image.
         right, bottom = max(right, left + 1), max(bottom, top + 1)
         shape = (-(-(bottom - top) // step), -(-(right - left) // step))
         strange = self.background.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
@@ -194,7 +194,7 @@ class SilhouetteCamera:
         return Evidence(self._eye, (left, top), grid, strange)
 
     def _bounds(self, about: Sequence[Ball]) -> tuple[int, int, int, int] | None:
-        """What part of the image shows balls: left, top, right, bottom [px]; None where one is about the camera."""
+        """Return the part of the image that shows balls: left, top, right, bottom [px]; None if one is too near."""
         centres, radii = np.array([ball.centre for ball in about]), np.array([ball.radius_m for ball in about])
         T = self._eye.T_camera_world
         nearest = centres @ T[2, :3] + T[2, 3] - radii
@@ -220,7 +220,7 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """A share, 0 to 1, that is about the same from image to image, and for how long it has not been so."""
+    """A fraction, 0 to 1, that is similar from image to image, and the time for which it has been unusual."""
 
     def __init__(self) -> None:
         self._mean: float | None = None
@@ -228,23 +228,23 @@ class Usually:
         self._else_since_ns: int | None = None
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return [self._mean, self._deviation, self._else_since_ns]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made."""
+        """Restore the state that `memory` returned."""
         self._mean, self._deviation, self._else_since_ns = memory
 
     def much(self, share: float) -> float:
-        """More than this is something else: so much of the rest."""
+        """Return the threshold of a large change: this share of the remainder above the usual value."""
         return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
 
     def most(self) -> float:
-        """More than this does not come by chance."""
+        """Return the upper threshold of a significant change."""
         return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
 
     def least(self) -> float:
-        """Less than this does not come by chance."""
+        """Return the lower threshold of a significant change."""
         return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
 
     def learn(self, share: float) -> None:
@@ -260,7 +260,7 @@ class Usually:
         self._deviation += LEARNT * (abs(change) - self._deviation)
 
     def else_for_ns(self, time_ns: int) -> int:
-        """For how long it has not been as usual."""
+        """Return for how long it has been unusual."""
         if self._else_since_ns is None:
             self._else_since_ns = time_ns
         return time_ns - self._else_since_ns

@@ -1,4 +1,4 @@
-"""Which cameras do not count for which bodies, from when on and why, once it has lasted for some instants."""
+"""Report which cameras are left out for which bodies, once that has lasted for some frames."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from mocapella.model.camera import CameraRig
 from mocapella.tracker.silhouette_views import SeenBody, called
 
 SAID_AFTER: Final = 3
-"""Consecutive instants for which a camera is left out before this is reported."""
+"""Consecutive frames for which a camera is left out before this is reported."""
 
 
 class CameraConditions:
-    """Counts for how long each camera does not count for each body.
+    """Counts for how long each camera is left out for each body.
 
     Args:
         rig: of the cameras.
@@ -28,32 +28,32 @@ class CameraConditions:
         self._since: dict[tuple[str, str], tuple[int, int, str]] = {}
 
     def memory(self) -> dict[tuple[str, str], tuple[int, int, str]]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return self._since
 
     def recall(self, memory: dict[tuple[str, str], tuple[int, int, str]]) -> None:
-        """Be as when `memory` was made."""
+        """Restore the state that `memory` returned."""
         self._since = memory
 
     @property
     def lasting(self) -> Sequence[str]:
         """The reported conditions that still last, a clause for each camera."""
-        clauses: dict[str, None] = {}  # the same of several bodies once
+        clauses: dict[str, None] = {}  # one clause for several bodies
         for (camera, _), (_, count, reason) in self._since.items():
             if count >= SAID_AFTER:
                 clauses[f"{camera}: {reason}"] = None
         return list(clauses)
 
     def update(self, number: int, bodies: Mapping[str, SeenBody]) -> list[str]:
-        """What has changed and lasted with an instant, in words.
+        """Return messages about lasting changes.
 
         Args:
-            number: of the instant.
+            number: of the frame.
             bodies: by name.
         """
-        told: list[str] = []
+        notes: list[str] = []
         for camera in self._cameras:
-            said: dict[str, None] = {}  # the same of several bodies once
+            own: dict[str, None] = {}  # one message for several bodies
             reasons = {one.fit.left_out.get(camera) for one in bodies.values()}
             of_all = len(reasons) == 1 and None not in reasons
             for name, one in bodies.items():
@@ -63,16 +63,16 @@ class CameraConditions:
                 if now:
                     self._since[camera, name] = begun, count + 1, now
                     if count + 1 == SAID_AFTER:
-                        said[f"{camera} does not count{whom} from frame {begun} on: {now}"] = None
+                        own[f"{camera} does not count{whom} from frame {begun} on: {now}"] = None
                 elif count:
                     del self._since[camera, name]
                     if count >= SAID_AFTER:
-                        said[f"{camera} counts again{whom} from frame {number} on"] = None
-            told += said
-        return told
+                        own[f"{camera} counts again{whom} from frame {number} on"] = None
+            notes += own
+        return notes
 
     @staticmethod
     def _reason(camera: str, name: str, body: SeenBody) -> str:
-        """Why a camera does not count for a body; empty where it does, or where the body is lost."""
+        """Return why a camera is left out for a body; empty if it is not, or if the body is lost."""
         silent = camera in body.fit.seen or body.lost
         return body.fit.left_out.get(camera, "" if silent else f"{called(name)} is outside of its image")

@@ -15,17 +15,17 @@ from mocapella.tracker.bodies_fitter import BodiesFitter
 UInt8 = NDArray[np.uint8]
 
 IMAGES: Final = 30
-"""So many images of an empty room say all that more would."""
+"""Number of images of the empty room that are learnt."""
 MOVED: Final = 0.001
-"""What changes in a larger part of an image, in one piece, is more than noise."""
-LEARNING: Final = "learning the empty room: nobody may be in the images"
+"""Fraction of an image above which a connected change is motion rather than noise."""
+LEARNING: Final = "learning the empty room: keep people out of the images"
 
 
 class EmptyRoomLearning:
-    """Takes in images of the empty room, spread evenly over its seconds.
+    """Learns images of the empty room, spread evenly over its duration.
 
     Args:
-        seconds: duration without people; 0: nothing is learnt.
+        seconds: duration without people; 0 learns nothing.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -41,26 +41,26 @@ class EmptyRoomLearning:
         self.done = self._seconds == 0
 
     def memory(self) -> list[Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return [self._begin_ns, self._taken, self._moved, self.seen, self.done]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Be as when `memory` was made; of the same seconds."""
+        """Restore the state that `memory` returned; for the same duration."""
         self._begin_ns, self._taken, self._moved, self.seen, self.done = memory
 
     @property
     def remaining(self) -> int:
-        """Images of each camera that are still wanted."""
+        """Number of images of each camera that are still needed."""
         return max(IMAGES - self._taken, 0)
 
     def update(self, time_ns: int, images: Mapping[str, UInt8], empty: EmptyRoom, fitters: BodiesFitter) -> list[str]:
-        """Learn from the images of one instant; returns messages once learning has ended.
+        """Learn from simultaneous images; return messages once learning has ended.
 
         Args:
-            time_ns: of capture.
+            time_ns: capture time.
             images: (height, width, 3) by camera.
-            empty: learns.
-            fitters: learn, too.
+            empty: is updated.
+            fitters: are updated, too.
         """
         self._begin_ns = time_ns if self._begin_ns is None else self._begin_ns
         passed_s = (time_ns - self._begin_ns) / NS_PER_S
@@ -76,12 +76,12 @@ class EmptyRoomLearning:
             return []
         return [
             f"something moved in the images of {', '.join(sorted(self._moved))} while the empty room was learnt: was "
-            "somebody there? Then begin anew, with nobody in the images"
+            "a person there? Then restart, without people in the images"
         ]
 
 
 def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
-    """Messages about cameras whose empty room is not known."""
+    """Return messages about cameras whose empty room is not known."""
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []
@@ -89,6 +89,6 @@ def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
 
 
 def _changed(empty: EmptyRoom, name: str, image: UInt8) -> float:
-    """Which part of an image the largest piece is that differs from the last one that was learnt."""
+    """Return the fraction of an image of the largest connected change since the last one learnt."""
     piece = empty.silhouette(name, image)
     return 0.0 if piece is None else piece.step_px**2 * float((piece.phi > 0).sum()) / image[..., 0].size

@@ -1,4 +1,4 @@
-"""Fitted bodies as the scene has them: pose, landmarks, and lines to be drawn over each camera's image."""
+"""Convert fitted bodies into scene parts: pose, landmarks, and outlines over each camera's image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NO_LINES = np.empty((0, 2), np.float32)
 
 
 class BodyScenes:
-    """Makes `TrackedBody` values.
+    """Creates `TrackedBody` values.
 
     Args:
         bodies: by name; their order gives the ids.
@@ -32,15 +32,15 @@ class BodyScenes:
 
     def __init__(self, bodies: Mapping[str, InitialBody], eyes: Mapping[str, Eye]) -> None:
         self._bodies, self._eyes = bodies, eyes
-        # Of a body that waits, lines stay the same for long.
+        # The lines of a waiting body stay the same for long.
         self._waiting: dict[tuple[str, str], tuple[Silhouette, Float32]] = {}
 
     def tracked(self, seen: Mapping[str, SeenBody], *, looked_for: bool = True) -> tuple[TrackedBody, ...]:
-        """The bodies of one instant.
+        """Return the bodies of one frame.
 
         Args:
             seen: by name.
-            looked_for: whether the tracker looks for them; otherwise no landmark is tracked.
+            looked_for: whether the tracker searches for them; otherwise no landmark is tracked.
         """
         return tuple(
             TrackedBody(

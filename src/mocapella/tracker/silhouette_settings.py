@@ -16,23 +16,24 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class Steadiness:
-    """The penalty on jitter, as the accelerations that people have: what is more costs.
+    """Penalty on jitter, as standard deviations of people's accelerations.
 
-    Most of it is on points of the skin: what images hardly say of a body, such as how its pelvis is turned in it,
-    hardly moves its skin either, so that it is held neither more nor less than what they say clearly. Who moves fast,
-    or was just accelerated, may be accelerated more.
+    Most of it acts on points of the surface: parameters that images hardly determine, such as the rotation of the
+        pelvis
+    within the body, hardly move the surface either, so they are constrained as much as well-determined ones. Fast or
+    recently accelerated points may accelerate more.
 
     Attributes:
-        point_m_per_s2: of a point of the skin that has not moved [m/s²] …
-        point_per_s: … and so much for its speed [1/s] …
-        point_per_past: … and so many times as much as it was accelerated lately.
-        root_m_per_s2: of the body's place [m/s²].
+        point_m_per_s2: of a point of the surface at rest [m/s²] …
+        point_per_s: … plus this times its speed [1/s] …
+        point_per_past: … plus this times its recent acceleration.
+        root_m_per_s2: of the body's position [m/s²].
         root_rad_per_s2: of its orientation [rad/s²].
         angle_rad_per_s2: of a joint [rad/s²].
-        beside_skin: so many times as much may these three be where the skin is held, too. Where one camera alone sees
-            the body it is not: how far away somebody is hardly shows there, and all of the skin moves with that.
-        turn_rad_per_s: of a limb about itself, which hardly shows where it is straight: not the acceleration, the speed
-            [rad/s].
+        beside_skin: factor of these three while the surface is constrained, too. With only one camera the surface is
+            not constrained, because the distance is hardly visible and moves all of it.
+        turn_rad_per_s: speed, not acceleration, of a limb's rotation about itself, which is hardly visible if the limb
+            is straight [rad/s].
     """
 
     point_m_per_s2: float = 24.0
@@ -52,11 +53,11 @@ class Steadiness:
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
     def penalty(self, per_s2: float) -> JitterPenalty:
-        """Where an acceleration of 1 brings the body away by 1 / ``per_s2``."""
+        """Return the penalty, if an acceleration of 1 displaces the body by 1 / ``per_s2``."""
         return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
 
     def times(self, weight: float) -> Steadiness:
-        """The same penalty, so many times as strong; not 0."""
+        """Return the penalty with its weight multiplied by a factor above 0."""
         s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
         times = {one.name: float(s * getattr(self, one.name)) for one in fields(self)}
         return Steadiness(**{**times, "beside_skin": self.beside_skin})
@@ -68,21 +69,21 @@ class SilhouetteSettings:
 
     Attributes:
         steadiness: the penalty on jitter; None: there is none.
-        region: how an image is segmented, for samples of two pixels.
-        closer: the same where the body is nearly where it should be: the last time that a frame is segmented.
-        background: how what is behind people is learnt; None: it is not, as where cameras move.
-        limbs: how a limb that went astray is looked for; None: it is not.
-        correspondences: how outlines are brought together.
-        step_px: images are looked at in squares of so many pixels; 0: so that a body is about 200 of them high.
-        margin_steps: how far from where the body is expected its outline is looked for.
-        rounds: how often a pose is fitted to a frame; once less where the first time did not move the body.
+        region: segmentation of an image, for samples of two pixels.
+        closer: the same near the final pose, for the last segmentation of a frame.
+        background: learning of the background; None for moving cameras.
+        limbs: recovery of misplaced limbs; None for none.
+        correspondences: matching of outlines.
+        step_px: sampling step; 0 chooses it so that a body is about 200 samples high.
+        margin_steps: search distance of the outline from the predicted body.
+        rounds: pose fits per frame; one less if the first did not move the body.
         segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
             the body.
         expected_steps: a body that is so near to where it was expected, in samples, is looked for as `closer` says.
         settled_steps: the first round has moved it where it has moved it farther.
         usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
-        unlike: a camera of whose background more than this share of what usually is as it was is not, shows something
-            else.
+        unlike: a camera whose background changed by more than this fraction of its usually unchanged part shows
+            something else.
         something_else_s: after so long it is taken for a new background: the light changed, or the camera moved [s].
     """
 

@@ -1,4 +1,4 @@
-"""The start of a tracked body: model, size and pose from 3D joints of one instant."""
+"""Initialise a tracked body: model, size and pose from 3D joints at one time."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ NEEDED: Final = {
 }
 """Joints required to place a body, by model."""
 ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"), ("shank", "thigh", "trunk"))}
-"""Segments that give a person's size, by model."""
+"""Segments that determine a person's size, by model."""
 FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
-"""Two bodies whose middles are nearer to each other are in one place."""
+"""Least distance between the centres of two bodies at the start."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
-"""How far points may be from where they are in an image, over its longer side, and at least [px]."""
+"""Largest reprojection error of points, as a fraction of the image's longer side, and its lower bound [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
-"""A camera that has more than this share of its points, of so many at least, disagrees with the others."""
+"""A camera disagrees with the others if more than this fraction of its points, of at least so many, is rejected."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class Body:
 
     Attributes:
         model: of `MODELS`, or another mesh's name.
-        height_m: where it was given.
-        proportions: where they were measured.
+        height_m: subject height, if given.
+        proportions: segment lengths, if measured.
         mesh: see there.
-        sha256: of the mesh's file, in hexadecimal digits; empty where it is of no file.
+        sha256: of the mesh file, in hexadecimal digits; empty without one.
     """
 
     model: str
@@ -65,23 +65,23 @@ class Body:
     sha256: str = ""
 
     def starting(self, pose: TreePose) -> InitialBody:
-        """The body that begins in a pose."""
+        """Return the body with an initial pose."""
         return InitialBody(
             self.mesh, pose, build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
         )
 
 
 def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:
-    """Joints in space (3,) [m] of 2D points, by the names of a body's landmarks; without those not found.
+    """Triangulate joints (3,) [m] from 2D points, by the names of a body's landmarks; without those not found.
 
     Args:
-        tracks: their names are OpenPose's, or a body's landmarks'.
+        tracks: named as in OpenPose, or as a body's landmarks.
         rig: of their cameras.
-        frame: of them, from 0.
+        frame: index, from 0.
 
     Raises:
-        InputError: a camera that the rig does not have, no such frame, or names that are none of those.
-        CalibrationError: what the cameras saw does not meet in space.
+        InputError: a camera that the rig does not have, no such frame, or unknown names.
+        CalibrationError: the cameras' points do not meet in space.
     """
     if not 0 <= frame < len(tracks.frames):
         raise InputError(
@@ -97,7 +97,7 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
     first = ImageTracks(
         tracks.cameras, tracks.points, tracks.frames[one], tracks.at_s[one], tracks.pixels[one], tracks.confidences[one]
     )
-    # What a detector errs by grows with the image.
+    # A detector's errors grow with the image.
     largest = max(_LEAST_ERROR_PX, _ERROR * float(np.median([max(c.camera.size_px) for c in rig.cameras.values()])))
     space, report = triangulate_tracks(first, rig, TracksSettings("weighted-linear", largest_error_px=largest))
     found = {
@@ -123,10 +123,10 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
 
 
 def check_joints(model: str, joints: Mapping[str, Float64], file: object = None) -> None:
-    """See that there are enough of them.
+    """Check that the joints suffice.
 
     Raises:
-        InputError: one is missing; says which are needed.
+        InputError: one is missing; lists those needed.
     """
     needed = NEEDED.get(model, ())
     missing = [name for name in needed if name not in joints]
@@ -140,11 +140,11 @@ def check_joints(model: str, joints: Mapping[str, Float64], file: object = None)
 
 
 def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -> Body:
-    """The model of a person: of a height, or as large as the joints say.
+    """Return the model of a person of a given height, or of the size that the joints give.
 
     Raises:
         SettingsError: no such model, or neither the joints nor a height give the person's size.
-        CalibrationError: joints that are none of a person.
+        CalibrationError: the joints do not fit a person.
     """
     if model not in MODELS:
         raise SettingsError(f"--model is {model!r}; it must be one of {one_of(model, MODELS)}, or a .glb or .gltf file")
@@ -166,10 +166,10 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
 
 
 def body_again(model: str, height_m: float | None, proportions: Mapping[str, float]) -> Body:
-    """The model that an earlier run had.
+    """Rebuild the model of an earlier run.
 
     Raises:
-        SettingsError: there is none like that.
+        SettingsError: there is no such model.
     """
     if model not in MODELS:
         raise SettingsError(f"model is {model!r}; it must be one of {one_of(model, MODELS)}, or a mesh's file")
@@ -181,11 +181,11 @@ def _made(model: str, height_m: float | None, proportions: BodyProportions) -> B
 
 
 def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
-    """Where a body is whose joints are there; joints that it does not have do not count.
+    """Fit a body's pose to joints; joints that the body does not have are ignored.
 
     Raises:
-        SettingsError: too few that it has.
-        CalibrationError: no pose of it is near them.
+        SettingsError: too few joints that it has.
+        CalibrationError: no pose is near them.
     """
     known = {name: at for name, at in joints.items() if name in mesh.landmarks}
     if len(known) < 3:
@@ -206,15 +206,15 @@ def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
 
 
 def root_of(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """(3,) where the body's root is in the world [m]."""
+    """Return the body's root (3,) in the world [m]."""
     return np.asarray(pose.T_world_model[:3, :3] @ mesh.tree.root + pose.T_world_model[:3, 3])
 
 
 def check_apart(poses: Mapping[str, tuple[RiggedMesh, TreePose]]) -> None:
-    """See that no two bodies start in one place: which outline is whose could never be told.
+    """Check that no two bodies start at the same position, because their outlines could not be told apart.
 
     Raises:
-        InputError: two do; names them and how far apart they are.
+        InputError: two do; names them and their distance.
     """
     roots = {name: root_of(mesh, pose) for name, (mesh, pose) in poses.items()}
     for one, other in combinations(roots, 2):
@@ -227,7 +227,7 @@ def check_apart(poses: Mapping[str, tuple[RiggedMesh, TreePose]]) -> None:
 
 
 def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[str]:
-    """In whose images a body's landmarks are, one at least."""
+    """Return the cameras whose images contain at least one of a body's landmarks."""
     points = landmarks_at(mesh, pose) if mesh.landmarks else pose.T_world_model[None, :3, 3]
     found = []
     for name, placed in rig.cameras.items():
@@ -241,7 +241,7 @@ def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[s
 
 
 def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """(3,) the axis of the world, with its sign, that is the nearest to the body's own up."""
+    """Return the signed world axis (3,) nearest to the body's own up."""
     up = pose.T_world_model[:3, 1]
     axis = int(np.argmax(np.abs(up)))
     out = np.zeros(3)
@@ -250,7 +250,7 @@ def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def _landmark(name: str) -> str:
-    """The landmark that a point's name means; empty where it means none."""
+    """Return the landmark that a point's name denotes; empty for none."""
     if name in NO_LANDMARKS:
         return ""
     plain = name.replace("_", " ").strip().lower()

@@ -1,4 +1,4 @@
-"""What the cameras saw of all bodies at one instant: the fits, for scores and pictures."""
+"""Fits of all bodies in one frame, for scores and images."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ DAMAGED: Final = "its image is damaged"
 
 
 class SeenBody(msgspec.Struct, frozen=True, eq=False):
-    """One body at one instant.
+    """One body in one frame.
 
     Attributes:
-        fit: pose, landmarks, and outlines by camera; of a lost body, the pose is where it waits.
-        lost: whether the person is absent, not yet come or gone.
-        waits: what a lost body covers where it waits, by camera.
+        fit: pose, landmarks, and outlines by camera; the pose of a lost body is where it waits.
+        lost: whether the person is absent: not yet arrived, or gone.
+        waits: pixels that a lost body covers where it waits, by camera.
     """
 
     fit: FittedBody
@@ -34,11 +34,11 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
 
 
 class SeenInstant(msgspec.Struct, frozen=True, eq=False):
-    """All bodies at one instant.
+    """All bodies in one frame.
 
     Attributes:
-        number: of the instant: its frames' own where all have the same, as of files; else how many there were before.
-        time_ns: of capture, on the clock of all cameras.
+        number: of the frame, if all cameras' frames have the same, as in files; otherwise a counter.
+        time_ns: capture time, on the common clock.
         images: (height, width, 3) BGR by camera; a camera without a usable image is missing.
         bodies: by name.
     """
@@ -50,7 +50,7 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
 
 
 def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str, Silhouette]:
-    """What all bodies together cover, by camera that sees one of them."""
+    """Return the pixels that all bodies together cover, by camera that sees one of them."""
     out: dict[str, Silhouette] = {}
     for name, placed in rig.cameras.items():
         masks = [one.seen[name].outline.silhouette for one in found.values() if name in one.seen]
@@ -63,5 +63,5 @@ def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str,
 
 
 def called(name: str) -> str:
-    """How a body is named in a message."""
+    """Return a body's name for messages."""
     return name or "the body"

@@ -1,11 +1,11 @@
-"""The method ``silhouettes``: body models fitted to the images of several cameras.
+"""The method ``silhouettes``: fit body models to the images of several cameras.
 
-    instant = sync(images)                 the images of one instant
-    fits    = fit(instant, lost)           every body for itself, others being where they are expected
-    bodies  = presence(fits, empty room)   present bodies, lost bodies, and where to look for the lost ones
-    notes   = conditions, doubts           which cameras do not count, and whether the rig can be right
+    instant = sync(images)                 simultaneous images
+    fits    = fit(instant, lost)           each body separately, with the others at their predicted poses
+    bodies  = presence(fits, empty room)   present bodies, lost bodies, and where to search for the lost ones
+    notes   = conditions, rig check        cameras that are left out, and whether the rig fits
 
-A scene has the bodies of the last complete instant. See docs/methods/silhouettes.md.
+A scene has the bodies of the last complete set of images. See docs/methods/silhouettes.md.
 """
 
 from __future__ import annotations
@@ -51,29 +51,29 @@ from mocapella.tracker.silhouette_views import DAMAGED, NO_PICTURE, SeenInstant,
 UInt8 = NDArray[np.uint8]
 
 MOST_NOTES: Final = 200
-"""So many are kept for a caller that has not drained them."""
-TOO_LATE: Final = "it is an image of the empty room, and people are followed already: give these first"
+"""Number of notes kept for a caller that has not drained them."""
+TOO_LATE: Final = "it is an image of the empty room, and people are tracked already: send these images first"
 _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 """From a sensor's space (x left, y up) to a camera's (x right, y down)."""
 
 
 class SilhouettesTracker:
-    """See the module.
+    """Tracker of the method ``silhouettes``.
 
     Args:
         bodies: by name, at least one; a single body may have an empty name.
         rig: of the cameras, for images of their sizes.
         settings: of the fit.
-        sync: of the cameras' times. Bodies are where they begin a ``period_s`` before the first instant.
+        sync: of the cameras' times. Bodies are at their initial poses a ``period_s`` before the first images.
         empty_room_s: duration without people, to learn the room; then people are waited for [s].
-        waiting: whether the room is empty at first: bodies wait where they begin.
+        waiting: whether the room is empty at first: bodies wait at their initial poses.
 
     Attributes:
         bodies, rig: see above.
-        seen: the last instant, with its fits; None before the first.
+        seen: the last frame with its fits; None before the first.
 
     Raises:
-        SettingsError: no body, a time out of range, or a body that no camera sees where it begins.
+        SettingsError: no body, a time out of range, or a body that no camera sees at its initial pose.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class SilhouettesTracker:
         self._sync = FrameSync(rig.cameras, sync)
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
-        self._conditions, self._doubt = CameraConditions(rig), RigCheck(rig)
+        self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
         self._room = EmptyRoomLearning(empty_room_s)
         self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
         self._places = tuple(
@@ -110,7 +110,7 @@ class SilhouettesTracker:
         self._begin_anew("")
 
     def recalibrate(self, reason: str) -> None:
-        """Learn the empty room anew, and look for all bodies where they begin; where the cameras are is the rig's."""
+        """Learn the empty room again, and search all bodies at their initial poses; the rig stays."""
         self._restarts += 1
         self._rejected += self._sync.dropped
         self._begin_anew(reason)
@@ -120,7 +120,7 @@ class SilhouettesTracker:
         self._fitters.reset()
         self._presence.reset()
         self._conditions.reset()
-        self._doubt.reset()
+        self._rig_check.reset()
         self._room.reset()
         self._newest: dict[str, tuple[int, int]] = {}
         self._filmed: set[str] = set()
@@ -133,14 +133,14 @@ class SilhouettesTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """See `Tracker`; images that wait for the others of their instant count as kept."""
+        """See `Tracker`; images that wait for simultaneous ones count as kept."""
         rejected = self._rejected + self._sync.dropped
         learnt = int(self._room.done and bool(self._room.seen))
         return TrackerReport(self._steps, self._steps - rejected.total(), dict(rejected), learnt, self._restarts)
 
     @property
     def period_s(self) -> float:
-        """Time between two instants, from the settings [s]."""
+        """Time between two frames, from the settings [s]."""
         return self._sync.settings.period_s
 
     @property
@@ -149,7 +149,7 @@ class SilhouettesTracker:
         return not self._room.done
 
     def drain_notes(self) -> list[TrackerNote]:
-        """Notes since the last call, the oldest first; each is returned once."""
+        """Return the notes since the last call, the oldest first."""
         notes = list(self._notes)
         self._notes.clear()
         return notes
@@ -160,7 +160,7 @@ class SilhouettesTracker:
         return pack([_FORMAT, own, [part.memory() for part in self._parts()]], _REMEMBERED)
 
     def restore(self, data: bytes) -> None:
-        """See `Tracker`; `seen` is None until the next instant."""
+        """See `Tracker`; `seen` is None until the next frame."""
         whole = unpack(data, _REMEMBERED)
         try:
             kind, own, memories = whole
@@ -175,24 +175,24 @@ class SilhouettesTracker:
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:
-        return self._sync, self._fitters, self._presence, self._conditions, self._doubt, self._room
+        return self._sync, self._fitters, self._presence, self._conditions, self._rig_check, self._room
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one image in and say what there is now: the bodies of the last complete instant.
+        """Take in one image and return the scene: the bodies of the last complete set of images.
 
-        An image that cannot be used is counted and changes nothing; a damaged one, once its instant is complete.
+        An image that cannot be used is counted and changes nothing; a damaged one is counted once its set is complete.
         """
         frame: Any = arrival.frame
         if type(frame) is not ImageFrame:
             problem = not_taken(frame, "silhouettes")
         elif not (problem := self._problem(frame)):
-            self._see(arrival, frame)
+            self._add_image(arrival, frame)
         if problem:
             self._rejected[problem] += 1
         return self._scene(arrival)
 
-    def _see(self, arrival: Arrival, frame: ImageFrame) -> None:
-        """Take in an image that can be used."""
+    def _add_image(self, arrival: Arrival, frame: ImageFrame) -> None:
+        """Take in a usable image."""
         if frame.empty_room:
             self._learn_empty(frame)
             return
@@ -206,8 +206,8 @@ class SilhouettesTracker:
             return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.format and frame.size_px != size:
-            told = f"{frame.size_px[0]} × {frame.size_px[1]}"
-            return f"its images are {told}, the rig's {size[0]} × {size[1]}: calibrate with this size"
+            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
+            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
         if frame.empty_room:
             return TOO_LATE if self._newest else ""
         return time_problem(frame, self._newest.get(frame.sensor))
@@ -220,7 +220,7 @@ class SilhouettesTracker:
             self._presence.empty.learn({frame.sensor: image})
 
     def _decoded(self, frame: ImageFrame) -> UInt8 | None:
-        """The pixels; None where there are none, which is counted where they are damaged."""
+        """Return the pixels; None if there are none. Damaged images are counted."""
         if not frame.format:
             return None
         try:
@@ -230,10 +230,10 @@ class SilhouettesTracker:
             return None
 
     def _take(self, instant: SyncedFrames) -> None:
-        """The images of one instant are complete."""
+        """Process a complete set of simultaneous images."""
         images: dict[str, UInt8] = {}
         missing: dict[str, str] = {}
-        for name in self.rig.cameras:  # in this order, whatever came first
+        for name in self.rig.cameras:  # in this order, not that of arrival
             frame: Any = instant.frames[name].frame if name in instant.frames else None
             image = None if frame is None else self._decoded(frame)
             if image is not None:
@@ -251,7 +251,7 @@ class SilhouettesTracker:
         self._notes.extend(TrackerNote(instant.time_ns, text) for text in said)
 
     def _follow(self, number: int, time_ns: int, images: Mapping[str, UInt8], missing: Mapping[str, str]) -> list[str]:
-        """Fit all bodies and decide which are present; returns messages."""
+        """Fit all bodies and decide which are present; return messages."""
         said = [] if self._begun else self._begin(time_ns)
         found = self._fitters.update(images, time_ns, self._presence.lost)
         found = {
@@ -260,13 +260,14 @@ class SilhouettesTracker:
         bodies, who = self._presence.update(number, found, images)
         said += who + self._conditions.update(number, bodies)
         if not self._presence.lost:
-            said += self._doubt.update({name: one.fit for name, one in bodies.items()}, images, self._presence.empty)
+            fits = {name: one.fit for name, one in bodies.items()}
+            said += self._rig_check.update(fits, images, self._presence.empty)
         self.seen = SeenInstant(number, time_ns, images, bodies)
         self._bodies = self._scenes.tracked(bodies)
         return said
 
     def _begin(self, time_ns: int) -> list[str]:
-        """Start all bodies, before the first fit; returns messages."""
+        """Start all bodies, before the first fit; return messages."""
         self._begun, self._reason = True, ""
         self._start(time_ns - round(self.period_s * NS_PER_S))
         if self._waiting:
@@ -281,7 +282,7 @@ class SilhouettesTracker:
         return said + (unknown_room(self.rig.cameras, self._filmed) if self._filmed else [])
 
     def _start(self, time_ns: int) -> None:
-        """All bodies are where they begin, at that time."""
+        """Set all bodies to their initial poses at a time."""
         for name, body in self.bodies.items():
             self._fitters.start(name, body.pose, time_ns)
             self._presence.start(name, body.pose, time_ns)
@@ -293,7 +294,7 @@ class SilhouettesTracker:
             missing = len(self.rig.cameras) - len(self._sync.heard)
             return TrackerState(Phase.WAITING_FOR_SENSORS, missing, reason=self._reason)
         lost = [f"{called(name)} is in no camera's image" for name in self._presence.lost]
-        clauses = (*self._doubt.said, *self._conditions.lasting, *lost)
+        clauses = (*self._rig_check.said, *self._conditions.lasting, *lost)
         return TrackerState(Phase.TRACKING, reason="; ".join(clause.replace("; ", ", ") for clause in clauses))
 
     def _scene(self, arrival: Arrival) -> Scene:

@@ -1,4 +1,4 @@
-"""The method ``silhouettes`` from plain settings, as a take keeps them: rig, bodies, and how they are followed.
+"""Create the method ``silhouettes`` from plain settings, as stored in a take: rig, bodies, and tracking settings.
 
 tracker = make_silhouettes({"rig": text, "bodies": [{"model": "male", "start": {"root_twist": […], "angles": {…}}}]})
 """
@@ -34,11 +34,11 @@ WHERE: Final = "settings of silhouettes"
 
 @dataclass(frozen=True)
 class BodyStartSetup:
-    """Where a body is at first.
+    """Initial pose of a body.
 
     Attributes:
         root_twist: of T_world_model: translation part [m], then rotation vector [rad].
-        angles: by joint name [rad]; a joint that is not named stands at 0.
+        angles: by joint name [rad]; joints that are not named are at 0.
     """
 
     root_twist: tuple[float, float, float, float, float, float]
@@ -51,15 +51,15 @@ class BodyStartSetup:
 
 @dataclass(frozen=True)
 class BodySetup:
-    """A body that is followed.
+    """A tracked body.
 
     Attributes:
-        start: where it is at first.
-        name: of the person; may be empty where there is only one.
-        model: male, female, legs, or the name of the file that ``mesh`` is.
-        height_m: of the person; None where ``proportions`` say how large they are.
+        start: initial pose.
+        name: of the person; may be empty if there is only one.
+        model: male, female, legs, or the name of the file in ``mesh``.
+        height_m: of the person; None if ``proportions`` give the size.
         proportions: lengths of segments [m], by name.
-        mesh: a whole .glb file in base64; empty where ``model`` says it all.
+        mesh: a whole .glb file in base64; empty for a built-in model.
     """
 
     start: BodyStartSetup
@@ -72,10 +72,10 @@ class BodySetup:
 
 @dataclass(frozen=True)
 class SilhouettesSetup:
-    """What the method wants to know beside `SilhouetteSettings`.
+    """Settings of the method besides `SilhouetteSettings`.
 
     Attributes:
-        rig: the text of the camera rig's file.
+        rig: the text of the camera rig file.
         bodies: the tracked bodies.
         empty_room_s: duration without people at first, to learn the room; then people are waited for [s].
         waiting: whether the room is empty at first.
@@ -90,14 +90,14 @@ class SilhouettesSetup:
 
 
 def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
-    """A new tracker.
+    """Create a tracker.
 
     Args:
         settings: the fields of `SilhouettesSetup` and of `SilhouetteSettings`, by name.
 
     Raises:
-        SettingsError: an unknown key, a value out of range, or a body that cannot be; says what would work.
-        InputError: the rig or a mesh cannot be read, or two bodies start in one place.
+        SettingsError: an unknown key, a value out of range, or an impossible body; names valid values.
+        InputError: the rig or a mesh cannot be read, or two bodies start at one position.
     """
     own, fit = (tuple(one.name for one in dataclasses.fields(kind)) for kind in (SilhouettesSetup, SilhouetteSettings))
     for key in settings:
@@ -121,13 +121,13 @@ def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
 
 
 def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") -> dict[str, Any]:
-    """A body as plain settings, for ``bodies``.
+    """Return a body as plain settings, for ``bodies``.
 
     Args:
         name: of the person.
         body: see there.
-        pose: at the start.
-        mesh_file: the whole .glb file, where the body is of one.
+        pose: initial.
+        mesh_file: the whole .glb file, if the body has one.
     """
     start = BodyStartSetup(
         tuple(log_motion(pose.T_world_model).tolist()),

@@ -1,4 +1,4 @@
-"""Somebody painted before two walls, for what the method ``silhouettes`` compiles before the first image counts."""
+"""Synthetic images of people before two walls, to compile the kernels of ``silhouettes`` before the first image."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _AWAY: Final = (10, 28)
 
 
 def warm_up_tracker() -> SilhouettesTracker:
-    """Two bodies before two cameras."""
+    """Return a tracker of two bodies and two cameras."""
     mesh = body_mesh("male", 1.75)
     return SilhouettesTracker({name: InitialBody(mesh, pose) for name, pose in _poses(0).items()}, _rig())
 
 
 def warm_up_arrivals() -> Iterator[Arrival]:
-    """The empty room, and both, who are lost for a while and come back; some images are noisy, some gray."""
+    """Yield the empty room, then both bodies, which are lost for a while; some images are noisy, some gray."""
     rig, mesh, rng = _rig(), body_mesh("male", 1.75), np.random.default_rng(0)
     walls = {name: np.kron(rng.integers(60, 200, (15, 20, 3)), np.ones((8, 8, 1))) for name in rig.cameras}
     body, eyes = figure(mesh), {name: eye(placed) for name, placed in rig.cameras.items()}

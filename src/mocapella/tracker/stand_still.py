@@ -35,10 +35,10 @@ class StandStillTrackerSettings(StandStillSettings):
     """The settings of the calibration and of the later stages.
 
     Attributes:
-        max_distance_m: skeletons further apart are not taken for one person; the thesis has no such limit [m].
-        regain_within_m: a body with a new tracking id is a person whom its sensor had lost, not a new one, if it is
-            closer than this to where that person was last seen; 0 takes every new tracking id for a new person [m].
-        silent_after_s: a sensor without a frame for so long leaves the fusion until it speaks again [s].
+        max_distance_m: skeletons further apart are not one person; the thesis has no such limit [m].
+        regain_within_m: a body with a new tracking id is a person whom its sensor had lost, if it is nearer than this
+            to the person's last position; 0 makes every new tracking id a new person [m].
+        silent_after_s: a sensor without a frame for this long is left out of the fusion until its next frame [s].
     """
 
     max_distance_m: float = float("inf")
@@ -85,7 +85,7 @@ class StandStillTracker:
         self._people: tuple[Person, ...] = ()
 
     def recalibrate(self, reason: str) -> None:
-        """Begin the calibration again; the next scene says why."""
+        """Restart the calibration; the next scene gives the reason."""
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:
@@ -104,13 +104,13 @@ class StandStillTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """What came of all frames so far."""
+        """Counts of all frames so far."""
         kept = self._steps - self._rejected.total()
         calibration = self._calibration
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take one frame in and say what there is now. A frame that cannot be used is counted and changes nothing."""
+        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         bodies = type(arrival.frame) is BodyFrame
         problem = self._see_bodies(arrival) if bodies else not_taken(arrival.frame, "stand-still")
         if problem:
@@ -118,7 +118,7 @@ class StandStillTracker:
         return self._scene(arrival)
 
     def _see_bodies(self, arrival: Arrival) -> str:
-        """Take in what a sensor saw; returns why it cannot be used."""
+        """Take in a sensor's bodies; return why the frame cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
             return heard.problem
@@ -151,7 +151,7 @@ class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
 
 
 class CalibratedViews:
-    """Every calibrated body in the world, as its sensor's newest frame shows it; only what changed is made anew."""
+    """Every calibrated body in the world, from its sensor's newest frame; only changes are recomputed."""
 
     def __init__(self, poses: Mapping[str, SensorPose]) -> None:
         self._poses = dict(poses)
@@ -164,10 +164,10 @@ class CalibratedViews:
         self._of_sensor: dict[str, tuple[PotentialSkeleton, ...]] = {}
 
     def update(self, heard: Heard, calibration: Calibration) -> list[PotentialSkeleton]:
-        """The views of all sensors that speak, in the order of sensors and tracking ids; none before a calibration.
+        """Return the views of all active sensors, in the order of sensors and tracking ids; none before a calibration.
 
-        A body that its sensor does not see just now keeps a view without tracked joints, because the person can
-        still be shown from that sensor's perspective, as the others see them.
+        A body that its sensor does not see now keeps a view without tracked joints, because the person can still be
+        shown from that sensor's perspective, as the others see them.
         """
         if not calibration.T_world_sensor:
             return []
@@ -216,7 +216,7 @@ _REMEMBERED: Final = (
 
 
 def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, CalibratedBodies]:
-    """The calibrated bodies of each sensor, in the order of their ids."""
+    """Return the calibrated bodies of each sensor, in the order of their ids."""
     bodies: dict[str, list[int]] = {}
     for sensor, body in sorted(T_world_sensor):
         bodies.setdefault(sensor, []).append(body)
@@ -227,7 +227,7 @@ def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, Calibrated
 
 
 def fuse(people: Sequence[PersonViews]) -> tuple[Person, ...]:
-    """Each person's fused skeleton beside the views it was made of."""
+    """Return each person's fused skeleton with its views."""
     if not people:
         return ()
     joints = len(people[0].views[0].states)

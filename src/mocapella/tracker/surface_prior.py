@@ -1,9 +1,9 @@
-"""The penalty on accelerations of points of a body's skin, which is part of the estimate.
+"""Prior on the accelerations of points of a body's surface, as a part of the pose estimate.
 
-A point costs the square of how far it is from where it would be if it went on as it did, over what the accelerations
-of people bring it away: `Steadiness` says what these are. How fast it was and how much it was accelerated lately count,
-as in filters whose process noise follows their innovations (R. Mehra, "Approaches to adaptive filtering", IEEE
-Transactions on Automatic Control, 1972): who sits still is held, and who jumps is not.
+A point's cost is its squared distance from its predicted position, relative to the displacement by people's usual
+accelerations (`Steadiness`). These depend on its speed and its recent acceleration, as in filters whose process noise
+follows their innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Transactions on Automatic Control, 1972):
+a person at rest is held, a jumping one is not.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from mocapella.tracker.silhouette_settings import Steadiness
 Float64 = NDArray[np.float64]
 
 LATELY_S = 0.1
-"""In so much time what a point was is forgotten by half [s]."""
+"""Half-life of recent speeds and accelerations [s]."""
 _MEMORY: Final = ("_last", "_onward", "_weights", "_speed", "_acceleration", "_since_s", "_per_s2")
 AT_FIRST_M_PER_S = 4.0
-"""Recordings begin amid motion: before it is known how fast a point is, it may be as fast as a runner's limbs [m/s]."""
+"""Initial speed of points: that of a runner's limbs, because recordings may begin in motion [m/s]."""
 
 
 class SurfacePrior:
-    """One body's points, frame by frame: `expect`, `steady` as often as the pose is fitted, `learn`.
+    """The points of one body: call `expect`, then `steady` for each pose fit, then `learn`.
 
     Args:
         body: see there.
-        steadiness: how steady they are.
+        steadiness: see there.
     """
 
     def __init__(self, body: SilhouetteBody, steadiness: Steadiness) -> None:
@@ -46,20 +46,20 @@ class SurfacePrior:
         self._since_s, self._per_s2 = 0.0, 0.0
 
     def memory(self) -> dict[str, Any]:
-        """All that `recall` wants."""
+        """Return all state, for `recall`."""
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Be as when `memory` was made; of the same body."""
+        """Restore the state that `memory` returned; for the same body."""
         vars(self).update(memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
-        """Where the body will be if it goes on as it did.
+        """Set the predicted surface.
 
         Args:
-            stands: there.
-            since_s: after the last frame [s].
-            per_s2: an acceleration of 1 brings points away by 1 / this.
+            stands: the predicted body.
+            since_s: time since the last frame [s].
+            per_s2: an acceleration of 1 displaces points by 1 / this.
         """
         s = self._steadiness
         self._onward, self._since_s, self._per_s2 = stands.vertices[self._body.skin], since_s, per_s2
@@ -70,17 +70,17 @@ class SurfacePrior:
         self._weights = (per_s2 / np.hypot(usual, s.point_per_past * self._acceleration)) ** 2
 
     def steady(self, stands: Standing, motions: tuple[Float64, Float64]) -> OnPoints:
-        """That the points are to be where they would be.
+        """Return the constraint of the points at their predicted positions.
 
         Args:
-            stands: where the body is.
-            motions: R (parts, 9) and t (parts, 3) of the tree that is fitted, there.
+            stands: the present body.
+            motions: R (parts, 9) and t (parts, 3) of the fitted tree there.
         """
         rest = at_rest(stands.vertices[self._body.skin], self._part, motions)
         return OnPoints(self._part, rest, self._onward, self._weights)
 
     def learn(self, stands: Standing) -> None:
-        """Where it was in this frame."""
+        """Take in the body of this frame."""
         self._last = stands.vertices[self._body.skin]
         if self._per_s2:
             acceleration = self._per_s2 * np.linalg.norm(self._last - self._onward, axis=1)

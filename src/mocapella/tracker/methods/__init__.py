@@ -1,1 +1,1 @@
-"""The tracking methods that ship with Mocapella, one descriptor a module."""
+"""The tracking methods that ship with Mocapella, one descriptor per module."""

@@ -1,4 +1,4 @@
-"""The method ``arms``: arms that depth cameras see (`mocapella.tracker.arms`)."""
+"""Descriptor of the method ``arms`` (`mocapella.tracker.arms`)."""
 
 from __future__ import annotations
 
@@ -59,4 +59,4 @@ METHOD: Final = Method(
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
     stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"),
 )
-"""It has a setting more than `ArmsSettings`: ``rig``, the text of a camera rig's file, which it need not have."""
+"""One setting in addition to `ArmsSettings`: ``rig``, the text of a camera rig file, which is optional."""

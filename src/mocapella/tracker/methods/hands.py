@@ -1,4 +1,4 @@
-"""The method ``hands``: hands by coloured markers, and objects (`mocapella.tracker.hands`)."""
+"""Descriptor of the method ``hands`` (`mocapella.tracker.hands`)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _RATE_HZ: Final = 30
 _SIZE: Final = (640, 480)
 _LENS: Final = np.array([530.0, 530.0, 319.5, 239.5, -0.05, 0.0, 0.0, 0.0, 0.0])
 _AT: Final = {"warm-up-0": -0.2, "warm-up-1": 0.0, "warm-up-2": 0.2}
-"""Of cameras that look along z; where along x [m]."""
+"""Positions along x of cameras that look along z [m]."""
 _RIG: Final = CameraRig(
     {
         name: PlacedCamera(Camera(name, _SIZE, _LENS), rigid(np.eye(3), (-x, 0.0, 0.5)), np.zeros((6, 6)))
@@ -43,7 +43,7 @@ def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[s
     rig, hand = values.pop("rig", None), values.pop("hand", None)
     if rig is None:
         fix = "mocapella serve --method hands --rig RIG.toml, or mocapella serve, and calibrate in the view"
-        raise SettingsError(f"the method hands wants to know where the cameras are: {fix}")
+        raise SettingsError(f"the method hands needs the poses of the cameras: {fix}")
     return HandsTracker(
         decode_camera_rig(str(rig)),
         parse(HandsSettings, values, where="settings of hands"),
@@ -57,7 +57,7 @@ def _practice() -> tuple[Tracker, Iterable[Arrival]]:
 
 
 def _hand() -> Iterator[Arrival]:
-    """A hand that opens and closes before three cameras; one camera, and then all, lose it for a while."""
+    """Yield frames of a hand that opens and closes before three cameras; one and then all of them lose it."""
     settings = HandsSettings()
     model = hand_model(settings.constraints)
     shape = model.shape("right")
@@ -91,4 +91,4 @@ METHOD: Final = Method(
     },
     stages=("mocapella.viewer.stages:HANDS",),
 )
-"""It has two settings more than `HandsSettings`: ``rig``, the text of a camera rig's file, and ``hand``, a hand's."""
+"""Two settings in addition to `HandsSettings`: the texts ``rig`` of a camera rig file and ``hand`` of a hand file."""

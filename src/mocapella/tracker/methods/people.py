@@ -1,4 +1,4 @@
-"""The method ``default``: people that any number of body sensors see (`mocapella.tracker.default`)."""
+"""Descriptor of the method ``default`` (`mocapella.tracker.default`)."""
 
 from __future__ import annotations
 

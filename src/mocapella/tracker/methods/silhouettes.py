@@ -1,6 +1,6 @@
-"""The method ``silhouettes``: body models fitted to cameras' images (`mocapella.tracker.silhouettes`).
+"""Descriptor of the method ``silhouettes`` (`mocapella.tracker.silhouettes`).
 
-Its tracker needs OpenCV, which is an extra: it is imported when one is made.
+Its tracker needs OpenCV, which is an extra: it is imported when a tracker is created.
 """
 
 from __future__ import annotations
@@ -53,4 +53,4 @@ METHOD: Final = Method(
         "start": "mocapella.cli.silhouette_start:settings_of_starts",
     },
 )
-"""It has the settings of `mocapella.tracker.silhouettes_setup.SilhouettesSetup`, too: ``rig``, ``bodies`` …"""
+"""It also has the settings of `mocapella.tracker.silhouettes_setup.SilhouettesSetup`: ``rig``, ``bodies`` …"""

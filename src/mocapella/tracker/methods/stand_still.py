@@ -1,4 +1,4 @@
-"""The method ``stand-still``: that of the KinectMultiTrack thesis (`mocapella.tracker.stand_still`)."""
+"""Descriptor of the method ``stand-still`` of the KinectMultiTrack thesis (`mocapella.tracker.stand_still`)."""
 
 from __future__ import annotations
 
