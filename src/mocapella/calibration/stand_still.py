@@ -133,7 +133,7 @@ class StandStill:
             known = bodies.sensor in self._known_sensors
             self.restart(f"{bodies.sensor}: " + ("a new person arrived" if known else "a new sensor sees somebody"))
         elif not self._any_body(speaking):
-            self.restart("everybody was gone")
+            self.restart("all people had left")
 
     def _collect(self, bodies: Bodies, speaking: Collection[str]) -> None:
         if len(speaking) < self.sensors_expected:
@@ -142,7 +142,7 @@ class StandStill:
         self._windows = {sensor: window for sensor, window in self._windows.items() if sensor in speaking}
         window = self._windows.get(bodies.sensor)
         if window and (problem := self._problem(bodies, window)):
-            self.restart(problem if self._any_body(speaking) else "everybody was gone")
+            self.restart(problem if self._any_body(speaking) else "all people had left")
         self._windows.setdefault(bodies.sensor, deque(maxlen=self.settings.frames)).append(bodies)
         if self._any_body(speaking) and self._frames_remaining(speaking) == 0:
             self._finish(speaking)

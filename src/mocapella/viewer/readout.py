@@ -103,7 +103,7 @@ def stage_text(status: SessionStatus | None) -> str:
     elif status.phase == Phase.TRACKING:
         title, why = _none_of(status.counts), ""
     elif status.phase == Phase.CALIBRATING:
-        still = status.frames_remaining and not status.reason.startswith("nobody")
+        still = status.frames_remaining and not status.reason.startswith("no person")
         why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))
     return f"{title}: {why}" if why else title
 
