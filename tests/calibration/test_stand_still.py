@@ -151,7 +151,7 @@ def test_a_sensor_that_joins_is_taken_in_as_soon_as_it_sees_somebody() -> None:
     feed(method, *[bodies("front", [ME])] * 3)
     assert feed(method, bodies("side", []), speaking=BOTH).state.phase is Phase.TRACKING
     joined = feed(method, bodies("side", [ME]), speaking=BOTH)
-    assert phase(joined) == (Phase.CALIBRATING, 3, "side: a new sensor sees somebody")
+    assert phase(joined) == (Phase.CALIBRATING, 3, "side: a new sensor sees a person")
 
 
 def test_a_silent_sensor_is_left_out_and_the_state_says_so() -> None:

@@ -224,7 +224,7 @@ def test_tags_and_settings_that_cannot_be_are_refused() -> None:
         TagPlace(1, 0.05, middle_m=(np.inf, 0.0, 0.0))
     with pytest.raises(SettingsError, match="spaces"):
         HandsSettings(spaces=(VR, VR))
-    with pytest.raises(SettingsError, match="a name of its own"):
+    with pytest.raises(SettingsError, match="its own name"):
         HandsSettings(objects=(ObjectSettings("x", tag=1), ObjectSettings("x", tag=2)))
     with pytest.raises(SettingsError, match="tag_sd_px"):
         HandsSettings(tag_sd_px=-1.0)

@@ -172,15 +172,15 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
     fitter = tracker._fitters.fitters["ben"]
     camera = fitter._cameras["c1"]
     for part, made_anew in (
-        (tracker, {"bodies", "rig", "_waiting", "_sync", "_fitters", "_presence", "_conditions", "_doubt", "_room",
+        (tracker, {"bodies", "rig", "_waiting", "_sync", "_fitters", "_presence", "_conditions", "_rig_check", "_room",
                    "_scenes", "_places", "seen"} | set(_own_memory())),
         (tracker._sync, {"settings", "_names", "_cameras", "_first_ns", "_now_ns", "_last_ns", "used", "dropped"}),
         (tracker._fitters, {"fitters", "others", "_followed"}),
-        (fitter, {"settings", "mesh", "body", "eyes", "_usual", "_past", "_missed", "_as_expected", "_dead", "_skin",
-                  "_strays", "_cameras"}),
-        (fitter._strays, {"_body", "_settings", "_limbs", "_whole", "_hung", "_points", "_limb_of", "_rng", "_frame",
+        (fitter, {"settings", "mesh", "body", "eyes", "_usual", "_past", "_missed", "_as_expected", "_dead", "_surface",
+                  "_limb_recovery", "_cameras"}),
+        (fitter._limb_recovery, {"_body", "_settings", "_limbs", "_whole", "_hung", "_points", "_limb_of", "_rng", "_frame",
                           "_asked", "_evidence"}),
-        (fitter._skin, {"_body", "_steadiness", "_part", "_last", "_onward", "_weights", "_speed", "_acceleration",
+        (fitter._surface, {"_body", "_steadiness", "_part", "_last", "_onward", "_weights", "_speed", "_acceleration",
                         "_since_s", "_per_s2"}),
         (fitter._dead, {"_last", "_same"}),
         (camera, {"_eye", "step_px", "_settings", "_region", "_closer", "_wide_region", "_wide_correspondences",
@@ -192,7 +192,7 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
         (tracker._presence, {"_fitters", "_rig", "_eyes", "_witnesses", "_bodies", "_waits", "empty"}),
         (tracker._presence.empty, {"_images", "_known"}),
         (tracker._conditions, {"_cameras", "_since"}),
-        (tracker._doubt, {"_rig", "said", "_moved", "_shares", "_compared"}),
+        (tracker._rig_check, {"_rig", "said", "_moved", "_shares", "_compared"}),
         (tracker._room, {"_seconds", "_begin_ns", "_taken", "_moved", "seen", "done"}),
     ):  # fmt: skip
         assert set(vars(part)) == made_anew, type(part).__name__

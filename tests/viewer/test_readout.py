@@ -125,7 +125,10 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
             status(phase="calibrating", frames_remaining=120, frames_wanted=120, reason="no person is in view yet"),
             "Calibrating: no person is in view yet",
         ),
-        (status(phase="needs recalibration", reason="all people have left"), "Needs recalibration: all people have left"),
+        (
+            status(phase="needs recalibration", reason="all people have left"),
+            "Needs recalibration: all people have left",
+        ),
         (status(), "Nobody is in view"),
         (status(setup=Setup(method="arms"), counts={"arms": 0}), "No arm is in view"),
         (status(setup=Setup(method="hands"), counts={"hands": 0}), "No hand is in view"),

@@ -1,1 +1,1 @@
-"""Whose skeleton is this? Views of the same person are brought together."""
+"""Data association: match the skeletons of one person."""

@@ -1,7 +1,7 @@
-"""Whose arm is it: the person's whose elbow, wrist and hand of the same side are nearest, one to one.
+"""Assign each arm to the person whose elbow, wrist and hand of the same side are nearest, one to one.
 
-Sensors of bodies swap left and right at times, so that the other side will do where it is nearer by far. An arm stays
-with the person it belongs to while it is near, unless it is nearer to somebody else by a margin.
+Body sensors swap left and right at times, so the other side is accepted if it is much nearer. An arm stays with its
+person while it is near, unless it is nearer to another one by a margin.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArmOwnerSettings:
-    """When an arm is a person's.
+    """Parameters of the assignment.
 
     Attributes:
-        take_m: mean distance of the joints within which an arm becomes somebody's …
+        take_m: mean distance of the joints within which an arm is assigned to a person …
         keep_m: … and within which it stays.
-        other_side_m: the limb of the other side counts as so much farther.
-        switch_m: and every limb but the one it is already.
+        other_side_m: penalty of the limb of the other side.
+        switch_m: penalty of any limb but the present one.
     """
 
     take_m: float = 0.2
@@ -44,7 +44,7 @@ class ArmOwnerSettings:
 
 
 class ArmOwners:
-    """Remembers whose arm each is. The same arms and people in the same order have the same owners.
+    """Assigns arms to people over time. The same input in the same order gives the same result.
 
     Attributes:
         limbs: by arm, the person and whether it is the left limb.
@@ -61,17 +61,17 @@ class ArmOwners:
     def update(
         self, arms: Sequence[int], lefts: Bools, joints: Float64, people: Sequence[int], limbs: Float64
     ) -> list[int]:
-        """Whose arms these are.
+        """Assign arms to people.
 
         Args:
             arms: their ids.
-            lefts: (n,) whether they are left ones.
+            lefts: (n,) whether they are left arms.
             joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known.
             people: ids.
             limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; likewise.
 
         Returns:
-            (n,) ids of persons, −1 for nobody.
+            (n,) ids of persons, −1 for none.
         """
         s = self.settings
         if not arms:
@@ -97,6 +97,6 @@ class ArmOwners:
             if column >= 0:
                 found[arm] = people[column // 2], column % 2 == 0
             elif arm in self.limbs and self.limbs[arm][0] not in people:
-                found[arm] = self.limbs[arm]  # somebody who is not seen just now
+                found[arm] = self.limbs[arm]  # the person is not visible now
         self.limbs = found
         return [found[arm][0] if column >= 0 else -1 for arm, column in zip(arms, chosen.tolist(), strict=True)]

@@ -1,6 +1,6 @@
-"""Which arm of a camera is which of those that are known, by where the palms are, and which side they are of.
+"""Match a camera's arms with tracked arms, by the positions of the palms and the sides.
 
-The assignment that costs least, each arm at most once (`tracks.assign`).
+Solved as a linear assignment (`tracks.assign`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ArmMatchSettings:
-    """When two arms are one.
+    """Parameters of the matching.
 
     Attributes:
-        within_m: two palms that are farther apart are of two arms …
-        follow_m: … unless the camera itself says that it is the arm it showed before; then, farther than that.
-        other_side_m: a hand that is surely of the other side counts as so much farther; one that is a guess, as no
-            farther.
-        new_id_m: likewise one that the camera has another number for.
+        within_m: largest distance of two palms of one arm …
+        follow_m: … and the same for an arm that the camera itself reports as the previous one.
+        other_side_m: penalty of an arm that is certainly of the other side; less for an uncertain side.
+        new_id_m: penalty of an arm with another number in the camera.
     """
 
     within_m: float = 0.15
@@ -49,14 +48,14 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     slack_m: Float64,
     settings: ArmMatchSettings | None = None,
 ) -> Int64:
-    """(n,) which of the known arms each of a camera's arms is; −1 for none.
+    """Return the index of the tracked arm for each of a camera's arms (n,); −1 for none.
 
     Args:
-        palms: (n, 3) [m]; NaN is none.
-        sides: (n,) how sure it is that it is a left one, from −1, surely right, to 1.
-        known_palms, known_sides: (m, 3) and (m,) likewise, expected at the camera's instant.
-        followed: (n, m) the camera says that it is the same as before.
-        slack_m: (m,) how much farther it may be, for it has not been seen for a while [m].
+        palms: (n, 3) [m]; NaN if unknown.
+        sides: (n,) confidence of a left arm, from −1 (right) to 1.
+        known_palms, known_sides: (m, 3) and (m,) the same, predicted to the camera's time.
+        followed: (n, m) whether the camera reports the same arm as before.
+        slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
         settings: see there.
     """
     s = settings or ArmMatchSettings()

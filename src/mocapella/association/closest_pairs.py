@@ -1,6 +1,6 @@
-"""Who is who, by repeatedly pairing the closest skeletons of different sensors (KinectMultiTrack thesis, 2015).
+"""Match skeletons by repeatedly joining the closest pair of different sensors (KinectMultiTrack thesis, 2015).
 
-The thesis pairs at calibration, where everybody stands still, and holds the pairs by tracking id until the next.
+The thesis matches at calibration, while all people stand still, and keeps the matches by tracking id until the next.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ Float64 = NDArray[np.float64]
 
 
 class PersonViews(msgspec.Struct, frozen=True, eq=False):
-    """The views that are of one person, in the order of their sensors' names, and the person's id."""
+    """The views of one person, in the order of their sensors' names, and the person's id."""
 
     person: int
     views: tuple[PotentialSkeleton, ...]
 
 
 def skeleton_distances(positions: Float64, states: NDArray[np.uint8]) -> Float64:
-    """Mean distance of the joints that both skeletons track.
+    """Return the mean distances of the joints that both skeletons track.
 
     Args:
         positions: (n, joints, 3), all in one frame [m].
         states: (n, joints) `JointState`.
 
     Returns:
-        (n, n) [m]; infinite where two have no such joint in common.
+        (n, n) [m]; infinite without a common joint.
     """
     tracked = states == JointState.TRACKED
     common = tracked[:, None] & tracked[None, :]
@@ -46,11 +46,11 @@ def skeleton_distances(positions: Float64, states: NDArray[np.uint8]) -> Float64
 def closest_pairs(
     skeletons: Sequence[PotentialSkeleton], max_distance_m: float = np.inf
 ) -> tuple[tuple[PotentialSkeleton, ...], ...]:
-    """Skeletons by person.
+    """Group skeletons by person.
 
-    The closest two of different sensors are joined first, with all that each was joined to before, as long as no
-    person gets two skeletons of one sensor; and so on, until nothing can be joined. What remains is somebody whom one
-    sensor sees. The order of ``skeletons`` does not matter.
+    The closest two of different sensors are joined first, with the groups they are in, as long as no group gets two
+    skeletons of one sensor; this repeats until nothing can be joined. The remaining skeletons are people seen by one
+    sensor. The order of ``skeletons`` does not matter.
 
     Args:
         skeletons: in the world.
@@ -78,10 +78,10 @@ def closest_pairs(
 
 
 class HeldPairs:
-    """Pairs once for each calibration, and holds the pairs by (sensor, tracking id) until the next.
+    """Groups skeletons once per calibration, and keeps the groups by (sensor, tracking id) until the next.
 
-    Persons are numbered 0, 1, 2, … and a number is never given to somebody else. Somebody of whom a sensor still has
-    the tracking id keeps the number through a recalibration.
+    Persons are numbered 0, 1, 2, … and numbers are not reused. A person with a known tracking id keeps the number
+    through a recalibration.
     """
 
     def __init__(self, max_distance_m: float = np.inf) -> None:
@@ -89,17 +89,17 @@ class HeldPairs:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody; the numbers begin at 0."""
+        """Forget all people; the numbers restart at 0."""
         self._calibration = 0
         self._next = 0
         self._person: dict[BodyKey, int] = {}
 
     def update(self, skeletons: Sequence[PotentialSkeleton], calibration: int) -> tuple[PersonViews, ...]:
-        """The people of whom some joint is seen, in the order of their numbers.
+        """Return the people with a visible joint, in the order of their numbers.
 
         Args:
-            skeletons: in the world, every one that is calibrated.
-            calibration: number of the calibration they were brought to the world with; a new one pairs anew.
+            skeletons: all calibrated ones, in the world.
+            calibration: number of the calibration that they use; a new one groups again.
         """
         if calibration != self._calibration:
             self._calibration = calibration
@@ -114,7 +114,7 @@ class HeldPairs:
         )
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """These tracking ids of a sensor (old → new) changed; they are the same bodies."""
+        """Update tracking ids of a sensor (old → new) of the same bodies."""
         people = {new: self._person.pop((sensor, old)) for old, new in new_ids.items() if (sensor, old) in self._person}
         self._person.update({(sensor, new): person for new, person in people.items()})
 

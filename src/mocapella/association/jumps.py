@@ -1,8 +1,8 @@
-"""Bodies that jump: a sensor's last frames of somebody who disappears behind somebody else.
+"""Detect bodies that jump, as in a sensor's last frames of a person before an occlusion.
 
-While people walk, the middle of a body moves by centimetres from one frame of a sensor to the next. Just before it
-loses somebody, it reports under the same id a body that is thrown about by decimetres to metres a frame. Such a body is
-nobody, and must not tell where the person went.
+While people walk, the middle of a body moves by centimetres between frames. Just before a sensor loses a person, it
+reports under the same id a body that moves by decimetres to metres per frame. Such a body is not a person, and must not
+determine where the person went.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class JumpSettings:
-    """When a body jumps.
+    """Thresholds of a jump.
 
     Attributes:
-        step_m: nobody's middle is moved farther than this between two frames by the sensor's own error …
-        fastest_m_s: … and, beyond that, by walking faster than this.
-        longest_step_s: for a body that has jumped, walking counts for so long at most.
-        doubt_s: a body that jumped and stays away is taken for somebody after so long.
+        step_m: largest motion of a body's middle between two frames by the sensor's own error …
+        fastest_m_s: … plus motion at this speed.
+        longest_step_s: for a body that has jumped, the longest time of that motion.
+        doubt_s: a body that jumped and stays away is accepted after this time.
     """
 
     step_m: float = 0.05
@@ -63,12 +63,12 @@ class KnownBodies(NamedTuple):
 
 
 class SeenBodies(msgspec.Struct, frozen=True, eq=False):
-    """Where a sensor last saw bodies that did not jump.
+    """A sensor's last positions of bodies that did not jump.
 
     Attributes:
         ids: (bodies,) tracking ids.
-        at_s: (bodies,) when; −inf for a body whose middle was never seen.
-        middle: (bodies, middle joints, 3) in its own camera space [m].
+        at_s: (bodies,) their times; −inf for a body whose middle was never seen.
+        middle: (bodies, middle joints, 3) in the sensor's camera space [m].
         jumped: (bodies,) whether the body has jumped since.
     """
 
@@ -79,7 +79,7 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def new(cls, ids: UInt64, joints: int) -> SeenBodies:
-        """Bodies that were never seen."""
+        """Return bodies that were never seen."""
         n = len(ids)
         return cls(ids, np.full(n, -np.inf), np.full((n, joints, 3), np.nan), np.zeros(n, dtype=np.bool_))
 
@@ -89,14 +89,14 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
         return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
-        """The ``kept`` ones, and those of ``ids`` that are not among them."""
+        """Return the ``kept`` bodies, and new ones for the other ``ids``."""
         new = SeenBodies.new(ids[~np.isin(ids, self.ids[kept])], self.middle.shape[1])
         parts = ((getattr(self, name)[kept], getattr(new, name)) for name in self.__struct_fields__)
         return SeenBodies(*(np.concatenate(pair) for pair in parts))
 
 
 class Jumps:
-    """Which bodies cannot be where their sensor reports them. The same frames in the same order give the same answers.
+    """Detects bodies at impossible positions. The same frames in the same order give the same results.
 
     Attributes:
         seen: by sensor.
@@ -107,20 +107,20 @@ class Jumps:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all bodies."""
         self.seen: dict[str, SeenBodies] = {}
 
     def update(self, sensor: str, ids: Sequence[int], middles: Float64, at_s: float) -> Bools:
-        """Whether each body is where its sensor saw it, or another one (it may swap ids), just before.
+        """Return whether each body is near a recent position of a body of the same sensor (which may swap ids).
 
         Args:
-            sensor: whose frame it is.
-            ids: (bodies,) its tracking ids.
-            middles: (bodies, middle joints, 3), the sensor's own camera space [m]; NaN where not seen.
-            at_s: when it was captured.
+            sensor: name.
+            ids: (bodies,) tracking ids.
+            middles: (bodies, middle joints, 3), the sensor's camera space [m]; NaN where not seen.
+            at_s: capture time.
 
         Returns:
-            (bodies,) false for a body that jumped; true for one that is new.
+            (bodies,) false for a body that jumped; true for a new one.
         """
         s, numbers, there = self.settings, np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
         seen = self.seen.get(sensor)
@@ -129,7 +129,7 @@ class Jumps:
         middles = np.ascontiguousarray(middles)
         limits = JumpLimits(*map(float, (s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s)))
         changed = _kernels().stay(at_s, numbers, middles, limits, seen.arrays, there)
-        if changed:  # Times may go back, for a sensor's clock may jump.
+        if changed:  # Times may decrease, because a sensor's clock may be set.
             seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= s.doubt_s)
         _kernels().follow(at_s, numbers, middles, there, seen.arrays)
         return there

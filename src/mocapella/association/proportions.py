@@ -1,8 +1,8 @@
-"""How large somebody is, as far as a sensor's skeleton tells: to know again who left and came back.
+"""Body proportions from a sensor's skeleton, to recognise a person who returns.
 
-Lengths do not depend on where a sensor stands, nor on whether it mixes up left and right. On the KinectMultiTrack logs
-those of one second are nearer to the person's own than to another's in 95 % of the comparisons within a session, and in
-83 % with another session of the same person (`mocapella lab train sensor-errors`, ``told_apart_by_lengths``).
+Lengths depend neither on the sensor's pose nor on swapped left and right. On the KinectMultiTrack logs, lengths over
+one second are nearer to the person's own than to another's in 95 % of the comparisons within a session, and in 83 %
+with another session of the same person (`mocapella lab train sensor-errors`, ``told_apart_by_lengths``).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ LENGTHS: Final = (
     ("Shoulder", "Elbow"),
     ("Elbow", "Wrist"),
 )
-"""Between which joints; of both sides the mean."""
+"""Pairs of joints; the mean of both sides."""
 SD_M: Final[Float64] = np.array([0.030, 0.026, 0.020, 0.022, 0.018, 0.012])
-"""(lengths,) of the lengths of one second, rounded from the same logs [m]."""
+"""(lengths,) standard deviations over one second, rounded from the same logs [m]."""
 MOST: Final = 3.0
-"""A length counts no farther off than so many standard deviations."""
+"""Upper bound of a length's deviation, in standard deviations."""
 
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
-    """(bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN where a joint is missing, or the topology has none."""
+    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing."""
     ends, lengths = ends_of_lengths(topology.joints), np.full((len(positions), len(LENGTHS)), np.nan)
     if ends is not None:
         _kernels().measure(np.ascontiguousarray(positions, dtype=np.float64), ends, lengths)
@@ -42,17 +42,17 @@ def sizes(positions: Float64, topology: Topology) -> Float64:
 
 @cache
 def unknown_size() -> Float64:
-    """(2, lengths): running mean [m], and how many values it is of."""
+    """Return (2, lengths): running mean [m], and its number of values."""
     return np.stack([np.full(len(LENGTHS), np.nan), np.zeros(len(LENGTHS))])
 
 
 def known_size(known: Float64) -> bool:
-    """Whether half of the lengths have been seen."""
+    """Return whether at least half of the lengths have been measured."""
     return bool(2 * (known[1] > 0).sum() >= known.shape[1])
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Mean squared difference of the lengths that both have, in standard deviations; infinite where fewer than a third.
+    """Return the mean squared difference of common lengths in standard deviations; infinite with less than a third.
 
     Args:
         one, other: (lengths,) [m].
@@ -64,7 +64,7 @@ def size_difference(one: Float64, other: Float64) -> float:
 
 @cache
 def ends_of_lengths(joints: tuple[str, ...]) -> NDArray[np.int64] | None:
-    """(2 · lengths, 2) joints; a length in the middle twice."""
+    """Return the joints (2 · lengths, 2) of both sides, those on the middle line twice; None if a joint is missing."""
     rows = []
     for one, other in LENGTHS:
         for side in ("Left", "Right"):

@@ -1,6 +1,6 @@
 """Compiled steps of `mocapella.association.tracks` and `jumps`, in place; importing this module imports numba.
 
-Arrays are those of `mocapella.association.tracks.TrackMemory`: a row for each track, a column for each sensor.
+See `mocapella.association.tracks.TrackMemory` for the arrays: a row for each track, a column for each sensor.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops stand in one place

@@ -1,9 +1,9 @@
-"""Who is who, frame by frame: each sensor's bodies are given to the people where they were expected.
+"""Assign each sensor's bodies to people by their predicted positions, frame by frame.
 
 Global nearest neighbour with gates (Blackman, Popoli: Design and Analysis of Modern Tracking Systems, 1999, section
-6.4); the assignment that costs least is found by `scipy.optimize.linear_sum_assignment` (Crouse: On implementing 2D
-rectangular assignment algorithms, 2016). Distances are those of the joints in the middle of the body, so that a sensor
-that mixes up left and right does not make somebody else of a person.
+6.4), solved by `scipy.optimize.linear_sum_assignment` (Crouse: On implementing 2D rectangular assignment algorithms,
+2016). Distances are between joints on the body's middle line, so that swapped left and right do not change a
+person's identity.
 """
 
 from __future__ import annotations
@@ -29,25 +29,24 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TrackSettings:
-    """When a body is somebody who is known.
+    """Parameters of the assignment.
 
     Attributes:
-        gate_m: a body further from where a person is expected is not that person.
-        stay_bonus_m: how much further away the body may be that its sensor took for that person just before.
-        speed_m_s: how much the gate widens for each second in which nobody has seen the person.
-        widest_gate_m: and how far at most.
-        confirm_after_s: somebody new is told of when seen for so long; a sensor's phantoms rarely last.
-        forget_after_s: who was not seen for longer is gone, and will be somebody new.
-        same_within_m: two of whom no sensor sees both, and who stay closer than this, are one person.
-        same_after_s: for how long they must.
-        by_place_s: who was not seen for longer is not known again by the place alone, if the body's lengths are
-            known.
-        size_after_s: while somebody who was known is missing, who is new is told of when seen for so long, and then is
-            the missing one whose lengths are nearest, if near enough.
-        fastest_m_s: nobody gets farther than this while missing, beyond the gate.
-        same_size: mean squared difference of the lengths, in standard deviations, up to which that is; twice as much
-            where the place fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves in the same
-            session, and 38 % of others are, too (``told_apart_by_lengths``).
+        gate_m: largest distance of a body from the person's predicted position.
+        stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person.
+        speed_m_s: growth of the gate while the person is unseen.
+        widest_gate_m: its upper bound.
+        confirm_after_s: a new person is reported after this time; a sensor's phantoms are shorter.
+        forget_after_s: a person unseen for longer is dropped, and becomes a new one on return.
+        same_within_m: two tracks that no sensor sees together, and that stay this close, are one person.
+        same_after_s: for this long.
+        by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known.
+        size_after_s: while a known person is missing, a new one is reported after this time, and is then recognised as
+            the missing one with the most similar lengths, if similar enough.
+        fastest_m_s: speed that bounds the distance of a missing person, beyond the gate.
+        same_size: largest mean squared difference of the lengths, in standard deviations; twice as much if the position
+            fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves in the same session, and so
+            are 38 % of others (``told_apart_by_lengths``).
     """
 
     gate_m: float = 0.6
@@ -135,16 +134,16 @@ class Assignment(NamedTuple):
 
 
 class TrackMemory(msgspec.Struct, eq=False):
-    """All who are known: a row for each, in the order of their numbers; a column for each sensor.
+    """All tracks: a row for each, in the order of their numbers; a column for each sensor.
 
     Attributes:
-        person: (tracks,) number of the person; never given to somebody else.
+        person: (tracks,) number of the person; never reused.
         since_s, seen_s: (tracks,) first and last seen, on the common clock [s].
-        confirmed: (tracks,) whether the person is told of.
-        middle: (tracks, middle joints, 3) where the person was last seen, world [m].
-        size: (tracks, 2, lengths) of `mocapella.association.proportions.learn_size`.
-        body: (tracks, sensors) tracking id under which a sensor saw the person last …
-        body_s: (tracks, sensors) … and when [s]; −inf where it does not see the person.
+        confirmed: (tracks,) whether the person is reported.
+        middle: (tracks, middle joints, 3) last seen position, world [m].
+        size: (tracks, 2, lengths) of `mocapella.association.proportions.unknown_size`.
+        body: (tracks, sensors) each sensor's last tracking id of the person …
+        body_s: (tracks, sensors) … and its time [s]; −inf where the sensor does not see the person.
     """
 
     person: Int64
@@ -158,7 +157,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @classmethod
     def empty(cls, tracks: int, sensors: int, joints: int) -> TrackMemory:
-        """Rows of whom nothing is known."""
+        """Return tracks without data."""
         return cls(
             np.zeros(tracks, dtype=np.int64),
             np.zeros(tracks),
@@ -171,11 +170,11 @@ class TrackMemory(msgspec.Struct, eq=False):
         )
 
     def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> TrackMemory:
-        """These rows, as a memory of its own."""
+        """Return a copy of these rows."""
         return TrackMemory(*(getattr(self, name)[rows] for name in self.__struct_fields__))
 
     def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
-        """With so many rows and columns more."""
+        """Return a copy with more rows and columns."""
         rows, columns = self.body.shape
         new = TrackMemory.empty(rows + tracks, columns + sensors, self.middle.shape[1])
         for name in self.__struct_fields__:
@@ -195,18 +194,18 @@ class TrackMemory(msgspec.Struct, eq=False):
 
 
 RECENT_S: Final = 0.25
-"""A sensor that has not seen a person for so long does not see them."""
+"""Time after which a person is not visible to a sensor any more [s]."""
 
 
 def distances(bodies: Float64, people: Float64) -> Float64:
-    """Mean distance of the joints that both have.
+    """Return the mean distances of common joints.
 
     Args:
         bodies: (n, joints, 3) [m]; NaN where not seen.
         people: (m, joints, 3), in the same frame.
 
     Returns:
-        (n, m) [m]; infinite where two have no joint in common.
+        (n, m) [m]; infinite without a common joint.
     """
     out = np.empty((len(bodies), len(people)))
     _kernels().distances(np.ascontiguousarray(bodies), np.ascontiguousarray(people), out)
@@ -214,7 +213,7 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
 
 def assign(cost: Float64, allowed: Bools) -> Int64:
-    """(n,) the column of each row, −1 for none: as many as are allowed, and of those the ones that cost least together.
+    """Return the column of each row (n,), −1 for none: as many as allowed, at the least total cost.
 
     Args:
         cost: (n, m).
@@ -232,11 +231,11 @@ def assign(cost: Float64, allowed: Bools) -> Int64:
 
 
 class Tracks:
-    """Everybody who is known. The same frames in the same order give the same people.
+    """All tracked people. The same frames in the same order give the same result.
 
     Attributes:
-        memory: everybody, also those who are lost for now and those not confirmed yet.
-        merged: (kept, given up) numbers of those who turned out to be one person in the last update.
+        memory: all tracks, including lost and unconfirmed ones.
+        merged: (kept, dropped) numbers of the tracks merged in the last update.
     """
 
     def __init__(self, settings: TrackSettings | None = None) -> None:
@@ -244,7 +243,7 @@ class Tracks:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody; the numbers begin at 0."""
+        """Forget all people; the numbers restart at 0."""
         self.memory = TrackMemory.empty(0, 0, 0)
         self.sensors: list[str] = []
         self.merged: tuple[tuple[int, int], ...] = ()
@@ -254,11 +253,11 @@ class Tracks:
 
     @property
     def people(self) -> list[int]:
-        """Numbers of everybody, by row."""
+        """Numbers of all people, by row."""
         return list(self.memory.person.tolist())
 
     def owners(self, sensor: str) -> Mapping[int, int]:
-        """The person of each body that the sensor sees; the same object for as long as nobody's change."""
+        """Return the person of each body that the sensor sees; the same object until an assignment changes."""
         if sensor not in self._owners:
             self._owners[sensor] = {}
             if sensor in self.sensors:
@@ -269,14 +268,14 @@ class Tracks:
         return self._owners[sensor]
 
     def rows(self, sensor: str, ids: Sequence[int]) -> Int64:
-        """(bodies,) the row in `memory` of whoever the sensor's bodies are; −1 of nobody known."""
+        """Return the row in `memory` of each of the sensor's bodies (bodies,); −1 for unknown ones."""
         if sensor not in self.sensors:
             return np.full(len(ids), -1, dtype=np.int64)
         m, numbers = self.memory, np.array(ids, dtype=np.uint64).astype(np.int64)
         return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
 
     def move(self, T_new_old: Float64) -> None:
-        """Everything is told in another frame from now on."""
+        """Express all positions in another frame."""
         self.memory.middle = apply(T_new_old, self.memory.middle)
 
     def update(  # noqa: PLR0917 - one frame, as it comes
@@ -288,29 +287,29 @@ class Tracks:
         at_s: float,
         lengths: Float64 | None = None,
     ) -> Int64:
-        """Give one frame's bodies to people.
+        """Assign one frame's bodies to people.
 
         Args:
-            sensor: whose frame it is.
-            ids: (bodies,) its tracking ids.
+            sensor: name.
+            ids: (bodies,) tracking ids.
             middles: (bodies, middle joints, 3), world [m].
-            expected: (tracks, middle joints, 3) where everybody in `memory` is expected now [m]; who is NaN is expected
-                where they were last seen, and so is everybody where None is given.
-            at_s: when the frame was captured, on the common clock.
-            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them nobody who comes
-                back elsewhere is known again.
+            expected: (tracks, middle joints, 3) predicted for all tracks [m]; the last seen position is used where it
+                is NaN, and for all if None.
+            at_s: capture time, on the common clock.
+            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them nobody is
+                recognised by size.
 
         Returns:
-            (bodies,) the row of each in `memory`; −1 for a body of whose middle nothing is seen, where it is nobody
-            known.
+            (bodies,) the row of each in `memory`; −1 for a body without visible middle joints that is not known by its
+            id.
         """
         if self.memory.middle.shape[1] != middles.shape[1]:
             self.memory = TrackMemory.empty(0, len(self.sensors), middles.shape[1])
         column, numbers = self._column(sensor), np.array(ids, dtype=np.uint64).astype(np.int64)
         lengths = np.empty((0, 0)) if lengths is None else lengths
         where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
-        rows, unplaced, nobody = self._assign(column, numbers, middles, where, at_s, lengths)
-        new = np.flatnonzero((rows < 0) & ~unplaced) if nobody else ()
+        rows, unplaced, unassigned = self._assign(column, numbers, middles, where, at_s, lengths)
+        new = np.flatnonzero((rows < 0) & ~unplaced) if unassigned else ()
         if len(new):
             rows[new] = len(self.memory.person) + np.arange(len(new))
             self.memory = self.memory.with_more(tracks=len(new))
@@ -323,7 +322,7 @@ class Tracks:
         events = _kernels().take(frame, rows, float(s.same_within_m), float(s.confirm_after_s), m.arrays)
         if events & _kernels().FORGOTTEN:
             self._owners = {}
-        if nobody:
+        if unassigned:
             self._owners.pop(sensor, None)
         elif (owners := dict(zip(ids, m.person[rows].tolist(), strict=True))) != self._owners.get(sensor):
             self._owners[sensor] = owners
@@ -347,10 +346,11 @@ class Tracks:
     def _assign(  # noqa: PLR0917
         self, column: int, ids: Int64, middles: Float64, expected: Float64, at_s: float, lengths: Float64
     ) -> tuple[Int64, Bools, bool]:
-        """Who is lost for too long is gone.
+        """Drop expired tracks, and assign the bodies.
 
         Returns:
-            (bodies,) rows, −1 for nobody; (bodies,) whether nothing of the middle is seen; whether anybody is nobody.
+            (bodies,) rows, −1 for none; (bodies,) whether no middle joint is visible; whether any detection is
+            unassigned.
         """
         s, m = self.settings, self.memory
         numbers = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
@@ -369,7 +369,7 @@ class Tracks:
         return rows, unplaced, outcome != _kernels().COMPLETE
 
     def _know_again(self, at_s: float) -> None:
-        """Tell of those who are new for long enough, or find out that they are somebody who was missing."""
+        """Confirm tracks that are old enough, or recognise them as missing people."""
         s, m = self.settings, self.memory
         present = m.present
         missing = np.flatnonzero(m.confirmed & ~present & (at_s - m.seen_s > RECENT_S)).tolist()
@@ -397,7 +397,7 @@ class Tracks:
             self.memory = self.memory.taken(kept)
 
     def _difference(self, new: int, gone: int) -> float:
-        """Of their lengths: infinite where nobody gets so far, half where the place fits."""
+        """Return the difference of two tracks' lengths: infinite if too far apart, half if the position fits."""
         s, m = self.settings, self.memory
         away_s = float(m.since_s[new] - m.seen_s[gone])
         apart = float(_kernels().apart(m.middle[new], m.middle[gone]))
@@ -407,7 +407,7 @@ class Tracks:
         return difference / 2 if apart <= min(s.gate_m + s.speed_m_s * away_s, s.widest_gate_m) else difference
 
     def _join(self, at_s: float) -> None:
-        """Make one of two who have been in one place for long enough, where no sensor says that they are two."""
+        """Merge two tracks that have been at one position for long enough, and that no sensor sees together."""
         s, m = self.settings, self.memory
         close: dict[tuple[int, int], float] = {}
         kept = np.ones(len(m.person), dtype=np.bool_)

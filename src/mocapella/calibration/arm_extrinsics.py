@@ -230,7 +230,7 @@ def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
 def extrinsics_from_arm(
     instants: Sequence[Instant], settings: ArmExtrinsicsSettings | None = None
 ) -> ArmExtrinsicsResult:
-    """Estimate the pose of the camera that saw ``own``, and what is missing before it can be used."""
+    """Estimate the pose of the camera that saw ``own``, and list the missing requirements."""
     s = settings or ArmExtrinsicsSettings()
     p, q = np.array([one.world for one in instants]), np.array([one.own for one in instants])
     v, w = np.array([one.velocity for one in instants]), np.array([one.weights for one in instants])

@@ -197,7 +197,7 @@ def _descend(problem: _Problem, bundle: Bundle) -> Bundle:
 
 @dataclass(frozen=True)
 class _Normal:
-    """JᵀWJ and JᵀWr in blocks; rows of fixed parameters are those of the identity.
+    """JᵀWJ and JᵀWr in blocks; fixed parameters have rows of the identity.
 
     Attributes:
         cameras: (15 cameras, 15 cameras).

@@ -1,4 +1,4 @@
-"""Guide the user through filming a board: what to film next, and what is wrong."""
+"""Guide the user through filming a board: next views to film, and problems."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocapella.geometry.homography import homography
 from mocapella.model.board import Board, BoardView
 
 GRID: Final = (4, 3)
-"""Fields of the image, columns and rows, in which corners are counted."""
+"""Fields of the image for counting corners, columns and rows."""
 ENOUGH_VIEWS: Final = 10
 SMALL: Final = 0.01
 """Fraction of the image under the board below which the lens is poorly sampled and depth is uncertain."""
@@ -62,7 +62,7 @@ def coverage(
     *,
     lens_known: Sequence[str] = (),
 ) -> list[Hint]:
-    """Return what is missing, the most urgent first. Cheap enough to call after every image.
+    """Return missing views, the most urgent first. Cheap enough to call after every image.
 
     Args:
         views: of all cameras so far.

@@ -1,4 +1,4 @@
-"""Collect views of a board that is carried before running cameras, report what is missing, and calibrate the rig.
+"""Collect views of a board that is carried before running cameras, guide the user, and calibrate the rig.
 
 Cameras that are not triggered together see a moving board at different times. The board's speed in the images between
 two rounds of requests limits how far apart in time two cameras' images may be to count as simultaneous.
@@ -35,7 +35,7 @@ class BoardRunSettings:
     Attributes:
         tolerance_s: largest time difference of simultaneous images.
         most_moved_px: largest motion of the board in an image within that time.
-        least_moved: fraction of the image width; a round in which the board moved less in every camera since the
+        least_moved: fraction of the image width; a round with less motion of the board in every camera since the
             previous one is dropped.
     """
 
@@ -71,12 +71,12 @@ class BoardRunReport:
     Attributes:
         looks: rounds, each of one image per camera.
         kept: rounds whose views are kept.
-        unseen: rounds in which no camera detected the board.
+        unseen: rounds without a detection of the board.
         still: rounds dropped because the board had hardly moved.
         unanswered: number of missing images, by camera.
         apart_s, moved_px: for each kept group of two or more cameras: time between its images, and motion of the board
             in one of them meanwhile.
-        split: rounds in which two or more cameras detected the board, but not simultaneously.
+        split: rounds with detections in two or more cameras, but not simultaneous ones.
     """
 
     looks: int
@@ -188,7 +188,7 @@ class BoardRun:
 
     @property
     def shared(self) -> int:
-        """Number of groups in which two or more cameras saw the board."""
+        """Number of groups with views of two or more cameras."""
         return sum(len(of.instant) > len(set(of.instant.values())) for of in self._rounds)
 
     @property
@@ -203,7 +203,7 @@ class BoardRun:
         )  # fmt: skip
 
     def hints(self) -> list[Hint]:
-        """Return what is missing, the most urgent first."""
+        """Return missing views, the most urgent first."""
         hints = coverage(self.views, self.board, self.cameras, self.instants, lens_known=list(self._known))
         if len(self._lately) == LATELY and not any(self._lately):
             text = "hold the board still for a second: it moves too far between the cameras' pictures"

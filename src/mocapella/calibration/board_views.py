@@ -158,7 +158,7 @@ def _cameras(names: Sequence[str]) -> str:
 def board_poses(
     poses: Poses, T_camera_first: Mapping[str, Float64], corners_m: Float64, instants: Sequence[int]
 ) -> Float64:
-    """Return ``T_first_board`` (instants, 4, 4): for each, the view with which the others agree best."""
+    """Return ``T_first_board`` (instants, 4, 4): for each, the view that the others support best."""
     out = np.empty((len(instants), 4, 4))
     for k, instant in enumerate(instants):
         candidates = np.array(

@@ -56,7 +56,7 @@ class CameraReport:
     """Quality of one camera's calibration.
 
     Attributes:
-        views: images in which the board was detected well enough.
+        views: images with a good detection of the board.
         rejected: images with too few corners, or all on a line.
         fields: fraction of the image fields that have corners.
         reprojection_px: root mean square reprojection error, of all cameras together.

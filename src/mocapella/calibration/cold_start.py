@@ -30,7 +30,7 @@ TOGETHER_M = 0.35
 OTHERS = 2
 """… and at least this many other bodies must agree as well."""
 MOST = 72
-"""Upper bound of hypotheses: those of six people in both sensors. With more people, the lowest ids come first."""
+"""Upper bound of hypotheses: all of six people in both sensors. With more people, the lowest ids come first."""
 
 
 @dataclass

@@ -44,7 +44,7 @@ class PairSettings:
         label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped [m].
         mirrored_weight: weight of a view with swapped labels.
         inferred_weight: weight of a joint that a sensor only infers.
-        full_speed_m_s: speed from which a frame counts by its full time [m/s].
+        full_speed_m_s: least speed of a frame that counts by its full time [m/s].
         still_fraction: fraction of the time that counts for a standing person; it decreases while they stand.
         velocity_window_s: a joint's velocity spans this time before and after [s].
         independent_after_m: distance after which a sensor's errors are taken as independent [m].

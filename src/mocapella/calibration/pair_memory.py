@@ -74,7 +74,7 @@ STOOD: Final = 20
 BODY_SCALARS: Final = 21
 
 FRAMES_KEPT: Final = 48
-"""Frames kept per body: those of a 120 Hz sensor in 0.4 s."""
+"""Frames kept per body: 0.4 s of a 120 Hz sensor."""
 
 
 class PairArrays(NamedTuple):

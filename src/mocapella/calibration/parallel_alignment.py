@@ -29,9 +29,9 @@ class PairAlignment:
     Attributes:
         baseline_m: distance between the cameras.
         axes_deg: angle between the optical axes.
-        turn_right_deg: yaw by which to turn the second camera to the right.
-        turn_down_deg: pitch by which to turn it down.
-        roll_clockwise_deg: roll by which to turn it clockwise, as seen from behind it.
+        turn_right_deg: yaw that the second camera lacks to the right.
+        turn_down_deg: pitch that it lacks downwards.
+        roll_clockwise_deg: roll that it lacks clockwise, as seen from behind it.
         higher_mm: height of the second camera above the first.
         ahead_mm: its position ahead of the first.
         vertical_px: largest vertical disparity of far points at the centre and the corners of the image.

@@ -52,7 +52,7 @@ class StreamFaults(msgspec.Struct, frozen=True):
 
 
 def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
-    """Return what is missing or contradictory about a sensor's pose; empty where nothing is.
+    """Describe what a sensor's pose lacks or contradicts; empty without a problem.
 
     Args:
         name: of the sensor.
@@ -60,7 +60,7 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
         placed: all sensors' poses.
     """
     if not pairs:
-        return "it is the only sensor: what it does not see, nobody sees"
+        return "it is the only sensor: nothing covers its blind spots"
     place = placed[name]
     tied = place.trusted and any(
         other.root == place.root and other.trusted for key, other in placed.items() if key != name

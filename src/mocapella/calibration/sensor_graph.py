@@ -79,7 +79,7 @@ def place_sensors(
     Args:
         sensors: names; the first of each component is its root, whose frame the component is in.
         pairs: of these sensors, at most one for each two.
-        before: the previous result, from which the refinement starts, to converge sooner.
+        before: the previous result, as initial values of the refinement.
     """
     rank = {sensor: i for i, sensor in enumerate(sensors)}
     by_surety = sorted(pairs, key=lambda pair: (not pair.trusted, pair.variance, rank[pair.a], rank[pair.b]))

@@ -168,7 +168,7 @@ def is_layout(data: bytes) -> bool:
 
 
 def save_layout(path: Path | str, layout: SensorLayout) -> None:
-    """Write a layout; the file appears complete or stays as it was.
+    """Write a layout; the file appears complete or is unchanged.
 
     Raises:
         InputError: it cannot be written there.

@@ -35,7 +35,7 @@ class PairOfSensors:
             once confirmed.
         shown: whether people have confirmed it once; it then stays in use while it is less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: the identities from which ``matched`` was made, where they are given.
+        owners: the given identities behind ``matched``.
         turn: counter that selects among the matched bodies.
         due: time of the next refinement [s].
         trying: whether the hypotheses are tried.

@@ -82,7 +82,7 @@ class SpaceObservations:
         return space
 
     def attempt(self, settings: SpaceAlignmentSettings) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-        """Return the best alignment so far, and what is missing; see `try_to_align`.
+        """Return the best alignment so far, and its shortfalls; see `try_to_align`.
 
         Raises:
             InputError: the space or the body is unknown; lists the known ones.

@@ -113,12 +113,11 @@ class StandStill:
         self._T_world_sensor = kept
 
     def update(self, bodies: Bodies, speaking: Collection[str]) -> Calibration:
-        """Take one frame's bodies in.
+        """Take in one frame.
 
         Args:
             bodies: of one sensor's newest frame.
-            speaking: the sensors that are not silent, this one included. A silent one is left out, and taken in again
-                as it was when it comes back.
+            speaking: the sensors that are not silent, including this one. A silent one is left out until it returns.
         """
         self._newest[bodies.sensor] = bodies
         self._anybody_yet |= bool(bodies.ids)
@@ -131,7 +130,7 @@ class StandStill:
     def _watch(self, bodies: Bodies, speaking: Collection[str]) -> None:
         if self.unknown(bodies):
             known = bodies.sensor in self._known_sensors
-            self.restart(f"{bodies.sensor}: " + ("a new person arrived" if known else "a new sensor sees somebody"))
+            self.restart(f"{bodies.sensor}: " + ("a new person arrived" if known else "a new sensor sees a person"))
         elif not self._any_body(speaking):
             self.restart("all people had left")
 
@@ -236,7 +235,7 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
 def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) -> tuple[Float64, Float64]:
     """Return centres C (bodies, 3) and shoulder angles θ (bodies,) over frames of the same bodies.
 
-    A frame in which a shoulder is not even inferred has no angle and does not count; NaN if no frame has one, or if no
+    A frame without even an inferred shoulder has no angle and does not count; NaN if no frame has one, or if no
     joint was ever tracked.
     """
     parts = next(iter(window)).topology.parts

@@ -68,7 +68,7 @@ def disagreements(found: list[Meeting], least: float = MEET_FROM) -> list[str]:
         return []
     pairs = ", ".join(f"{a} and {b} ({one.overlap:.0%})" for one in bad for a, b in [one.cameras])
     compared = {name for one in found if np.isfinite(one.overlap) for name in one.cameras}
-    # If all other cameras agree, the one that agrees with none is wrong.
+    # If all other cameras agree, the one in contradiction with all is wrong.
     alone = [
         name for name in sorted(compared)
         if all(name in one.cameras for one in bad)

@@ -1,1 +1,1 @@
-"""Many views of one person make one person."""
+"""Fuse several views of one person or object, with uncertainty."""

@@ -1,9 +1,9 @@
-"""One arm's points of several depth cameras' views of it, by how sure each view is of each.
+"""Fuse one arm's points from several depth cameras by their uncertainty.
 
-What measures a point counts by its information 1/sd² (inverse-variance weighting: J. Hartung, G. Knapp, B. Sinha,
-*Statistical Meta-Analysis with Applications* (2008), section 4.1); what only infers it counts where nobody measures it.
-Views that disagree about a point are told apart first: the largest group that agrees is believed. Where views agree
-less than they say, their mean is said to be less sure, by the Birge ratio (R. Birge, Phys. Rev. 40 (1932) 207).
+A measured point is weighted by its information 1/sd² (inverse-variance weighting: J. Hartung, G. Knapp, B. Sinha,
+*Statistical Meta-Analysis with Applications* (2008), section 4.1); inferred points are used only if no view measures
+them. If views disagree, the largest group that agrees is used. If views agree less than their uncertainty implies, that
+of the mean is increased by the Birge ratio (R. Birge, Phys. Rev. 40 (1932) 207).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ UInt8 = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class ArmFusionSettings:
-    """How views of an arm become one.
+    """Parameters of the fusion.
 
     Attributes:
-        least_sd_m: no view is surer of a point than that.
-        unsaid_sd_m: of a point of which a view does not say.
-        gate_m: views agree about a point that they have no farther apart than that …
-        gate_sds: … and so many standard deviations of their difference.
-        far_m: views that agree never have it farther apart than that, whatever they say.
+        least_sd_m: lower bound of a point's standard deviation.
+        unsaid_sd_m: standard deviation where a view gives none.
+        gate_m: views agree about a point within this distance …
+        gate_sds: … plus this many standard deviations of their difference.
+        far_m: upper bound of that distance.
     """
 
     least_sd_m: float = 0.003
@@ -47,14 +47,14 @@ class ArmFusionSettings:
 
 
 class FusedPoints(msgspec.Struct, frozen=True, eq=False):
-    """Points of all views together.
+    """Fused points.
 
     Attributes:
-        points: (n, 3) [m]; NaN where no view knows.
+        points: (n, 3) [m]; NaN without a view.
         states: (n,) `JointState`: of the best view.
         sd: (n,) [m]; NaN where not known.
-        weights: (views, n) information of what was used [1/m²], 0 where it was not.
-        disputed: (views, n) what a view measured, and the others do not agree with.
+        weights: (views, n) information of the inliers [1/m²], 0 for others.
+        disputed: (views, n) measured points that the other views contradict.
     """
 
     points: Float64
@@ -67,13 +67,13 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
 def fuse_points(
     points: Float64, states: UInt8, sd: Float64, expected: Float64, settings: ArmFusionSettings | None = None
 ) -> FusedPoints:
-    """What several views of one instant say together.
+    """Fuse several views of one time.
 
     Args:
         points: (views, n, 3), all in one frame [m]; NaN where not known.
         states: (views, n) `JointState`.
-        sd: (views, n) [m]; NaN where a view does not say.
-        expected: (n, 3) where they were expected [m], NaN where nowhere; settles which of two that disagree is right.
+        sd: (views, n) [m]; NaN where a view gives none.
+        expected: (n, 3) predicted points [m], or NaN; decides between two contradicting views.
     """
     s = settings or ArmFusionSettings()
     known = (states > 0) & np.isfinite(points).all(axis=-1)
@@ -107,24 +107,24 @@ def fuse_points(
 
 
 def fuse_angles(angles: Float64, weights: Float64) -> Float64:
-    """(21,) of `mocapella.model.hand.ANGLES`: each digit's by what its points counted; NaN where no view has one.
+    """Return the angles (21,) of `mocapella.model.hand.ANGLES`, weighted by each digit's points; NaN without a view.
 
     Args:
         angles: (views, 21) [rad]; NaN where not known.
-        weights: (views, n) as of `FusedPoints`, the hand's 21 landmarks first.
+        weights: (views, n) of `FusedPoints`, the hand's 21 landmarks first.
     """
     of_digit = weights[:, 1:21].reshape(len(weights), 5, 4).sum(axis=-1)
     w = np.zeros(angles.shape)
     for digit, places in enumerate(DIGIT_ANGLES):
         w[:, places[places >= 0]] = of_digit[:, digit, None]
-    w = np.where(np.isfinite(angles), w + 1e-9, 0.0)  # also where only views tell of it whose points were not used
+    w = np.where(np.isfinite(angles), w + 1e-9, 0.0)  # also if only views with unused points have it
     total = w.sum(axis=0)
     mean = (w * np.nan_to_num(angles)).sum(axis=0) / np.where(total > 0, total, 1.0)
     return np.where(total > 0, mean, np.nan)
 
 
 def fuse_poses(T: Float64, weights: Float64) -> Float64 | None:
-    """The palm's pose (4, 4) of (views, 4, 4), by what wrist and knuckles counted; None of no views.
+    """Return the palm's pose (4, 4) from poses (views, 4, 4), weighted by wrist and knuckles; None without views.
 
     The rotation is the nearest one to the weighted mean of the matrices (the chordal mean: R. Hartley et al., "Rotation
     Averaging", International Journal of Computer Vision 103 (2013), section 5.3).

@@ -1,13 +1,13 @@
-"""Which way everybody faces, whose labels are mirrored, and what a view is worth for it.
+"""Estimate which way people face, which views are mirrored, and how reliable a view is.
 
-    p        ← turned on(p, Δt)                                         people turn as they like, in continuous time
+    p        ← turned on(p, Δt)                                         process model: turns at a constant rate
     log p   += w_yaw·yaw(α, β) + w_shape·shape(α, score)                α = facing − direction to the sensor
     log p   += w_motion·motion(speed, facing − heading)
 
-One call takes in a frame of one sensor. The weights are far below 1 because what one frame says, the next one says
-again; each witness counts by the time since it last spoke, so quick sensors do not count more. Estimated is the facing
-of a person, not that of a view; a view's labels are mirrored where its own yaw is more than 90° from it, with
-hysteresis. See docs/methods/facing.md.
+One call takes in a frame of one sensor. The weights are far below 1 because successive frames repeat the same evidence;
+each source counts by the time since its last use, so that fast sensors do not count more. The facing of a person is
+estimated, not that of a view; a view's labels are mirrored if its own yaw is more than 90° off, with hysteresis. See
+docs/methods/facing.md.
 """
 
 from __future__ import annotations
@@ -36,16 +36,15 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class FacingSettings:
-    """How much each witness counts, and when labels are swapped. Chosen by leaving people out.
+    """Weights of the evidence, and thresholds of mirroring. Chosen by cross-validation over people.
 
     Attributes:
-        yaw_weight: of the logarithm of a view's yaw.
+        yaw_weight: of the log-likelihood of a view's yaw.
         shape_weight: of that of a body's shape.
-        motion_weight: of that of the motion. More makes whoever walks backward face the other way.
-        hysteresis_deg: labels are swapped where they are farther than 90° and this from the facing, and back where they
-            are nearer than 90° less this.
-        mirrors_from_deg: a view that does not say its yaw is taken for mirrored, with the same hysteresis, where the
-            person is turned away from the sensor by more.
+        motion_weight: of that of the motion; a larger one misjudges people who walk backwards.
+        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this.
+        mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
+            the direction to the sensor.
     """
 
     yaw_weight: float = 0.1
@@ -101,15 +100,15 @@ class FacingWeights(NamedTuple):
 
 
 class FacingMemory(msgspec.Struct, eq=False):
-    """All that a `FacingFilter` remembers.
+    """State of a `FacingFilter`.
 
     Attributes:
         people: person → row of the arrays.
         sensors: sensor → column of ``mirrored``, and less 1 of ``told_s``.
-        zero: yaw of the first bin, in the world as it is now [rad].
+        zero: yaw of the first bin, in the present world frame [rad].
         p: (people, BINS) probability of each facing.
-        at_s: (people,) when that was [s].
-        told_s: (people, 1 + sensors) when the motion and each sensor last said something [s].
+        at_s: (people,) its time [s].
+        told_s: (people, 1 + sensors) last evidence from the motion and from each sensor [s].
         mirrored: (people, sensors) whether the labels were mirrored then.
     """
 
@@ -123,7 +122,7 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """From ``at_s`` on, that sensor's labels of a person are swapped, or (``mirrored`` false) no longer."""
+    """From ``at_s`` on, the sensor's labels of a person are swapped, or (``mirrored`` false) no longer."""
 
     person: int
     sensor: str
@@ -132,15 +131,14 @@ class Repair(msgspec.Struct, frozen=True):
 
 
 class Facings(msgspec.Struct, frozen=True, eq=False):
-    """What is known of the people in a frame, in the order in which they were given.
+    """Facings of the people in a frame, in the order given.
 
     Attributes:
         yaw: (people,) world, 0 along +z, π/2 along +x [rad].
         sd: (people,) circular standard deviation [rad].
         mirrored: (people,) whether this view's left and right must be swapped.
-        reported: (people,) the yaw that its labels say once they are [rad]; NaN where neither shoulder nor
-            hip is seen.
-        repairs: what changed in ``mirrored`` by this frame.
+        reported: (people,) the yaw of its repaired labels [rad]; NaN without shoulders and hips.
+        repairs: changes of ``mirrored`` in this frame.
     """
 
     yaw: Float64
@@ -151,28 +149,28 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
 
 
 class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
-    """``yaw`` (people,), and ``sd`` (people,) that has grown since [rad]; NaN and infinite of whom nothing is known."""
+    """``yaw`` and the grown ``sd`` (people,) [rad]; NaN and infinite for unknown people."""
 
     yaw: Float64
     sd: Float64
 
 
 class FacingFilter:
-    """The facings of all people over time.
+    """Filter of all people's facings.
 
     Attributes:
-        memory: all that is remembered; it can be copied, kept and put back.
+        memory: its state, which can be copied and restored.
     """
 
     def __init__(
         self, topology: Topology, settings: FacingSettings | None = None, model: FacingModel | None = None
     ) -> None:
-        """A filter that knows nobody.
+        """Create a filter without people.
 
         Args:
             topology: of the joints.
             settings: see there.
-            model: what was learnt; the shipped one where not given. Shapes learnt on other joints say nothing.
+            model: learnt model; the shipped one if not given. Shapes learnt on other joints are ignored.
         """
         self.settings = settings or FacingSettings()
         self.topology = topology
@@ -198,14 +196,14 @@ class FacingFilter:
         at_s: float,
         velocities: Float64,
     ) -> Facings:
-        """Take in what a sensor's frame shows of people.
+        """Take in a sensor's frame.
 
         Args:
             sensor: its name.
-            people: (bodies,) who they are, each once.
+            people: (bodies,) their persons, each once.
             positions: (bodies, joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
             toward_sensor: (bodies,) yaw from the person to the sensor [rad]; NaN where unknown.
-            at_s: the capture; one that is not after a person's last one counts as the same instant [s].
+            at_s: capture time; one that is not after a person's last one counts as the same [s].
             velocities: (bodies, 3) world [m/s]; NaN where unknown.
 
         Raises:
@@ -234,7 +232,7 @@ class FacingFilter:
         return Facings(out[0], out[1], mirrored, out[2], repairs)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
-        """Which way people face at a time, from what was seen so far; before a person's last frame: as it was then."""
+        """Predict facings at a time; before a person's last frame, return the last estimate."""
         memory, out = self.memory, np.empty((2, len(people)))
         slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
         _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._tables.tables, out)
@@ -249,7 +247,7 @@ class FacingFilter:
         self._keep_rows(rows)
 
     def join(self, stays: int, gone: int) -> None:
-        """Two turned out to be one: what was known of either is known of the one who stays."""
+        """Merge two tracks of one person."""
         memory = self.memory
         other = memory.people.get(gone)
         if other is None or stays == gone:
@@ -268,7 +266,7 @@ class FacingFilter:
         self._keep_rows({person: row for person, row in memory.people.items() if person != gone})
 
     def rotate(self, angle: float) -> None:
-        """The world is told in another frame from now on: every yaw is larger by an angle [rad]."""
+        """Express all yaws in another world frame, larger by an angle [rad]."""
         self.memory.zero = float(wrap(self.memory.zero + angle))
 
     def _keep_rows(self, rows: dict[int, int]) -> None:
@@ -278,7 +276,7 @@ class FacingFilter:
         memory.told_s, memory.mirrored = memory.told_s[kept], memory.mirrored[kept]
 
     def _slots(self, people: Sequence[int], at_s: float) -> Int64:
-        """(people,) their rows; whoever is not known gets one."""
+        """Return the rows of people (people,); unknown ones get a new row."""
         memory = self.memory
         new = [person for person in people if person not in memory.people]
         if new:
@@ -291,7 +289,7 @@ class FacingFilter:
         return np.array([memory.people[person] for person in people], dtype=np.int64)
 
     def _column(self, sensor: str) -> int:
-        """The sensor's; one that is not known gets one."""
+        """Return the sensor's column; an unknown one gets a new column."""
         memory = self.memory
         if sensor not in memory.sensors:
             rows = len(memory.people)

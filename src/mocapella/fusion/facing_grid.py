@@ -1,4 +1,4 @@
-"""Probabilities of a direction on a circle of bins: moving them on, turning them, and what they say.
+"""Probabilities of a direction on a circle of bins: process model, rotation, and statistics.
 
 A direction is a yaw: 0 along +z, π/2 along +x, y up [rad]. Bin i of `BINS` is the yaw i · `BIN`.
 
@@ -22,19 +22,19 @@ BIN: Final = 2 * np.pi / BINS
 YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
 """(BINS,) of the bins [rad]."""
 STEP_S: Final = 1 / 29
-"""In which somebody makes one turn of up to two bins, on average [s]."""
+"""Mean time between a person's turns by up to two bins [s]."""
 
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
 LEAST: Final = 1e-12
-"""Probability of a bin, however sure the others are."""
+"""Lower bound of a bin's probability."""
 
 
 def _turn_rates() -> Float64:
-    """(BINS // 2 + 1,) how fast each frequency around the circle fades, for each `STEP_S`: 1 − λ of one turn.
+    """Return the decay rate of each frequency on the circle (BINS // 2 + 1,), per `STEP_S`: 1 − λ of one turn.
 
-    A turn goes to the same bin or one of ±1 and ±2 with 0.2 each, to any other with 1e-6; on average there is one in
-    a `STEP_S`.
+    A turn goes to the same bin or one of ±1 and ±2 with probability 0.2 each, to any other with 1e-6; on average there
+    is one per `STEP_S`.
     """
     kernel = np.full(BINS, 1e-6)
     kernel[[0, 1, 2, -1, -2]] = 0.2
@@ -45,12 +45,12 @@ TURN_RATES: Final = _turn_rates()
 
 
 def unknown() -> Float64:
-    """(BINS,) every direction alike."""
+    """Return the uniform distribution (BINS,)."""
     return np.full(BINS, 1 / BINS)
 
 
 def turned_on(p: Float64, steps: Any) -> Float64:
-    """The probabilities a while later; two whiles in turn are as one of both, so sensors may come as they like.
+    """Predict the probabilities; two successive predictions equal one of both times, so frames may come at any rate.
 
     Args:
         p: (..., BINS).
@@ -61,14 +61,14 @@ def turned_on(p: Float64, steps: Any) -> Float64:
 
     Source:
         exp(steps · (K − 1)), K a turn: a Markov process in continuous time; J. R. Norris, *Markov Chains* (1997),
-        section 2.1. It is diagonal in the frequencies around the circle, since every direction turns alike.
+        section 2.1. It is diagonal in the frequencies on the circle, because K is the same for all directions.
     """
     fading = np.exp(-np.asarray(steps, dtype=np.float64)[..., None] * TURN_RATES)
     return np.maximum(np.fft.irfft(np.fft.rfft(p, axis=-1) * fading, n=BINS, axis=-1), LEAST)
 
 
 def turned(values: Float64, by: Any) -> Float64:
-    """Values over the circle, turned: what was at a yaw is then at that yaw + ``by``.
+    """Rotate values on the circle: the value at a yaw moves to that yaw + ``by``.
 
     Args:
         values: (..., BINS).
@@ -83,9 +83,9 @@ def turned(values: Float64, by: Any) -> Float64:
 
 
 def most_likely(p: Float64) -> Float64:
-    """The mean yaw of the most likely quarter turn.
+    """Return the mean yaw of the most likely quarter turn.
 
-    A person may face one way or the opposite, hardly what lies between: so it is not the mean over the circle.
+    A person may face one way or the opposite, but hardly between, so the mean over the circle is not used.
 
     Args:
         p: (..., BINS).
@@ -100,7 +100,7 @@ def most_likely(p: Float64) -> Float64:
 
 
 def circular_sd(p: Float64) -> Float64:
-    """√(−2 ln R), R the length of the mean unit vector; grows without bound as all directions become alike [rad].
+    """Return √(−2 ln R), R the length of the mean unit vector; unbounded for the uniform distribution [rad].
 
     Source:
         Mardia and Jupp, *Directional Statistics* (2000), section 2.3.1.

@@ -1,13 +1,13 @@
-"""How likely what is seen of a person is, for each way in which the person may face.
+"""Likelihood of the observations of a person, given the facing.
 
 Three tables of log-probabilities over the angle α of the facing, from the direction towards the sensor (or from the
-heading of the motion); each is the same for −α with what is seen mirrored:
+heading of the motion); each is symmetric in α with mirrored observations:
 
-    yaw       (BINS, YAW_BINS)       of the folded yaw that a sensor reports: it is compressed, sticks and mirrors
-    shape     (BINS, SHAPE_BINS)     of the score of the body's shape, where it was learnt
-    motion    (SPEEDS, BINS)         of α from the heading, at each speed: nobody is surprised by a step backward
+    yaw       (BINS, YAW_BINS)       of the folded yaw that a sensor reports: it is compressed, saturates and mirrors
+    shape     (BINS, SHAPE_BINS)     of the score of the body's shape, if it was learnt
+    motion    (SPEEDS, BINS)         of α from the heading, at each speed: a step backwards is not unlikely
 
-The shipped tables are learnt (`mocapella.fusion.facing_training`); `untrained` does without them.
+The shipped tables are learnt (`mocapella.fusion.facing_training`); `untrained` needs no training.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ YAW_BINS: Final = BINS // 2
 SHAPE_BINS: Final = 13
 """Of scores from −`MOST_SCORE` to `MOST_SCORE`."""
 SPEEDS: Final = (0.4, 0.7, 1.0)
-"""From which on a row of the motion's table holds; below the first, motion says nothing [m/s]."""
+"""Lowest speed of each row of the motion table; below the first, motion is no evidence [m/s]."""
 
 MOST_SCORE: Final = 6.0
 _HALF: Final = BINS // 2 + 1
@@ -44,14 +44,14 @@ _DECIMALS: Final = 3
 
 
 class FacingModel(msgspec.Struct, frozen=True, eq=False):
-    """See the module.
+    """The learnt tables, see the module.
 
     Attributes:
         yaw, motion: tables of logarithms.
-        shape: the same, or None where nothing was learnt of shapes.
-        classifier: what scores a shape; None likewise.
-        topology: of the joints that the shapes were learnt on; other sensors' shapes say nothing.
-        trained_on: what and how, for people to read; empty for `untrained`.
+        shape: the same; None if shapes were not learnt.
+        classifier: of shapes; None likewise.
+        topology: of the joints that the shapes were learnt on; shapes of other sensors are ignored.
+        trained_on: description of the training; empty for `untrained`.
     """
 
     yaw: Float64
@@ -62,20 +62,20 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     trained_on: Mapping[str, Any] = {}
 
     def yaw_evidence(self, seen: Float64) -> Float64:
-        """(..., BINS) over α, of a folded yaw (...,) [rad]; 0 where it is NaN."""
+        """Return log-likelihoods (..., BINS) over α of a folded yaw (...,) [rad]; 0 where it is NaN."""
         known = np.isfinite(seen)
         place = np.where(known, seen, 0.0) / BIN + YAW_BINS / 2
         return np.asarray(_column(self.yaw, place, wraps=True) * known[..., None])
 
     def shape_evidence(self, features: Float64) -> Float64 | None:
-        """(..., BINS) over α, of features (..., `FEATURES`), by how many of them there are; None where not learnt."""
+        """Return log-likelihoods (..., BINS) over α of features (..., `FEATURES`); None if not learnt."""
         if self.classifier is None or self.shape is None:
             return None
         score, seen = self.classifier.score(features)
         return np.asarray(_column(self.shape, shape_place(score), wraps=False) * seen[..., None])
 
     def motion_evidence(self, velocity: Float64) -> Float64:
-        """(..., BINS) over the yaw in the world, of a velocity (..., 3) [m/s]; 0 where it is slow or NaN."""
+        """Return log-likelihoods (..., BINS) over the yaw of a velocity (..., 3) [m/s]; 0 where it is slow or NaN."""
         speed = np.hypot(velocity[..., 0], velocity[..., 2])
         heading = np.arctan2(velocity[..., 0], velocity[..., 2])
         row = np.searchsorted(SPEEDS, np.nan_to_num(speed), side="right")
@@ -84,12 +84,12 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def shape_place(score: Float64) -> Float64:
-    """Where a score lies on the bins of the shape's table."""
+    """Return the position of a score on the bins of the shape table."""
     return np.asarray((np.clip(score, -MOST_SCORE, MOST_SCORE) / MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
 
 
 def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """The two bins about a place, (...,), and how much of the second there is in it."""
+    """Return the two bins around a position (...,), and the fraction of the second."""
     first = np.floor(place).astype(np.intp)
     part = place - first
     if wraps:
@@ -105,9 +105,9 @@ def _column(table: Float64, place: Float64, wraps: bool) -> Float64:
 
 @cache
 def untrained() -> FacingModel:
-    """What is known of Kinect-class sensors without learning; shapes say nothing.
+    """Return a model of Kinect-class sensors without training; shapes are ignored.
 
-    A sensor reports 34° as 16°, 64° as 40° and 94° as 53°, sticks there, and mirrors: still unmirrored are 63 % at
+    A sensor reports 34° as 16°, 64° as 40° and 94° as 53°, saturates there, and mirrors: still unmirrored are 63 % at
     124° and 13 % at 154° (measured on the KinectMultiTrack study of 2015). In motion, people mostly face ahead.
     """
     alpha, seen = wrap(YAWS), (np.arange(YAW_BINS) - YAW_BINS / 2) * BIN
@@ -129,13 +129,13 @@ def untrained() -> FacingModel:
 
 
 def log_rows(counts: Float64, floor: float) -> Float64:
-    """Logarithms of rows that sum to 1, of counts; each bin gets at least its part of ``floor``."""
+    """Return logarithms of counts, normalised by row; each bin gets at least its part of ``floor``."""
     p = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1e-12) + floor / counts.shape[1]
     return np.asarray(np.log(p / p.sum(axis=1, keepdims=True)))
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    """The file: a `FacingModel`, of whose tables there is only the half that is not the other's mirror image."""
+    """The file: a `FacingModel` with the tables' halves that symmetry does not give."""
 
     trained_on: dict[str, Any]
     topology: str
@@ -149,10 +149,10 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def to_json(model: FacingModel) -> str:
-    """The text of a file for `read_model`: all of the model, numbers to three decimals.
+    """Encode a model as a file for `read_model`, with three decimals.
 
     Args:
-        model: one that was trained.
+        model: a trained one.
     """
     classifier, shape = model.classifier, model.shape
     if classifier is None or shape is None:
@@ -186,7 +186,7 @@ def to_json(model: FacingModel) -> str:
 
 
 def from_json(text: bytes | str, file: object) -> FacingModel:
-    """The model of a file's text.
+    """Decode a model from a file's text.
 
     Raises:
         InputError: it is not such a file; names ``file``.
@@ -217,16 +217,16 @@ def from_json(text: bytes | str, file: object) -> FacingModel:
 
 
 def read_model(path: Path) -> FacingModel:
-    """The model in a file that `mocapella lab train facing` wrote.
+    """Read a model that `mocapella lab train facing` wrote.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: the file cannot be read, or is no model.
     """
     return from_json(model_bytes(path), path)
 
 
 @cache
 def shipped_model() -> FacingModel:
-    """The model that comes with this version, or `untrained` where its file is not there."""
+    """Return the model that comes with this version, or `untrained` without its file."""
     source = files("mocapella.fusion").joinpath("data", "facing.json")
     return from_json(source.read_bytes(), source) if source.is_file() else untrained()

@@ -1,9 +1,9 @@
-"""What one view says of a person's facing: the yaw of its shoulders, and the shape of the body.
+"""Observations of a person's facing in one view: the yaw of the shoulders, and the shape of the body.
 
-A Kinect-class sensor takes whoever it sees for somebody who faces it, and mirrors the labels where a back is turned.
-Its labels therefore say nothing of front or back, and nothing here depends on them. But the surface that it sees from
-behind is another, and knees bend the other way. So a body's shape is measured along the normal of its shoulders
-*towards the sensor*, as means of left and right, and a classifier (`ShapeClassifier`) tells back from front.
+A Kinect-class sensor assumes that people face it, and mirrors the labels of turned backs. So labels do not distinguish
+front from back, and nothing here depends on them. But the surface seen from behind differs, and knees bend the other
+way. So a body's shape is measured along the normal of its shoulders *towards the sensor*, as means of left and right,
+and a classifier (`ShapeClassifier`) distinguishes front and back.
 """
 
 from __future__ import annotations
@@ -31,23 +31,22 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
     "ankles before the knees": {"Ankle": 1, "Knee": -1},
     "feet before the ankles": {"Foot": 1, "Ankle": -1},
 }
-"""A feature → the joints whose places it sums; a joint that there is on both sides is the mean of the two."""
+"""A feature → the weights of joints' positions; joints of both sides are averaged."""
 MOST_SPREADS: Final = 1.5
-"""A feature counts no more than as so many standard deviations: a joint far off is a joint lost."""
+"""Upper bound of a standardised feature: a joint farther off is an error."""
 LENGTHS_M: Final = (0.2, 1.5)
-"""Head to SpineBase of anybody [m]."""
+"""Plausible distances of head and SpineBase [m]."""
 NARROWEST_M: Final = 1e-6
-"""Between left and right, seen from above; nearer ones have no direction [m]."""
+"""Least horizontal distance of left and right with a defined direction [m]."""
 
 
 class View(msgspec.Struct, frozen=True, eq=False):
-    """What views say of a person; (...,) are the leading axes.
+    """Observations in views of a person; (...,) are the leading axes.
 
     Attributes:
-        reported: (...,) yaw that the sensor's own labels say, world [rad]; NaN where none of `pairs_across`
-            is seen.
-        seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2): labels do not matter.
-        features: (..., `FEATURES`) in lengths head–SpineBase; NaN where a joint is missing.
+        reported: (...,) yaw of the sensor's own labels, world [rad]; NaN if none of `pairs_across` is seen.
+        seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2), independent of labels.
+        features: (..., `FEATURES`) in units of the length head–SpineBase; NaN where a joint is missing.
     """
 
     reported: Float64
@@ -61,7 +60,7 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
     Args:
         positions: (..., joints, 3), world [m]; NaN where not seen.
         toward_sensor: (...,) yaw from the person to the sensor [rad].
-        topology: of the joints; without the joints' names that it takes there are no features.
+        topology: of the joints; without the joints' names that it uses there are no features.
     """
     reported = np.full(positions.shape[:-2], np.nan)
     for left, right in pairs_across(topology):
@@ -73,10 +72,10 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
 
 
 def pairs_across(topology: Topology) -> list[tuple[int, int]]:
-    """Left and right joints that say the yaw, in the order in which they are asked.
+    """Return pairs of left and right joints that give the yaw, in the order of preference.
 
-    The shoulders; where one of them is not seen, the hips; then one shoulder or hip and the spine between them, since
-    who is seen from the side hides the other.
+    The shoulders; without them, the hips; then one shoulder or hip and the spine between them, because in a side view
+    one side is hidden.
     """
     parents = {child: parent for parent, child in topology.bones}
     pairs = [(topology.parts["shoulder_left"], topology.parts["shoulder_right"])]
@@ -114,7 +113,7 @@ def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
 
 
 def feature_sums(topology: Topology) -> Float64 | None:
-    """(`FEATURES`, joints) what a feature sums; None where the topology has not all the joints."""
+    """Return the joints' weights (`FEATURES`, joints) in each feature; None if a joint is missing."""
     return _sums_by_name(topology.joints)
 
 
@@ -122,7 +121,7 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     """A logistic regression on the features and their squares: above 0, the person faces the sensor.
 
     Attributes:
-        mean, spread: (`FEATURES`,) by which features are standardised.
+        mean, spread: (`FEATURES`,) of the features, for standardising them.
         weights: (2 · `FEATURES` + 1,) of the standardised features, of their squares less 1, and the constant.
     """
 
@@ -131,16 +130,16 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     weights: Float64
 
     def score(self, features: Float64) -> tuple[Float64, Float64]:
-        """The log-odds of facing the sensor, (...,), and how much of the shape was seen, (...,) from 0 to 1.
+        """Return the log-odds of facing the sensor (...,), and the visible fraction of the shape (...,), 0 to 1.
 
-        A feature that is missing counts as its mean.
+        A missing feature counts as its mean.
         """
         design, seen = design_matrix(features, self.mean, self.spread)
         return np.asarray(design @ self.weights), seen
 
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
-    """(..., 2 · `FEATURES` + 1) what the regression weights, and (...,) the share of features that there are."""
+    """Return the regressors (..., 2 · `FEATURES` + 1), and the fraction of known features (...,)."""
     z = np.clip((features - mean) / spread, -MOST_SPREADS, MOST_SPREADS)
     missing = np.isnan(z)
     z = np.where(missing, 0.0, z)
@@ -150,7 +149,7 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
 
 
 def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) -> ShapeClassifier:
-    """Fit by Newton's method; both classes count alike, however many there are of each.
+    """Fit by Newton's method, with equal weight of both classes.
 
     Args:
         features: (views, `FEATURES`) without NaN.

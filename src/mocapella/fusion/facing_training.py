@@ -1,13 +1,13 @@
-"""Learning how views depend on the facing, from recordings in which nobody wrote down the facing.
+"""Learn how views depend on the facing, from recordings without labels of the facing.
 
 By expectation–maximisation (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39, 1977), the expectation by forward and
-backward passes over the bins (Rabiner, Proc. IEEE 77, 1989, section III). Where the facing is known (people who were
-asked to face a sensor), it holds the rest in place. In order:
+backward passes over the bins (Rabiner, Proc. IEEE 77, 1989, section III). Parts with a known facing (participants asked
+to face a sensor) fix the solution. In order:
 
-1. the yaw's table, from yaws alone;
-2. the classifier of shapes, on frames in which that is sure of front or back; then the shape's table;
-3. both again, from yaws and shapes; at last the motion's table. Motion never teaches what a shape means, so that who
-   walks backward is not learnt as walking forward.
+1. the yaw table, from yaws alone;
+2. the classifier of shapes, on frames that are certainly front or back; then the shape table;
+3. both again, from yaws and shapes; finally the motion table. Motion is never used to learn shapes, so that walking
+   backwards is not learnt as walking forwards.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class FacingSequence(msgspec.Struct, frozen=True, eq=False):
     """One person over time.
 
     Attributes:
-        at_s: (frames,) rising [s].
+        at_s: (frames,) increasing [s].
         view: (frames, views), see `mocapella.fusion.facing_shape.view_of`.
         toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
         velocity: (frames, 3) world, from the past [m/s]; NaN where unknown.
-        known_yaw: (frames,) that the person was asked to face, world [rad]; NaN where nobody was asked.
+        known_yaw: (frames,) facing that the participant was asked for, world [rad]; NaN without one.
     """
 
     at_s: Float64
@@ -60,15 +60,15 @@ class FacingSequence(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How the tables are learnt. Chosen by leaving people out.
+    """Parameters of the training. Chosen by cross-validation over people.
 
     Attributes:
-        known_within_deg: standard deviation of a facing that is known.
+        known_within_deg: standard deviation of a known facing.
         yaw_rounds, shape_rounds: of steps 1 and 3.
         front_deg, back_deg, sure: a view is of a front (back) where α lies within ±front_deg (beyond ±back_deg) with
             more than this probability.
         penalty: of the classifier's weights.
-        yaw_floor, shape_floor, motion_floor: share of each row of a table that is spread evenly.
+        yaw_floor, shape_floor, motion_floor: fraction of each row of a table that is spread evenly.
     """
 
     known_within_deg: float = 10.0
@@ -96,13 +96,13 @@ class TrainingSettings:
 def evidence(
     view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
 ) -> Float64:
-    """(..., BINS) what views say of the facing in the world, each for itself.
+    """Return log-likelihoods (..., BINS) of the facing in the world, for each view.
 
     Args:
         view: leading axes (...,).
         toward_sensor: (...,) yaw from the person to the sensor [rad].
         model, settings: see there.
-        scale: (...,) how much of a `STEP_S` the view stands for.
+        scale: (...,) fraction of a `STEP_S` that the view counts for.
     """
     about = settings.yaw_weight * model.yaw_evidence(view.seen)
     shape = model.shape_evidence(view.features)
@@ -112,7 +112,7 @@ def evidence(
 
 
 def believed(p: Float64, log_evidence: Float64) -> Float64:
-    """Bayes' rule, (..., BINS)."""
+    """Apply Bayes' rule, (..., BINS)."""
     after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
     return np.asarray(after / after.sum(axis=-1, keepdims=True))
 
@@ -125,13 +125,13 @@ def posteriors(
     smooth: bool = False,
     known_within_deg: float | None = None,
 ) -> list[Float64]:
-    """(frames, BINS) of each sequence: the probability of each facing.
+    """Return the probability of each facing (frames, BINS) of each sequence.
 
     Args:
         sequences: any.
-        model, settings: as `mocapella.fusion.facing.FacingFilter` takes them; with ``smooth`` off, so are the results.
-        smooth: use what comes after a frame too.
-        known_within_deg: use what is known of the facing, as surely as that; None does not.
+        model, settings: see `mocapella.fusion.facing.FacingFilter`; without ``smooth``, results equal the filter's.
+        smooth: whether to use later frames as well.
+        known_within_deg: standard deviation of known facings; None does not use them.
     """
     frames, people = max(len(s.at_s) for s in sequences), len(sequences)
     steps = np.zeros((frames, people))
@@ -170,16 +170,16 @@ def train(
     settings: FacingSettings | None = None,
     training: TrainingSettings | None = None,
 ) -> FacingModel:
-    """Learn a model; the same sequences give the same.
+    """Learn a model; the same sequences give the same model.
 
     Args:
         sequences: of some people; in some of them a part of the facings must be known.
         topology: of the joints.
-        settings: with which the model will be used.
+        settings: of the model's later use.
         training: see there.
 
     Raises:
-        InputError: no facing is known, or nobody is ever surely seen from the front, or from behind.
+        InputError: no facing is known, or no person is certainly seen from the front, or from behind.
     """
     settings, training = settings or FacingSettings(), training or TrainingSettings()
     if not any(np.isfinite(s.known_yaw).any() for s in sequences):
@@ -245,19 +245,19 @@ def _with_motion(
         v = np.nan_to_num(sequence.velocity)
         row = np.searchsorted(SPEEDS, np.hypot(v[:, 0], v[:, 2]), side="right") - 1
         ahead = turned(p, -np.arctan2(v[:, 0], v[:, 2]))
-        free = (row >= 0) & np.isnan(sequence.known_yaw)  # who steps aside on request does not walk as people walk
+        free = (row >= 0) & np.isnan(sequence.known_yaw)  # a step aside on request is not normal walking
         counts += (row[free] == np.arange(len(SPEEDS))[:, None]) @ ahead[free]
     counts = counts + _mirrored(counts.T).T
     return msgspec.structs.replace(model, motion=log_rows(counts, training.motion_floor))
 
 
 def _about_sensors(sequence: FacingSequence, p: Float64) -> Float64:
-    """(frames, views, BINS) the facings from each direction towards a sensor."""
+    """Return the facings (frames, views, BINS) relative to the direction towards each sensor."""
     return turned(p[:, None], -sequence.toward_sensor)
 
 
 def _count(counts: Float64, p: Float64, place: Float64, known: Bools, *, wraps: bool) -> None:
-    """Add to (BINS, columns) the probabilities (..., BINS) of what was seen at a place (...,) between two columns."""
+    """Add the probabilities (..., BINS) of an observation between two columns (...,) to (BINS, columns)."""
     p = p[known]
     first, second, part = neighbours(place[known], counts.shape[1], wraps)
     shares = np.zeros((len(p), counts.shape[1]))
@@ -268,7 +268,7 @@ def _count(counts: Float64, p: Float64, place: Float64, known: Bools, *, wraps: 
 
 
 def _mirrored(table: Float64) -> Float64:
-    """The rows of −α in the place of those of α; rows are of a circle whose first is its own mirror image."""
+    """Return the table with the rows of α and −α exchanged; the first row is its own mirror image."""
     return np.asarray(table[-np.arange(len(table)) % len(table)])
 
 

@@ -1,17 +1,16 @@
-"""How far off a depth sensor reports each joint, by how the person is turned towards it.
+"""The bias of each joint in a depth sensor's skeletons, as a function of the person's facing.
 
 In the axes of the body (x to its left, y up, z ahead), with α the facing from the direction towards the sensor,
 
     b(α) = Σₕ cos hα · aₕ + sin hα · cₕ        h = 1 … `HARMONICS`
 
-where the coefficients are linear in the velocity, ahead and to the left, and those of the first `FAR` harmonics in the
-distance too. Left and right are each other's mirror image: b of a left joint at α is that of the right joint at −α,
-mirrored.
+where the coefficients are linear in the velocity, ahead and to the left, and those of the first `FAR` harmonics also in
+the distance. Left and right are mirror images: b of a left joint at α is that of the right joint at −α, mirrored.
 
-The body's axes are taken because two views show nothing but the difference of two biases: what is the same in the body
-from wherever it is seen is where the joint is, and no error. Without a constant, b has a mean of 0 over α, always.
+The body's axes are used because two views show only the difference of two biases: a component that is constant in the
+body from all directions is the joint's position, not an error. Without a constant term, b has zero mean over α.
 
-The shipped weights are learnt (`mocapella.fusion.joint_bias_training`); nothing else needs them.
+The shipped weights are learnt (`mocapella.fusion.joint_bias_training`).
 """
 
 from __future__ import annotations
@@ -37,16 +36,16 @@ Float64 = NDArray[np.float64]
 HARMONICS: Final = 3
 FAR: Final = 1
 MIDDLE_M: Final = 2.5
-"""The distance from which others count [m]."""
+"""Reference distance of the linear term [m]."""
 NEAREST_M, FARTHEST_M = 1.0, 4.5
-"""Nearer and farther count as this, for nobody was seen there [m]."""
+"""Distances are limited to this range, the range of the training data [m]."""
 FASTEST_M_S: Final = 1.5
-"""Faster counts as this [m/s]."""
+"""Upper bound of the speed [m/s]."""
 TERMS: Final = 2 * (3 * HARMONICS + FAR)
 MIRRORED_AXES: Final = np.array([-1.0, 1.0, 1.0])
 _OF_HARMONIC: Final = np.array([1.0, -1.0])
 PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, 2 * HARMONICS + FAR), np.tile(-_OF_HARMONIC, HARMONICS)])
-"""(TERMS,) what becomes of each term in the mirror."""
+"""(TERMS,) sign of each term under reflection."""
 _DECIMALS: Final = 4
 
 
@@ -68,7 +67,7 @@ class BiasInputs(NamedTuple):
 
 
 def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Float64) -> Float64:
-    """(..., TERMS) of views.
+    """Return the regressors (..., TERMS) of views.
 
     Args:
         alpha: (...,) the facing from the direction towards the sensor [rad].
@@ -86,7 +85,7 @@ def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Flo
 
 
 def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Float64, Float64]:
-    """`terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to the sensor's.
+    """Return `terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to the sensor's.
 
     Args:
         facing: (...,) yaw against the line of sight; 0 = towards the sensor [rad].
@@ -101,25 +100,25 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
 
 
 def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Weights (TERMS, joints, 3) of the mirror image; those of a body are their own."""
+    """Return the weights (TERMS, joints, 3) of the mirror image; a body's weights equal theirs."""
     return np.asarray(PARITY[:, None, None] * MIRRORED_AXES * weights[:, list(mirror)])
 
 
 class LeftOut(msgspec.Struct, frozen=True, eq=False):
-    """What was learnt without some people: their participant numbers, and weights as in `JointBiasModel`."""
+    """Weights learnt without some participants, as in `JointBiasModel`."""
 
     participants: tuple[int, ...]
     weights: Float64
 
 
 class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
-    """See the module.
+    """The learnt bias, see the module.
 
     Attributes:
         topology: of the joints that it was learnt on.
         weights: (TERMS, joints, 3) of the bias, the body's axes [m].
-        trained_on: what and how, for people to read.
-        left_out: the same learnt without some of the people each time, so that it can be tried on them.
+        trained_on: description of the training.
+        left_out: the same learnt without some of the people each time, for cross-validation.
     """
 
     topology: str
@@ -128,21 +127,21 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
     left_out: tuple[LeftOut, ...] = ()
 
     def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
-        """What to add to the joints of a view, (joints, 3); see `mocapella.evaluation.protocol.JointBias`."""
-        del sensor  # it is learnt of a kind of sensor, not of one
+        """Return the correction of a view's joints (joints, 3); see `mocapella.evaluation.protocol.JointBias`."""
+        del sensor  # one model serves all sensors of a kind
         of_view, R = body_view(np.asarray(facing), np.asarray(position), np.asarray(velocity))
         return np.asarray(-np.tensordot(of_view, self.weights, axes=1) @ R.T)
 
     @cached_property
     def flat(self) -> Float64:
-        """(TERMS, joints · 3) of what to add, for the kernel."""
+        """(TERMS, joints · 3) weights of the correction, for the kernel."""
         return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
 
     def without(self, participant: int) -> JointBiasModel:
-        """What was learnt without a participant: this model, where it was learnt without that one anyway.
+        """Return the model learnt without a participant: this one if the participant was not in its training data.
 
         Raises:
-            SettingsError: it was learnt of that participant among all others, and never without.
+            SettingsError: the participant was in the training data of all models.
         """
         if participant not in self.trained_on.get("participants", ()):
             return self
@@ -157,7 +156,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    """The file: a `JointBiasModel`, of whose joints there are only the left and the middle ones."""
+    """The file: a `JointBiasModel` with the left and middle joints only."""
 
     trained_on: dict[str, Any]
     topology: str
@@ -178,13 +177,13 @@ def _names() -> list[str]:
 
 
 def _stored(tree: Topology) -> list[int]:
-    """The joints of which a file has weights: the others are their mirror images."""
+    """Return the joints whose weights a file contains; the others are their mirror images."""
     right = {max(j, m) for j, m in enumerate(tree.mirror) if j != m}
     return [j for j in range(len(tree)) if j not in right]
 
 
 def to_json(model: JointBiasModel) -> str:
-    """The text of a file for `read_model`: all of the model, to a tenth of a millimetre."""
+    """Encode a model as a file for `read_model`, to a tenth of a millimetre."""
     tree = topology(model.topology)
 
     def by_joint(weights: Float64, indent: str) -> str:
@@ -207,7 +206,7 @@ def to_json(model: JointBiasModel) -> str:
 
 
 def from_json(text: bytes | str, file: object) -> JointBiasModel:
-    """The model of a file's text.
+    """Decode a model from a file's text.
 
     Raises:
         InputError: it is not such a file; names ``file``.
@@ -243,7 +242,7 @@ def _weights(rows: Mapping[str, list[list[float]]], tree: Topology) -> Float64:
 
 
 def symmetric(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """The nearest weights that are their own mirror image."""
+    """Return the nearest weights that equal their mirror image."""
     return (weights + mirrored(weights, mirror)) / 2
 
 
@@ -254,16 +253,16 @@ def _check_folds(folds: Collection[LeftOut], participants: Collection[int]) -> N
 
 
 def read_model(path: Path) -> JointBiasModel:
-    """The model in a file that `mocapella lab train bias` wrote.
+    """Read a model that `mocapella lab train bias` wrote.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: the file cannot be read, or is no model.
     """
     return from_json(model_bytes(path), path)
 
 
 @cache
 def shipped_model() -> JointBiasModel | None:
-    """The model that comes with this version; None where its file is not there."""
+    """Return the model that comes with this version; None without its file."""
     source = files("mocapella.fusion").joinpath("data", "joint_bias.json")
     return from_json(source.read_bytes(), source) if source.is_file() else None

@@ -86,7 +86,7 @@ def corrections(
         weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
         T: (4, 4) from the sensor's space to that of the people.
         R_level: (3, 3) from there to a space with y up.
-        now_s, view_age_s: present time, and age up to which views are used [s].
+        now_s, view_age_s: present time, and oldest age of a used view [s].
         mirror: (joints,) counterparts on the other side of the body.
         lines: (lines, 2) left and right joints that give the facing.
         root: index of the root joint.

@@ -1,9 +1,9 @@
-"""Learning how far off sensors report joints, from two views of one person of whom nobody knows the truth.
+"""Learn the joint bias of sensors from two views of one person, without ground truth.
 
-Of each frame d = (view 1 − b₁) − (view 2 − b₂), in the reference sensor's space, is to be small: its length, not its
-square, is minimised, by iteratively reweighted least squares with a ridge (Hastie, Tibshirani, Friedman, 2009,
-sections 3.4.1; Huber 1981, 7.8). Where the second sensor stands is not known better than from these same joints, so its
-rigid motion is fitted to the corrected views, and that and the bias in turn.
+The difference d = (view 1 − b₁) − (view 2 − b₂) of each frame, in the reference sensor's space, is minimised in length,
+not in its square, by iteratively reweighted least squares with a ridge (Hastie, Tibshirani, Friedman, 2009, sections
+3.4.1; Huber 1981, 7.8). The second sensor's pose is known only from these joints, so its rigid motion is fitted to the
+corrected views, alternating with the bias.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
     """Two sensors' views of one person in one session.
 
     Attributes:
-        positions: (frames, 2, joints, 3) each in its own sensor's space, labels on which they agree [m]; NaN where
-            missing.
+        positions: (frames, 2, joints, 3) each in its own sensor's space, with agreeing labels [m]; NaN where missing.
         facing: (frames, 2) of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
         position, velocity: (frames, 2, 3) of the fused person in each sensor's space [m, m/s].
-        weight: (frames,) how much each counts.
+        weight: (frames,) of each frame.
     """
 
     positions: Float64
@@ -45,13 +44,13 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class BiasTrainingSettings:
-    """How the weights are learnt. Chosen by leaving people out.
+    """Parameters of the training. Chosen by cross-validation over people.
 
     Attributes:
         ridge: penalty of the weights, against a mean weight of 1 of the frames.
         rounds: of rigid motions and bias in turn.
         steps: of reweighting.
-        least_m: shorter differences count as this.
+        least_m: lower bound of differences.
     """
 
     ridge: float = 0.03
@@ -75,7 +74,7 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
         settings: see there.
 
     Raises:
-        InputError: no session has a frame in which the facing is known.
+        InputError: no session has a frame with a known facing.
     """
     settings = settings or BiasTrainingSettings()
     sessions = [_known(session) for session in sessions]
@@ -104,7 +103,7 @@ def _known(session: ViewPairs) -> ViewPairs:
 
 
 def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: Float64) -> Float64:
-    """(4, 4) from the second sensor's space to the first's, fitted to the views without their bias."""
+    """Return the transform (4, 4) from the second sensor's space to the first's, fitted to the corrected views."""
     bias = np.tensordot(of_view, weights, axes=1)
     first, second = np.moveaxis(session.positions - bias @ np.swapaxes(R, -1, -2), 1, 0).reshape(2, -1, 3)
     seen = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
@@ -113,11 +112,11 @@ def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: F
 
 
 def _solve(apart: Float64, design: Float64, weight: Float64, tree: Topology, settings: BiasTrainingSettings) -> Float64:
-    """Weights (TERMS, joints, 3): each joint of the left together with its mirror image, those of the middle alone.
+    """Solve for weights (TERMS, joints, 3): left joints together with their mirror images, middle ones alone.
 
     Args:
         apart: (frames, joints, 3) first view − second [m].
-        design: (frames, 3, TERMS · 3) what each of a joint's weights adds to it.
+        design: (frames, 3, TERMS · 3) regressors of a joint's weights.
         weight: (frames,), of mean 1.
         tree, settings: as in `train`.
     """
@@ -139,9 +138,9 @@ def _solve(apart: Float64, design: Float64, weight: Float64, tree: Topology, set
 
 
 def _robust_ridge(A: Float64, d: Float64, weight: Float64, settings: BiasTrainingSettings) -> Float64:
-    """x of the least Σ w |d − A x| / mean |d| + ridge |x|², rows where d is not finite aside.
+    """Return x that minimises Σ w |d − A x| / mean |d| + ridge |x|², without rows where d is not finite.
 
-    The first factor makes the penalty mean the same for joints that differ much and little.
+    The first factor makes the penalty equally strong for joints with large and small differences.
     """
     seen = np.isfinite(d).all(axis=1)
     A, d, weight = A[seen], d[seen], weight[seen]

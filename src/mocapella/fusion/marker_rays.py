@@ -1,12 +1,12 @@
-"""Markers in space from cameras that are not synchronised and read their rows one after the other.
+"""Track markers in space with cameras that are not synchronised and have rolling shutters.
 
-A camera's pixel of a marker is an observation at its own instant: the frame's time, later by the part of the readout
-that its row takes, on the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white
-acceleration: Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2
-and 10.3) which takes the pixels of all cameras in the order of their instants: so nothing is triangulated from places
-where the marker was at different times, and a marker that one camera has lost goes on along the other's ray, less and
-less certain. Observations are kept for a while and used anew with each that comes, so that one that comes late is put
-where it belongs.
+A camera's pixel of a marker is an observation at its own time: the frame's time plus the readout time of its row, on
+the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white acceleration:
+Bar-Shalom,
+Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2 and 10.3), which takes
+the pixels of all cameras in order of time. So nothing is triangulated from observations at different times, and a
+marker that one camera has lost is still tracked along the other's ray, with growing uncertainty. Observations are
+stored for a while and filtered again with each new one, so that a late one is inserted in order.
 """
 
 from __future__ import annotations
@@ -28,35 +28,35 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 MEMORY = 16
-"""Observations of a marker that are kept at most."""
+"""Most observations stored per marker."""
 
 
 class RayState(IntEnum):
-    """How a marker is known."""
+    """State of a marker."""
 
     TRACKED = 0
-    """Two cameras or more have seen it lately."""
+    """Seen by two or more cameras recently."""
     INFERRED = 1
-    """One has, or none; it is where its motion leads."""
+    """Seen by at most one; predicted by its motion."""
     LOST = 2
-    """It is not known: NaN."""
+    """Unknown: NaN."""
 
 
 @dataclass(frozen=True)
 class MarkerRaysSettings:
-    """How markers move, and when cameras are believed.
+    """Motion of markers, and gating of observations.
 
     Attributes:
         acceleration_density: of the white acceleration [m²/s³].
         speed_sd: of a new marker's speed along an axis [m/s].
-        gate_sd: a pixel farther from its prediction than so many standard deviations is refused.
-        keep_s: how much later than others an observation may come [s].
-        together_s: a new marker begins with observations of two cameras that are no farther apart in time [s].
-        image_speed_px: by which they may differ then, for each second between them [px/s].
-        least_angle_rad: at which their rays must meet.
-        alone_s: with one camera only for so long, a marker is inferred [s].
-        forget_after_s: seen by none for so long, it is lost [s].
-        largest_sd_m: inferred and less certain than that, it is lost.
+        gate_sd: pixels farther from their prediction, in standard deviations, are rejected.
+        keep_s: largest delay of an observation behind others [s].
+        together_s: largest time between the observations of two cameras that initialise a marker [s].
+        image_speed_px: additional standard deviation for the time between these [px/s].
+        least_angle_rad: least angle between their rays.
+        alone_s: with only one camera for this long, a marker is inferred [s].
+        forget_after_s: a marker unseen for this long is lost [s].
+        largest_sd_m: an inferred marker with a larger standard deviation is lost.
     """
 
     acceleration_density: float = 20.0
@@ -152,10 +152,10 @@ class RayOutput(NamedTuple):
 
 
 class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
-    """Markers at one instant.
+    """Markers at one time.
 
     Attributes:
-        at_s: the instant, on the rig's clock [s].
+        at_s: the time, on the rig's clock [s].
         points: (points, 3) in the world [m]; NaN where lost.
         velocities: (points, 3) [m/s].
         covariances: (points, 3, 3) of the points [m²].
@@ -170,13 +170,13 @@ class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
 
 
 class RayReport(msgspec.Struct, frozen=True):
-    """What became of the observations so far.
+    """Counts of the observations so far.
 
     Attributes:
         received: with a pixel, an sd and a time.
-        used, refused, late: by the filters; beyond the gate; older than what is kept.
-        begun, forgotten: how often a marker was found, and lost.
-        frames_late: frames of a camera before one that it had sent already.
+        used, refused, late: by the filters; rejected by the gate; older than the stored ones.
+        begun, forgotten: number of initialised and of lost markers.
+        frames_late: frames of a camera older than its newest one.
     """
 
     received: int
@@ -191,9 +191,9 @@ class RayReport(msgspec.Struct, frozen=True):
 class MarkerRays:
     """The markers of one rig.
 
-    Memory, a row for each marker: ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the instant
-    ``_begins`` (NaN where nothing is known), the observations after it in the order of their times, and when each
-    camera was last believed.
+    State, a row for each marker: ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the time ``_begins``
+        (NaN
+    if unknown), the later observations in order of time, and when each camera's pixel was last used.
     """
 
     def __init__(self, rig: CameraRig, points: int, settings: MarkerRaysSettings | None = None) -> None:
@@ -205,7 +205,7 @@ class MarkerRays:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget everything."""
         n, cameras = self._points, len(self._order)
         self._states, self._covariances = np.zeros((n, 6)), np.zeros((n, 6, 6))
         self._begins, self._counts = np.full(n, np.nan), np.zeros(n, dtype=np.int64)
@@ -223,16 +223,16 @@ class MarkerRays:
         return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
-        """Take a camera's frame in, and say where the markers are at the newest instant that any camera has pictured.
+        """Take in a camera's frame; return the markers at the newest time of any camera.
 
         Args:
             camera: its name in the rig.
-            pixels: (points, 2) [px] in its picture; NaN where a marker is not seen.
+            pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
             sd_px: of a coordinate, a number or (points,) [px].
-            at_s: when its first row was captured, on the camera's clock [s].
+            at_s: capture time of its first row, on the camera's clock [s].
 
         Raises:
-            SettingsError: there is no such camera, or the pixels are of another number of points.
+            SettingsError: there is no such camera, or another number of points.
         """
         if camera not in self.rig.cameras:
             raise SettingsError(f"camera {camera!r} is not of the rig; known: {one_of(camera, self._order)}")
@@ -250,13 +250,13 @@ class MarkerRays:
         variances[:] = np.square(sd_px)
         frame = CameraPixels(k, seen, variances, times)
         _kernels().observe(frame, self._memory, self._views.numbers, self._counted, _parameters(self.settings))
-        # A frame in which nothing is seen tells the time, too: else what has gone would stay where it was for ever.
+        # A frame without markers advances the time as well, so that lost markers expire.
         first_row_s = float(at_s - self.rig.cameras[camera].clock_s)
         self._newest_s = max(self._newest_s, first_row_s, *times[np.isfinite(times)].tolist())
         return self.at(self._newest_s)
 
     def at(self, at_s: float) -> MarkerPoints:
-        """Where the markers are at an instant of the rig's clock, of all that was seen."""
+        """Return the markers at a time of the rig's clock, from all observations."""
         n = self._points
         points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         states = np.empty(n, dtype=np.uint8)
@@ -285,21 +285,24 @@ def _parameters(s: MarkerRaysSettings) -> RayParameters:
 
 
 def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:
-    """When rows (...,) [px] of a frame were captured, on the rig's clock [s]; ``at_s`` is of the first, on its own."""
+    """Return the capture times of rows (...,) [px] of a frame on the rig's clock [s].
+
+    ``at_s`` is the first row's time on the camera's own clock.
+    """
     height = camera.camera.size_px[1]
     rows = np.asarray(rows_px, dtype=np.float64)
     return np.asarray(at_s - camera.clock_s + rows * (camera.camera.readout_s / max(height - 1, 1)))
 
 
 def views_of(rig: CameraRig) -> Views:
-    """The cameras of a rig as `geometry.triangulation` takes them, in its order."""
+    """Return the cameras of a rig for `geometry.triangulation`, in its order."""
     cameras = list(rig.cameras.values())
     return views([c.camera.lens for c in cameras], [c.T_camera_world for c in cameras])
 
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Return the compiled steps; numba is imported at the first use."""
     from mocapella.fusion import ray_kernels
 
     return ray_kernels

@@ -1,4 +1,4 @@
-"""Files of models that were learnt."""
+"""Read files of learnt models."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mocapella.errors import InputError
 
 
 def model_bytes(path: Path) -> bytes:
-    """What is in the file.
+    """Return the contents of a file.
 
     Raises:
         InputError: it cannot be read.

@@ -14,16 +14,16 @@ Float64 = NDArray[np.float64]
 
 
 class ObjectPose(msgspec.Struct, frozen=True, eq=False):
-    """A thing at one instant.
+    """An object at one time.
 
     Attributes:
-        at_s: the instant, on the rig's clock [s].
+        at_s: the time, on the rig's clock [s].
         T_world_object: (4, 4); None where lost.
         twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world; NaN where lost.
         covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad].
-        state: TRACKED: lately four markers in one camera, or two cameras, and certain; INFERRED; LOST.
+        state: TRACKED: recently four markers in one camera, or two cameras, and certain; INFERRED; LOST.
         ambiguous: whether another pose fits the pixels as well.
-        unseen_s: for how long no camera has been believed [s].
+        unseen_s: time since the last used frame [s].
     """
 
     at_s: float
@@ -36,12 +36,12 @@ class ObjectPose(msgspec.Struct, frozen=True, eq=False):
 
 
 class ObjectReport(msgspec.Struct, frozen=True):
-    """What became of the frames so far.
+    """Counts of the frames so far.
 
     Attributes:
-        received: frames with a marker of the thing.
-        used, refused, late: by the filter; beyond the gate; older than what is kept.
-        outliers: markers left out of frames that were used.
+        received: frames with a marker of the object.
+        used, refused, late: by the filter; rejected by the gate; older than the stored ones.
+        outliers: markers left out of used frames.
         found, lost: how often.
     """
 
@@ -55,7 +55,7 @@ class ObjectReport(msgspec.Struct, frozen=True):
 
 
 class Hypothesis(msgspec.Struct, frozen=True, eq=False):
-    """One pose that fits what was seen until an instant; its covariance (12, 12) is of pose and twist."""
+    """One pose that fits the frames up to a time; its covariance (12, 12) is of pose and twist."""
 
     at_s: float
     T: Float64
@@ -106,7 +106,7 @@ class PoseResult(NamedTuple):
 
 
 class SeenFrame(msgspec.Struct, frozen=True, eq=False):
-    """A camera's pixels of the thing: (points, 2), NaN where not seen, and standard deviations; ``at_s`` of row 0."""
+    """A camera's pixels of the object: (points, 2), NaN where not seen, and standard deviations; ``at_s`` of row 0."""
 
     at_s: float
     camera: str

@@ -1,24 +1,25 @@
-"""A rigid thing's pose from the pixels of its markers, of any number of cameras, each pixel at its own instant.
+"""Track a rigid object's pose from the pixels of its markers in any number of cameras, each pixel at its own time.
 
     tracker = ObjectPoses(rig, places_m, planes=((0, 1, 2, 3),))
-    pose = tracker.update("left", pixels, sd_px, at_s)
+    tracker.update("left", pixels, sd_px, at_s)
+    pose = tracker.at(at_s)
 
-What is estimated is the pose and its twist: position, rotation, velocity and angular velocity, all in the world, of
-white acceleration (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
-6.2.2). A camera's frame corrects the prediction to its instant by Gauss–Newton over all its pixels, a row later where
-the shutter rolls: the iterated extended Kalman filter (B. Bell, F. Cathey, IEEE Trans. Automatic Control 38 (1993)
-294), with small rotations from the left. So nothing is triangulated from places where the thing was at different times,
-one marker in one camera adds what it knows, and there is a covariance. A frame that comes late is put where it belongs.
+The state is the pose and its twist: position, rotation, velocity and angular velocity, all in the world, with white
+acceleration (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
+6.2.2). A camera's frame corrects the prediction to its time by Gauss–Newton over all its pixels, with later times of
+lower rows for rolling shutters: the iterated extended Kalman filter (B. Bell, F. Cathey, IEEE Trans. Automatic Control
+38 (1993) 294), with small rotations from the left. So nothing is triangulated from observations at different times, one
+marker in one camera adds information, and there is a covariance. A late frame is inserted in order.
 
-The least cost is chi-squared with two degrees of freedom a marker. Where it is beyond the gate, the thing may have
-turned suddenly (the noise is adjusted, as in section 11.2.2 of the book), or the marker is left out without which the
-cost falls most, and so on: an outlier among four corners is found by the prediction.
+The least cost is chi-squared with two degrees of freedom per marker. Beyond the gate, the object may have turned
+suddenly (the process noise is increased, as in section 11.2.2 of the book), or the marker is left out whose removal
+reduces the cost most, and so on: the prediction identifies an outlier among four corners.
 
-A thing is found by three markers that two cameras see, or by four or more on a plane (a tag) in one camera. Of a plane
-that is small in the picture there are two poses, turned about the line of sight (G. Schweighofer, A. Pinz, IEEE PAMI 28
-(2006) 2024; T. Collins, A. Bartoli, Int. J. Computer Vision 109 (2014) 252). Both are followed, each by its own
-prediction, until the pixels of many frames or of another camera decide; till then the pose is *ambiguous*. Three
-markers in one camera do not find a thing (four poses fit them), but keep one that was found.
+An object is initialised by three markers that two cameras see, or by four or more on a plane (a tag) in one camera. A
+plane that is small in the image has two poses, related by a rotation about the line of sight (G. Schweighofer, A. Pinz,
+IEEE PAMI 28 (2006) 2024; T. Collins, A. Bartoli, Int. J. Computer Vision 109 (2014) 252). Both are tracked, each by its
+own prediction, until the pixels of many frames or of another camera decide; until then the pose is *ambiguous*. Three
+markers in one camera do not initialise an object (four poses fit them), but continue its tracking.
 """
 
 from __future__ import annotations
@@ -57,33 +58,33 @@ Float64 = NDArray[np.float64]
 
 _FOUND_POSITION_SD: Final = 1.0
 _FOUND_ROTATION_SD: Final = 1.0
-"""Of what is known of a pose before its first pixels are used again, by the filter [m], [rad]."""
+"""Prior standard deviations of a new pose, before the filter uses its first pixels [m], [rad]."""
 _SAME_RAD: Final = 0.05
 _REFUSED_IN_A_ROW: Final = 6
 _LEAST_POINTS: Final = 3
 _LEAST_WIDTH: Final = 1e-3
-"""Of a plane in the picture, in focal lengths; narrower it is a line."""
+"""Least extent of a plane in the image, in focal lengths."""
 
 
 @dataclass(frozen=True)
 class ObjectPoseSettings:
-    """How things move, and when cameras are believed.
+    """Motion of objects, and gating of frames.
 
     Attributes:
         acceleration_density: of the white acceleration [m²/s³].
         turn_density: of the white angular acceleration [rad²/s³].
-        manoeuvre: where a frame does not fit, both are tried so many times as large; its square as the last resort.
-        speed_sd: of a new thing's speed along an axis [m/s].
+        manoeuvre: factor of both that is tried if a frame does not fit; its square as the last resort.
+        speed_sd: of a new object's speed along an axis [m/s].
         turn_sd: of its angular speed about one [rad/s].
-        gate_sd: how far a frame's cost may be above what is expected, in its standard deviations.
-        keep_s: how much later than others a frame may come [s].
-        together_s: a thing is found by frames that are no farther apart in time [s].
-        image_speed_px: by which markers may have moved then, for each second between frames [px/s].
-        undecided_cost: two poses are followed until their costs differ by more.
-        alone_s: seen by too few markers for so long, it is inferred [s].
-        forget_after_s: seen by none for so long, it is lost [s].
-        tracked_sd_m, tracked_sd_rad: less certain than that, it is inferred.
-        largest_sd_m: less certain than that, it is lost.
+        gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
+        keep_s: largest delay of a frame behind others [s].
+        together_s: largest time between the frames that initialise an object [s].
+        image_speed_px: additional standard deviation for the time between these [px/s].
+        undecided_cost: largest difference of cost of two poses that are tracked.
+        alone_s: with too few markers for this long, it is inferred [s].
+        forget_after_s: unseen for this long, it is lost [s].
+        tracked_sd_m, tracked_sd_rad: with larger standard deviations it is inferred.
+        largest_sd_m: with a larger standard deviation it is lost.
     """
 
     acceleration_density: float = 0.3
@@ -114,10 +115,11 @@ class ObjectPoseSettings:
 
 
 class ObjectPoses:
-    """One thing and the cameras of a rig.
+    """One object and the cameras of a rig.
 
-    Memory: the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and when each camera was
-    last believed with how many markers.
+    State: the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and each camera's last
+        used
+    frame with its number of markers.
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class ObjectPoses:
         *,
         planes: Sequence[Sequence[int]] = (),
     ) -> None:
-        """``planes`` are the groups of four or more points that are on a plane, such as a tag's corners."""
+        """Create a tracker; ``planes`` are groups of four or more points on a plane, such as a tag's corners."""
         self.settings = settings or ObjectPoseSettings()
         self.rig, self.places = rig, np.ascontiguousarray(places_m, dtype=np.float64)
         good = self.places.ndim == 2 and self.places.shape[1] == 3 and len(self.places) >= _LEAST_POINTS
@@ -141,7 +143,7 @@ class ObjectPoses:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as if newly made."""
+        """Forget everything."""
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._frames: list[SeenFrame] = []
         self._believed: dict[str, tuple[float, int]] = {}
@@ -154,16 +156,16 @@ class ObjectPoses:
         return ObjectReport(**self._counts)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> None:
-        """Take a camera's frame in; `at` says what is known.
+        """Take in a camera's frame.
 
         Args:
             camera: its name in the rig.
-            pixels: (points, 2) [px] in its picture; NaN where a marker is not seen.
+            pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
             sd_px: of a coordinate, a number or (points,) [px].
-            at_s: when its first row was captured, on the camera's clock [s].
+            at_s: capture time of its first row, on the camera's clock [s].
 
         Raises:
-            SettingsError: there is no such camera, or the pixels are of another number of points.
+            SettingsError: there is no such camera, or another number of points.
         """
         if camera not in self.rig.cameras:
             raise SettingsError(f"camera {camera!r} is not of the rig; known: {one_of(camera, self._order)}")
@@ -186,7 +188,7 @@ class ObjectPoses:
         self._frames = [frame for frame in self._frames if frame.at_s >= oldest]
 
     def at(self, at_s: float) -> ObjectPose:
-        """Where the thing is at an instant of the rig's clock, of all that was seen."""
+        """Return the object at a time of the rig's clock, from all frames."""
         s = self.settings
         lately = [count for last_s, count in self._believed.values() if at_s - last_s <= s.alone_s]
         last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
@@ -211,7 +213,7 @@ class ObjectPoses:
         self._believed = {}
 
     def _take(self, seen: SeenFrame) -> None:
-        """Put a frame where it belongs, and use anew those after it."""
+        """Insert a frame in order of time, and filter the later ones again."""
         last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
         if self._hypotheses and seen.at_s - last_s > self.settings.forget_after_s:
             self._lose()
@@ -224,7 +226,7 @@ class ObjectPoses:
         for frame in after:
             self._use(frame)
         if after:
-            self._counts = counts  # they have been counted
+            self._counts = counts  # the later frames were counted before
 
     def _use(self, seen: SeenFrame) -> None:
         before = self._hypotheses
@@ -253,7 +255,7 @@ class ObjectPoses:
     def _corrected(
         self, before: tuple[Hypothesis, ...], seen: SeenFrame, *, spare: bool = True
     ) -> tuple[tuple[Hypothesis, ...], int]:
-        """The hypotheses after a frame, the best first, and how many markers the best has used; 0 = refused by all."""
+        """Return the hypotheses after a frame, the best first, and its number of used markers; 0 if all reject it."""
         results = [self._correct(one, seen, spare) for one in before]
         good = [(one, used) for one, used in results if used]
         if not good:
@@ -268,9 +270,11 @@ class ObjectPoses:
         return tuple(kept), used
 
     def _correct(self, h: Hypothesis, seen: SeenFrame, spare: bool) -> tuple[Hypothesis, int]:
-        """By all the markers, if need be of a thing that turned suddenly, else without the worst; 0 used = refused.
+        """Correct a hypothesis by all markers, if necessary with more process noise, else without the worst; 0 used =
+        rejected.
 
-        A marker that is left out costs as much as one at the gate: else the pose that fits fewest would be the best.
+        A marker that is left out costs as much as one at the gate, so that the pose with the fewest inliers is not
+        preferred.
         """
         s, there = self.settings, np.isfinite(seen.pixels[:, 0])
         count = int(there.sum())
@@ -301,7 +305,7 @@ class ObjectPoses:
         return 2 * points + self.settings.gate_sd * math.sqrt(4 * points)
 
     def _least_squares(self, h: Hypothesis, seen: SeenFrame, chosen: NDArray[np.bool_]) -> tuple[Hypothesis, float]:
-        """Gauss–Newton from a prediction over the chosen pixels; posterior and cost, infinite where it fails."""
+        """Run Gauss–Newton from a prediction over the chosen pixels; return posterior and cost, infinite on failure."""
         placed = self.rig.cameras[seen.camera]
         later = captured(placed, seen.pixels[:, 1], placed.clock_s)
         R, x, covariance = np.empty((3, 3)), np.empty(9), np.empty((12, 12))
@@ -314,7 +318,7 @@ class ObjectPoses:
         return Hypothesis(h.at_s, rigid(R, x[:3]), x[3:].copy(), covariance, h.cost), cost
 
     def _find(self, seen: SeenFrame) -> None:
-        """The thing, of the newest frame of each camera that is near enough in time."""
+        """Initialise the object from each camera's newest frame within `together_s`."""
         newest: dict[str, SeenFrame] = {}
         for frame in self._frames:
             if seen.at_s - frame.at_s <= self.settings.together_s:
@@ -341,7 +345,7 @@ class ObjectPoses:
                 self._believe(frame, used)
 
     def _by_triangulation(self, frames: Sequence[SeenFrame], at_s: float) -> list[Float64]:
-        """By three markers, not on a line, that two cameras see."""
+        """Return the pose from three markers, not on a line, that two cameras see."""
         if len(frames) < 2:
             return []
         pixels = np.full((len(self.places), len(self._order), 2), np.nan)
@@ -361,7 +365,7 @@ class ObjectPoses:
         return [T] if np.isfinite(T).all() else []
 
     def _by_plane(self, seen: SeenFrame) -> list[Float64]:
-        """Both poses of the plane of which most points are seen; empty where no plane has four of them."""
+        """Return both poses of the plane with the most visible points; empty if no plane has four of them."""
         there = np.isfinite(seen.pixels[:, 0])
         planes = [plane[there[plane]] for plane in self._planes]
         best: NDArray[np.intp] = max(planes, key=len, default=np.empty(0, dtype=np.intp))
@@ -387,7 +391,7 @@ class ObjectPoses:
 
 
 def turned_over(T_camera_plane: Float64) -> Float64:
-    """The other pose of a plane whose picture is nearly the same: depth reversed along the line of sight.
+    """Return the other pose of a plane with nearly the same image: depth reversed along the line of sight.
 
     With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.
     """
@@ -398,7 +402,7 @@ def turned_over(T_camera_plane: Float64) -> Float64:
 
 
 def _predicted(h: Hypothesis, at_s: float, s: ObjectPoseSettings, manoeuvre: float = 1.0) -> Hypothesis:
-    """At constant velocity and angular velocity; times before it are predicted, too."""
+    """Predict at constant velocity and angular velocity, forwards or backwards in time."""
     dt = at_s - h.at_s
     if dt == 0:
         return h
@@ -425,7 +429,7 @@ def _lost(at_s: float) -> ObjectPose:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Return the compiled steps; numba is imported at the first use."""
     from mocapella.fusion import object_pose_kernels
 
     return object_pose_kernels

@@ -1,9 +1,9 @@
-"""Points of two cameras that look the same way, by one of three methods behind one interface.
+"""Triangulate points of two nearly parallel cameras by one of three methods behind one interface.
 
-``rays``: as `geometry.triangulation`. ``parallel``: the depth is B·f over the disparity, as of exactly parallel
+``rays``: as `geometry.triangulation`. ``parallel``: the depth is B·f over the disparity, as for exactly parallel
 cameras. ``parallel-fitted``: the depth is k·xᶻ of the disparity x, with k and z fitted to distances measured with a
-ruler. For the last two the pixels, not the pictures, are undistorted and turned until both cameras look across their
-baseline, and shown in a picture of the mean focal length; `geometry.parallel_pair` says what left and right are.
+ruler. For the last two the pixels, not the images, are undistorted and rotated until both cameras look across their
+baseline, with the mean focal length; `geometry.parallel_pair` defines left and right.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ METHODS: Final = ("rays", "parallel", "parallel-fitted")
 
 @dataclass(frozen=True)
 class PairDepthSettings:
-    """How deep a point is.
+    """Parameters of the depth.
 
     Attributes:
         method: of `METHODS`.
         k_cm, z: of ``parallel-fitted``, see `PowerLaw`.
         sd_px: of a coordinate of a pixel.
-        gate_sd: cameras that disagree by more of it make no point.
+        gate_sd: largest disagreement of the cameras, in standard deviations.
     """
 
     method: str = "rays"
@@ -54,7 +54,7 @@ class PairDepthSettings:
 
 
 class PairDepth:
-    """Two cameras of a rig; without memory but for what follows from the rig."""
+    """Two cameras of a rig; stateless."""
 
     def __init__(
         self,
@@ -101,16 +101,16 @@ class PairDepth:
         self.pair: ParallelPair = ParallelPair(baseline, width, 2.0 * math.atan(width / (2.0 * focal)))
 
     def disparity(self, pixels: Any) -> Float64:
-        """(...,) right minus left [px] of pixels (..., 2, 2) of the left and the right camera."""
+        """Return right minus left [px] (...,) of pixels (..., 2, 2) of the left and the right camera."""
         rays = self._rays(np.asarray(pixels, dtype=np.float64))
         return np.asarray(self.pair.focal_px * (rays[..., 1, 0] - rays[..., 0, 0]))
 
     def swapped(self, pixels: Any) -> bool:
-        """Whether most points (..., 2, 2) have a negative disparity: left is called right."""
+        """Return whether most points (..., 2, 2) have a negative disparity: left and right are exchanged."""
         return swapped(self.disparity(pixels))
 
     def points(self, pixels: Any) -> Triangulated:
-        """Points in the world of pixels (..., 2, 2) of the left and the right camera; NaN where not seen [px]."""
+        """Triangulate pixels (..., 2, 2) of the left and the right camera, NaN where not seen [px], in the world."""
         s = self.settings
         pixels = np.asarray(pixels, dtype=np.float64)
         if s.method == "rays":
@@ -142,7 +142,7 @@ class PairDepth:
         )
 
     def _rays(self, pixels: Float64) -> Float64:
-        """(..., 2, 2) x/z and y/z in the pair's space, the same axes for both."""
+        """Return x/z and y/z (..., 2, 2) in the pair's space, with the same axes for both."""
         turned = []
         for k in range(2):
             seen = undistort(pixels[..., k, :], self._lenses[k])

@@ -1,4 +1,4 @@
-"""What cameras saw of named points becomes points in space, frame by frame, by a chosen method."""
+"""Triangulate named points from the detections of several cameras, frame by frame."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ METHODS: Final = {
 
 @dataclass(frozen=True)
 class TracksSettings:
-    """How points become one.
+    """Parameters of the triangulation.
 
     Attributes:
         method: of `METHODS`.
-        sd_px: of a coordinate of a detection whose confidence is 1; for others it is divided by the confidence's root.
-            Of the method robust.
+        sd_px: of a coordinate of a detection with confidence 1, divided by the root of the confidence for others; for
+            the method robust.
         gate_sd: see `TriangulationSettings`.
-        least_confidence: a detection is used where its confidence is above that.
-        largest_error_px: see `WeightedLinearSettings`; of the two linear methods.
+        least_confidence: detections with a lower confidence are not used.
+        largest_error_px: see `WeightedLinearSettings`; for the two linear methods.
     """
 
     method: str = "robust"
@@ -53,13 +53,13 @@ class TracksSettings:
 
 
 class TracksReport(msgspec.Struct, frozen=True):
-    """What became of the points.
+    """Counts and errors of the points.
 
     Attributes:
-        frames, points: how many, and of how many names.
-        counted: of frames × points, how many came to each `PointState`, by its name in lower case.
+        frames, points: number of frames, and of names.
+        counted: number of frames × points of each `PointState`, by its name in lower case.
         residual_px: root mean square over the cameras that were used.
-        cameras: for each of the rig's names, what is said of it.
+        cameras: report of each camera, by its name in the rig.
     """
 
     frames: int
@@ -70,12 +70,12 @@ class TracksReport(msgspec.Struct, frozen=True):
 
 
 class CameraPointsReport(msgspec.Struct, frozen=True):
-    """A camera's part in it.
+    """One camera's contribution.
 
     Attributes:
-        seen: detections that are confident enough, of points that became one.
-        rejected_share: of these, that did not agree.
-        residual_px: root mean square of those that did.
+        seen: confident detections of triangulated points.
+        rejected_share: fraction of these that did not agree.
+        residual_px: root mean square of the others.
     """
 
     seen: int
@@ -86,7 +86,7 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
 def triangulate_tracks(
     tracks: ImageTracks, rig: CameraRig, settings: TracksSettings | None = None
 ) -> tuple[SpaceTracks, TracksReport]:
-    """Points in the world of the rig.
+    """Return points in the world of the rig, and a report.
 
     Raises:
         InputError: the rig has no such camera.

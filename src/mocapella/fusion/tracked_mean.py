@@ -1,4 +1,4 @@
-"""The fused skeleton as the mean of what is tracked (the thesis' *average skeleton*)."""
+"""Fuse skeletons by the mean of tracked joints (the thesis' *average skeleton*)."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class FusedSkeletons(msgspec.Struct, frozen=True, eq=False):
 
 
 def tracked_mean(positions: Float64, states: UInt8) -> FusedSkeletons:
-    """For each joint the mean over the views that track it, which fills in what one sensor cannot see.
+    """Return the mean of each joint over the views that track it, which fills in joints hidden from one sensor.
 
-    Where no view tracks a joint, the mean of those that infer it, marked inferred; where none does, not tracked. So a
-    joint's state is the best that any view has, and the views in that state are averaged.
+    If no view tracks a joint, it is the mean over the views that infer it, marked inferred; otherwise not tracked. So a
+    joint's state is the best over the views, and the views in that state are averaged.
 
     Args:
         positions: (..., views, joints, 3), all in one frame [m].
-        states: (..., views, joints) `JointState`; a view that is not there has none tracked.
+        states: (..., views, joints) `JointState`; a missing view has none tracked.
     """
     best = states.max(axis=-2)
     counted = (states == best[..., None, :]) & (states != JointState.NOT_TRACKED)

@@ -1,12 +1,12 @@
-"""Many views of one person → one skeleton, by what each view is worth.
+"""Fuse many views of one person into one skeleton, weighted by their reliability.
 
-A joint's variance in a view grows with the distance and with what the sensor itself says of it; a view that is far from
-where the joint is expected counts less, by the weight of a Student-t distribution (Lange, Little, Taylor: Robust
-Statistical Modeling Using the t Distribution, 1989), so that one sensor that is wrong does not pull everybody along.
+A joint's variance in a view grows with the distance and depends on its tracking state; a view that is far from the
+predicted joint counts less, by the weight of a Student-t distribution (Lange, Little, Taylor: Robust Statistical
+Modeling Using the t Distribution, 1989), so that one wrong sensor does not displace the person.
 
-Sensors disagree by several centimetres, and by more the further apart they look from: a joint would jump whenever one
-of them loses it. So each view is brought to the common mean by its own slowly changing offset, which lives on while the
-others are gone and fades.
+Sensors disagree by several centimetres, more so from opposite directions: a joint would jump whenever one of them loses
+it. So each view is brought to the common mean by its own slowly changing offset, which persists and fades while other
+views are missing.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ class FusionParameters(NamedTuple):
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """What a view is worth.
+    """Reliability of views.
 
     Attributes:
         sd_m: standard deviation of a tracked joint's coordinate at 2 m [m]; it grows with the square of the distance.
-        inferred_factor: how many times that an inferred joint's is.
-        clipped_factor: and that of a body that is cut off at an edge of the view.
-        degrees_of_freedom: of the Student-t weight; infinity trusts every view as it says.
-        offset_s: time constant with which a view's offset from the mean is learnt and fades [s].
-        age_speed_m_s: how much less certain a view is for each second of its age [m/s].
+        inferred_factor: factor for an inferred joint.
+        clipped_factor: factor for a body that is cut off at an edge of the image.
+        degrees_of_freedom: of the Student-t weight; infinity disables it.
+        offset_s: time constant of learning and fading of a view's offset from the mean [s].
+        age_speed_m_s: growth of the standard deviation with a view's age [m/s].
     """
 
     sd_m: float = 0.015
@@ -77,13 +77,13 @@ class FusionSettings:
 def view_variances(
     states: UInt8, distances_m: Float64, clipped: NDArray[np.bool_], ages_s: Float64, settings: FusionSettings
 ) -> Float64:
-    """What a coordinate of each joint may be wrong by.
+    """Return the variance of a coordinate of each joint.
 
     Args:
         states: (views, joints) `JointState`.
         distances_m: (views,) from the sensor to the body.
-        clipped: (views,) whether the body is cut off at an edge of the view.
-        ages_s: (views,) how old the view is.
+        clipped: (views,) whether the body is cut off at an edge of the image.
+        ages_s: (views,) age of the view.
         settings: see there.
 
     Returns:
@@ -107,18 +107,17 @@ class Fused(msgspec.Struct, frozen=True, eq=False):
 def weighted_mean(
     views: Float64, variances: Float64, expected: Float64, expected_variances: Float64, degrees_of_freedom: float
 ) -> Fused:
-    """The mean of the views by the inverse of their variances; those far from what is expected count less.
+    """Return the mean of the views by inverse variance, with less weight far from the prediction.
 
     Args:
-        views: (views, joints, 3), in one frame at one instant [m]; NaN where not seen.
+        views: (views, joints, 3), in one frame at one time [m]; NaN where not seen.
         variances: (views, joints) [m²]; infinite where not seen.
-        expected: (joints, 3) where the joints are expected; NaN where nobody knows.
+        expected: (joints, 3) predicted joints; NaN where unknown.
         expected_variances: (joints,) [m²].
         degrees_of_freedom: of the Student-t weight.
 
     Returns:
-        The mean and its variance, with that of the views about their mean in it: they may disagree by more than they
-        say.
+        The mean and its variance, which includes the scatter of the views about their mean.
     """
     fused = Fused(np.empty(expected.shape), np.empty(len(expected)))
     _kernels().fuse(
@@ -128,16 +127,16 @@ def weighted_mean(
 
 
 def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, settings: FusionSettings) -> Float64:
-    """Each view's offset from the mean, a moment later.
+    """Return each view's offset from the mean after a time step.
 
-    Where two or more views have a joint, their offsets approach what they are now; where one has it, it has nobody to
-    differ from and its offset fades.
+    If two or more views have a joint, their offsets approach the present differences; the offset of a single view
+    fades.
 
     Args:
-        offsets: (views, joints, 3) as they were [m].
+        offsets: (views, joints, 3) before [m].
         views: (views, joints, 3), not corrected; NaN where not seen.
-        mean: (joints, 3) of the views that are not corrected.
-        dt: time since [s].
+        mean: (joints, 3) of the uncorrected views.
+        dt: time step [s].
         settings: see there.
     """
     step = 1.0 if settings.offset_s == 0.0 else -math.expm1(-dt / settings.offset_s)

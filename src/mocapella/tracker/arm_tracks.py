@@ -51,7 +51,7 @@ class ArmTracksSettings:
     Attributes:
         match: association of arms with tracks.
         fusion: fusion of views.
-        fresh_s: age up to which a view is used.
+        fresh_s: oldest view that is used.
         velocity_s: time constant of the velocity of a hand as a whole …
         finger_velocity_s: … and of its joints relative to it.
         acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2.
@@ -59,7 +59,7 @@ class ArmTracksSettings:
         keep_s: … and keeps its number if it reappears within this time.
         coast_s: its motion is extrapolated for this long.
         one_m, one_s: two arms that no camera sees together are merged if their palms are this near for this long.
-        gesture_margin: confidence by which another gesture must exceed the present one.
+        gesture_margin: confidence that another gesture needs above the present one's.
     """
 
     match: ArmMatchSettings = field(default_factory=ArmMatchSettings)

@@ -34,7 +34,7 @@ COVERED: Final = 0.45
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """Rotations that are tried, about the body's own axis, relative to its last orientation."""
 STEPS_M: Final = (0.2, 0.1, 0.05)
-"""Steps by which the body is moved [m]."""
+"""Step sizes of the search for the position [m]."""
 BETTER_TURNED: Final = 0.02
 """Gain in overlap that a rotation needs, because front and back views of bodies hardly differ."""
 

@@ -26,7 +26,7 @@ def arrivals_of(
     Args:
         images: (height, width, 3) uint8 BGR by camera.
         time_ns: capture time, on the common clock.
-        cameras: of the rig; one without an image is marked as such. None: those of ``images``.
+        cameras: of the rig; one without an image is marked as such. None: the keys of ``images``.
         number: of the frame.
         empty_room: whether the images show the room without people.
 

@@ -88,7 +88,7 @@ class ObjectSettings:
         tag: number of a tag on the box's side towards z, upright with y; None for none.
         tag_side_m: side of that tag's dark square.
         tags: tags anywhere on it.
-        space: in which another tracker gives the pose of ``body``; see `mocapella calibrate space`.
+        space: another tracker's space, for the poses of ``body``; see `mocapella calibrate space`.
         body: the other tracker's name of it.
         origin_m: the object's origin, the centre of its box, in the frame of ``body``.
     """

@@ -58,15 +58,15 @@ class PeopleSettings:
         one_euro: 1-euro filter.
         body: articulated body.
         smoothing: one of `SMOOTHING`.
-        view_age_s: age up to which a view is used [s].
-        speed_memory_s: time constant with which an unseen joint's predicted velocity decays [s].
+        view_age_s: oldest view that is used [s].
+        speed_memory_s: time constant of the decay of an unseen joint's predicted velocity [s].
         facing: estimation of people's facing, which repairs mirrored labels; None uses the labels on which the sensors
             agree.
         noise_gain: factor of a joint's learnt noise in its variance.
-        noise_memory_s: time constant with which the noise is learnt [s].
-        turn_s: time constant with which a view's shoulders and hips follow the facing [s].
-        still_m_s: a person who is slower than this stands still [m/s].
-        sure_sd: standard deviation up to which a facing changes labels and turns views fully; up to twice as much,
+        noise_memory_s: time constant of learning the noise [s].
+        turn_s: time constant of turning a view's shoulders and hips to the facing [s].
+        still_m_s: speed below which a person stands still [m/s].
+        sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
             views are turned in part [rad].
         least_worth: weight of a view along the shoulders, relative to a frontal one.
         swap_m: left and right are swapped where the view then is nearer to the person by this [m].
@@ -259,7 +259,7 @@ class People:
         _kernels().move_views(column, np.ascontiguousarray(T_new_old), self.mirror, self.memory.views)
 
     def level(self, R_level: Float64) -> None:
-        """Set the rotation (3, 3) from the space of the people to one in which y is up."""
+        """Set the rotation (3, 3) from the space of the people to one with y up."""
         turned = R_level @ self.R_level.T
         if self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))

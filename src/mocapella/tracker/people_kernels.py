@@ -1,6 +1,6 @@
 """Compiled steps of `mocapella.tracker.people`, in place; importing this module imports numba.
 
-The arrays are those of `mocapella.tracker.people_memory`; body ``b`` of a frame belongs to the person in row
+See `mocapella.tracker.people_memory` for the arrays; body ``b`` of a frame belongs to the person in row
 ``rows[b]``.
 """
 
@@ -119,7 +119,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
     """Predict all people to ``now_s``; never backwards in time.
 
-    The velocity of a joint that no view has decays: the last frames of a person who is being occluded often move the
+    The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.
     """
     at_s, positions, velocities = points.at_s, points.positions, points.velocities

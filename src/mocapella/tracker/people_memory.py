@@ -50,7 +50,7 @@ class ViewArrays(NamedTuple):
         advantage: how much nearer the labels not in use were lately [m].
         toward: yaw from the person to the sensor [rad].
         reported: yaw that the view's repaired labels imply [rad].
-        turn: (..., 2) angles by which the shoulders and the hips are turned [rad].
+        turn: (..., 2) rotation of the shoulders and of the hips [rad].
         offsets: (..., joints, 3) learnt offset from the person, with the person's labels [m]; NaN restarts it.
     """
 
@@ -221,7 +221,7 @@ class PeopleMemory:
 
     @classmethod
     def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
-        """Return the memory of ``people`` rows and ``sensors`` columns in which nothing is known yet."""
+        """Return the memory of ``people`` rows and ``sensors`` columns without data."""
         P, V = (people,), (people, sensors)
         return cls(
             at_s=np.full(P, -np.inf),

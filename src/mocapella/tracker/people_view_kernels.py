@@ -1,6 +1,6 @@
 """Compiled steps of `mocapella.tracker.people` for single views: storing them, repairing labels, turning them.
 
-The arrays are those of `mocapella.tracker.people_memory`; importing this module imports numba.
+See `mocapella.tracker.people_memory` for the arrays; importing this module imports numba.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position

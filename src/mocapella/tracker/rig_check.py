@@ -26,7 +26,7 @@ DOUBTED_BELOW: Final = 0.4
 MOVES_WITH: Final = 0.85
 """Least fraction of the moving pixels that must be at the body."""
 JUDGED_BY: Final = 5
-"""Number of images with motion by which a camera is judged; later motion may be unrelated to the body."""
+"""Number of images with motion for the test of a camera; later motion may be unrelated to the body."""
 
 
 class RigCheck:
@@ -105,7 +105,7 @@ def rig_faults(
         shared = overlap(silhouette.mask(size), covered.mask(size))
         if shared < DOUBTED_BELOW:
             said.append(
-                f"{name}: {covers} other parts of the image than what is not in the empty room (overlap "
+                f"{name}: {covers} other parts of the image than the foreground (overlap "
                 f"{shared:.0%}): is this the video of {name}, and does the camera stand where the rig says?"
             )
     return disagreements(meetings(silhouettes, rig)) + said

@@ -35,11 +35,11 @@ LEARNT = 0.2
 WIDE = 2.0
 """Factor of the search distance of outlines for a rough pose."""
 FARTHER, EVERY = 0.3, 3
-"""Margin around the body's window in which a limb is searched, as a fraction of it, and the sampling step there."""
+"""Margin around the body's window for the search of limbs, as a fraction of it, and the sampling step there."""
 NEAREST_LIMB_M = 0.3
 """Nearer to a camera, a limb may be anywhere in its image [m]."""
 USUAL_STEP_PX = 2
-"""Sampling step to which a region's settings in pixels refer; they are scaled for others."""
+"""Reference sampling step of a region's settings in pixels; they are scaled for others."""
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):

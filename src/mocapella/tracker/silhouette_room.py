@@ -85,7 +85,7 @@ def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []
-    return [f"no empty room is known of {', '.join(missing)}: what is behind the body is learnt on the way there"]
+    return [f"no empty room is known of {', '.join(missing)}: the background behind the body is learnt later"]
 
 
 def _changed(empty: EmptyRoom, name: str, image: UInt8) -> float:

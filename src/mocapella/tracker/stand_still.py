@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from mocapella.association.closest_pairs import HeldPairs, PersonViews
-from mocapella.association.regained import regained
+from mocapella.association.reidentification import reidentified
 from mocapella.calibration.stand_still import NEEDED_PARTS, Calibration, StandStill, StandStillSettings
 from mocapella.fusion.tracked_mean import tracked_mean
 from mocapella.geometry.rigid import apply
@@ -126,7 +126,7 @@ class StandStillTracker:
             self._calibration.restart(f"{heard.sensor}: its node was started again")
         bodies = heard.newest[heard.sensor].bodies
         if self._calibration.unknown(bodies):
-            self._rename(heard.sensor, regained(bodies, self._people, self.settings.regain_within_m))
+            self._rename(heard.sensor, reidentified(bodies, self._people, self.settings.regain_within_m))
         calibration = self._calibration.update(bodies, heard.newest)
         views = self._views.update(heard, calibration)
         people = self._pairs.update(views, calibration.number)

@@ -1,7 +1,7 @@
-"""Somebody whom a sensor lost and found again, under a new tracking id.
+"""Recognise a body that a sensor lost and detects again under a new tracking id.
 
-The thesis' logs show that its program did not calibrate anew when a sensor lost a person behind an obstacle and found
-them again, and a Kinect gives a new id then. How it told, we do not know; this is our way.
+The thesis' logs show that its program did not recalibrate when a sensor lost a person behind an obstacle and detected
+them again, although a Kinect assigns a new id then. Its method is not known; this is ours.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from mocapella.model.observations import JointState
 from mocapella.model.scene import Person
 
 
-def regained(bodies: Bodies, people: Sequence[Person], within_m: float) -> dict[int, int]:
-    """Which of a sensor's lost bodies are there again.
+def reidentified(bodies: Bodies, people: Sequence[Person], within_m: float) -> dict[int, int]:
+    """Match a sensor's new bodies with those it has lost.
 
-    A new body is brought to the world in every lost one's way, and compared with that person's fused skeleton: the
-    mean distance of the joints that both track. The closest go first, each body and person once.
+    A new body is transformed to the world by each lost body's transform, and compared with that person's fused skeleton
+    by the mean distance of the joints that both track. The closest are matched first, each body and person once.
 
     Args:
         bodies: of the sensor's new frame.
-        people: as they were before it; a person whom the sensor has lost keeps a view of it.
-        within_m: they must be closer than this [m].
+        people: before it; a person whom the sensor has lost keeps a view of it.
+        within_m: largest distance [m].
 
     Returns:
         Lost tracking id → new tracking id.
