@@ -20,7 +20,7 @@ Float64 = NDArray[np.float64]
 
 PROP: Final = "scenery"
 """Name of the prop that returns a `Scenery`."""
-_OPACITY: Final = 0.5
+_OPACITY: Final = 0.32
 """On the Tracking stage, where the people behind an obstacle are to be seen."""
 _DECIMALS: Final = 3
 """An obstacle stays where it is drawn while its pose changes by less than this many decimals [m]."""
