@@ -27,7 +27,7 @@ from mocapella.viewer.room_bodies import body_space
 from mocapella.viewer.stages import ROOM
 from mocapella.viewer.timeline import LATEST_S, Moment
 from mocapella.viewer.view_frame import Drawings
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 from mocapella.viewer.viewer import Viewer
 
 MESH, RIG = somebody(), ring(2)
@@ -102,7 +102,7 @@ class Stand:
     """A body, the boards over it, and what is looked at."""
 
     def __init__(self):
-        self.known, self.now_s = Known(), 0.0
+        self.known, self.now_s = ViewMemory(), 0.0
         frames = {name: image_frame(name, None, time_ns=0, size_px=size) for name, size in SIZES.items()}
         self.known.learn(at(), frames, None)
         self.space = self.known.ground.space

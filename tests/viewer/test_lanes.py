@@ -18,7 +18,7 @@ from mocapella.viewer.lanes import LaneDrawing, LaneSpace, draw_lane, kept, lane
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.readout import notices_html
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 SPACE = LaneSpace(np.zeros(3), np.eye(4), Rgb(255, 255, 255))
 
@@ -54,13 +54,13 @@ def bells(monkeypatch):
     """Registers bells with the lane of that name."""
     monkeypatch.setattr(frame_types, "_BY_CLASS", {})
 
-    def register(lane: str) -> Known:
+    def register(lane: str) -> ViewMemory:
         kind = msgspec  # any module: nothing is encoded here
         monkeypatch.setitem(
             FRAME_TYPES, "bells",
             frame_types.FrameType(1, "bells", BellFrame, kind.json.encode, kind.json.decode, format=None, lane=lane),  # type: ignore[arg-type]
         )  # fmt: skip
-        known = Known()
+        known = ViewMemory()
         known.learn(None, {"bell": BELL}, None)
         return known
 
@@ -133,7 +133,7 @@ def test_an_image_is_an_edge_of_its_shape_and_is_kept_without_its_pixels():
     assert thin is not None
     assert len(thin.data) == 0
     assert len(draw_lane(thin, SPACE, troubles).lines) == 4
-    known = Known()
+    known = ViewMemory()
     known.learn(None, {"c1": frame}, None)
     assert known.sizes_px == {"c1": (640, 480)}
     across, high = known.fields["c1"]
@@ -142,7 +142,7 @@ def test_an_image_is_an_edge_of_its_shape_and_is_kept_without_its_pixels():
 
 
 def test_sensors_whose_pictures_stand_over_the_stage_have_no_lane():
-    known = Known()
+    known = ViewMemory()
     frames = {
         name: marker_frame(name, ("red",), time_ns=1, size_px=(640, 480), positions_px=[[1, 2]]) for name in "abc"
     }

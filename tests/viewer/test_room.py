@@ -22,7 +22,7 @@ from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.room import DrawPart, ImageLines, PartDrawing, drawing_of
 from mocapella.viewer.stage import StageView, TrackingDrawing
 from mocapella.viewer.stages import ROOM
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 ROOM_OF_TWO = Room()
 FRAMES = ROOM_OF_TWO.frames(0.0)
@@ -70,7 +70,7 @@ def balloons(monkeypatch):
 
 
 def draw(scene: Any, troubles: PluginErrors, perspective: str = FREE) -> TrackingDrawing:
-    known = Known(troubles=troubles)
+    known = ViewMemory(troubles=troubles)
     known.learn(scene, FRAMES, None)
     return ROOM.draw(scene, scene, StageView(perspective, known.seen, known.floors, troubles))
 

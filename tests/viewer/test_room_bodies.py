@@ -37,7 +37,7 @@ from mocapella.viewer.room_bodies import LOST_OPACITY, SKIN, body_space, body_ta
 from mocapella.viewer.stages import HANDS, ROOM
 from mocapella.viewer.timeline import Moment, PlayState
 from mocapella.viewer.view_frame import Drawings
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 MESH, LEGS, RIG = somebody(), legs_mesh("female", 1.7), ring(2)
 DEEP = layout.stage_centre()[2]
@@ -48,7 +48,7 @@ def legs_at(aside_m):
 
 
 def known_of(*scenes):
-    known = Known(troubles=Strict())
+    known = ViewMemory(troubles=Strict())
     for one in scenes:
         known.learn(one, {}, None)
     return known
@@ -189,7 +189,7 @@ def test_people_and_bodies_of_one_scene_stand_on_one_stage():
     both = msgspec.structs.replace(made, parts={"people": people, "bodies": made.bodies})
     places = tuple(SensorPlace(name, room.T_world[k]) for k, name in enumerate(room.names))
     both = msgspec.structs.replace(both, sensors=places)
-    known = Known(troubles=Strict())
+    known = ViewMemory(troubles=Strict())
     known.learn(both, frames, None)
     assert known.ground.space is None
     for perspective in (FREE, *room.names):
@@ -340,7 +340,7 @@ def test_where_the_world_is_the_peoples_pictures_stand_over_the_sensors_gallery(
     frames = room.frames(0.0)
     made = scene(0, body(MESH, pose_at(MESH), view("c1")))
     both = msgspec.structs.replace(made, parts={"people": room.scene(0.0, frames).people, "bodies": made.bodies})
-    known = Known(troubles=Strict())
+    known = ViewMemory(troubles=Strict())
     known.learn(both, {**frames, "c1": image_frame("c1", None, time_ns=0, size_px=(640, 480))}, None)
     boards = Drawings(known).boards(Moment(0.0, both, frames, ROOM, both, known.seen, {}))
     (plane,) = boards.planes.values()

@@ -1,4 +1,4 @@
-"""One connected browser: its panel, its stages, its camera, and where it is on the timeline."""
+"""One connected browser: panel, stages, camera, and position on the timeline."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from mocapella.viewer.timeline import Moment, Playhead, PlayState, Timeline
 from mocapella.viewer.tracking_stage import TrackingStage
 from mocapella.viewer.trails import TrailChoice, trail_lines
 from mocapella.viewer.view_frame import Boards, ViewNow
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 Float64 = NDArray[np.float64]
 
@@ -57,14 +57,14 @@ A browser drops a picture that it has not decoded when the next one comes: one t
 
 
 def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free: bool) -> Framing:
-    """What the camera goes along with at first: about the stage's middle where that is free, else where it is."""
+    """Return the region that the camera follows at first: the stage's middle if free, else around the parts."""
     x, _, z = layout.stage_centre()
     middle = np.array([x, 0.0, z]) if free or extent is None else 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
     return Framing(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
 
 
 def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
-    """A camera that has what it goes along with, and all pictures over it, in its picture."""
+    """Return a camera that shows the followed region and all pictures above it."""
     corners = np.concatenate([sight.corners, *(plane.corners + sight.middle for plane in planes)])
     return layout.frame(
         corners, fov=FOV, aspect=aspect, elevation=_ELEVATION_ALONG, margin=_MARGIN_ALONG, lowest=_lowest(aspect)
@@ -72,7 +72,7 @@ def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
 
 
 def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
-    """A camera that has one picture over the stage before it."""
+    """Return a camera in front of one picture above the stage."""
     corners = plane.moved(sight.middle).corners
     return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
 
@@ -82,10 +82,10 @@ def _lowest(aspect: float) -> float:
 
 
 class Browser:
-    """What one client sees. Owned by the loop that draws; the client's callbacks only leave a wish.
+    """The view of one client. Owned by the drawing loop; the client's callbacks only leave a request.
 
     Attributes:
-        playhead: where it is on the timeline.
+        playhead: its position on the timeline.
         camera: its own.
     """
 
@@ -94,7 +94,7 @@ class Browser:
         client: viser.ClientHandle,
         commander: Commander | None,
         methods: Sequence[str],
-        known: Known,
+        known: ViewMemory,
         *,
         feed: CameraFeed,
         timeline: Timeline,
@@ -123,11 +123,11 @@ class Browser:
 
     @property
     def live(self) -> bool:
-        """Whether it shows what comes now."""
+        """Whether it shows the newest scene."""
         return self.playhead.number is None
 
     def show(self, now: ViewNow) -> None:
-        """Show the newest, or what somebody chose on the timeline."""
+        """Show the newest scene, or the one chosen on the timeline."""
         self.playhead.update(now.now_s)
         self.camera.beat(now.now_s)
         self.camera.home = None if now.home is None else np.asarray(now.home.position)
@@ -149,7 +149,7 @@ class Browser:
             self._move_camera(stage, perspective, len(gallery.spaces), wish)
 
     def _change_stage(self, stage: Stage) -> None:
-        """Another stage than before moves the camera with it, unless somebody moved it."""
+        """Move the camera to another stage, unless it was moved by hand."""
         if stage.name == self._stage_name:
             return
         first, self._stage_name = not self._stage_name, stage.name
@@ -184,7 +184,7 @@ class Browser:
         return str(PlayState.NOTHING) if moment.scene is None else "Nothing is there"
 
     def _behind(self) -> tuple[str, ...]:
-        """That what is shown is not now, where a session goes on meanwhile."""
+        """Return how old the shown scene is, while the session goes on."""
         return () if self._timeline.done else (f"{self.playhead.state} · {self.playhead.behind_s:.1f} s ago",)
 
     def _draw_boards(self, boards: Boards, now_s: float) -> None:
@@ -222,7 +222,7 @@ class Browser:
         self._wish = aim
 
     def _go_along(self, stage: Stage, drawing: TrackingDrawing, perspective: str, now_s: float) -> None:
-        """Keep what moves in sight, where it is said how its world lies."""
+        """Keep the moving parts in sight if the scene defines how its world lies."""
         space, extent = self._known.ground.space, drawing.extent
         if space is None or not stage.pictures:
             self._sight, self._sight_of = None, ()
@@ -267,7 +267,7 @@ class Browser:
         camera.put(layout.frame(seen, fov=FOV, aspect=camera.aspect, elevation=elevation))
 
     def _look_at_large(self, plane: Plane) -> None:
-        """Before a camera's picture that is as large as the window."""
+        """Put the camera in front of a picture as large as the window."""
         camera = self.camera
         fits: tuple[object, ...] = (plane.size_px, camera.aspect)
         if self._framed is None or not self._before_picture or (fits != self._framed and not camera.touched):
@@ -275,7 +275,7 @@ class Browser:
             camera.put(layout.frame(plane.corners, fov=FOV, aspect=camera.aspect, elevation=0.0, margin=ROUND))
 
     def _look_along(self, lanes: int, wish: Aim | None) -> None:
-        """Go along with what is in sight, or stand before one of the pictures over it."""
+        """Follow the region in sight, or one picture above it."""
         assert self._sight is not None
         camera, planes, picture = self.camera, self._boards.planes, self._panel.picture
         self._framed = None

@@ -1,4 +1,4 @@
-"""The camera of one browser: put somewhere, or going along with somebody until a person moves it by hand."""
+"""The camera of one browser: placed, or following the tracked parts until the user moves it by hand."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class BrowserCamera:
 
     @property
     def touched(self) -> bool:
-        """Whether a person moved the camera since we did."""
+        """Whether the user moved the camera since we did."""
         if self._follows:
             return self._by_hand
         if self._look is None or self._calls_since_move <= _SETTLED:

@@ -1,4 +1,4 @@
-"""From a pressed control to the server and back, without the drawing ever waiting for it."""
+"""Commands from a control to the server and back, without blocking the drawing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SECONDS_SHOWN = 8.0
 
 
 class Commander:
-    """Sends the commands of all browsers, one after the other, in the order in which they were pressed."""
+    """Sends the commands of all browsers, one at a time, in the order of the clicks."""
 
     def __init__(self, command: SendCommand) -> None:
         self._command = command

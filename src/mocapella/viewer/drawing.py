@@ -1,7 +1,7 @@
-"""Handles of the 3D scene that are made once, grown when they must, and else only change.
+"""Handles of the 3D scene: created once, enlarged if necessary, and otherwise only updated.
 
-Nothing is assigned that is as it was: an assignment costs the library more than it costs us to look.
-A removed and remade node costs a browser far more than one whose numbers change, so what vanishes is hidden.
+Unchanged values are not assigned, because the library sends each assignment to the browser. Nodes that vanish are
+hidden, because a browser removes and creates nodes slowly.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Tag:
-    """A text in the scene: what it says and where (3,) [m]; one that is not ``visible`` keeps its place."""
+    """A text in the scene at a position (3,) [m]; an invisible one keeps its position."""
 
     text: str
     position: tuple[float, float, float]
@@ -51,7 +51,7 @@ class StrokeNode:
         self._handle: viser.BatchedMeshHandle | None = None
 
     def draw(self, strokes: Strokes) -> None:
-        """Show exactly these strokes; nothing is sent while there are none."""
+        """Show exactly these strokes."""
         if not len(strokes) and not self._shows:
             return
         self._shows = len(strokes) > 0
@@ -118,7 +118,7 @@ class SurfaceNode:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Show it no more."""
+        """Hide it."""
         if self._handle is not None and self._handle.visible:
             self._handle.visible = False
 
@@ -147,7 +147,7 @@ class SkinNode:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Show it no more."""
+        """Hide it."""
         if self._handle is not None and self._handle.visible:
             self._handle.visible = False
 
@@ -206,7 +206,7 @@ class LineNode:
 
 
 class TagNodes:
-    """Texts in the scene, as many as are needed."""
+    """A list of texts in the scene."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, size: float, anchor: Anchor = "bottom-center") -> None:
         self._scene, self._name, self._size, self._anchor = scene, name, size, anchor
@@ -279,7 +279,7 @@ class SensorNode:
             self._handle.scale, self._handle.thickness = size
 
     def hide(self) -> None:
-        """Show it no more."""
+        """Hide it."""
         self._show(False)
 
     def _show(self, visible: bool) -> None:
@@ -319,6 +319,6 @@ class FloorNode:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Show it no more."""
+        """Hide it."""
         if self._placed is not None:
             self._placed, self._handle.visible = None, False

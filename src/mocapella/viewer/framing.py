@@ -29,7 +29,7 @@ class Framing:
         middle: (3,) where it is at first; the origin where left out.
 
     Attributes:
-        middle: (3,) of it, on the floor; higher where somebody reaches higher than at first.
+        middle: (3,) on the floor; higher if a person reaches above the initial height.
         half_m: (2,) how far it reaches along x and z now.
     """
 

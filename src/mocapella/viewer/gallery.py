@@ -1,4 +1,4 @@
-"""The sensors' gallery in one browser: a lane for every sensor, where what it sees is in its camera space."""
+"""The sensors' gallery in one browser: a lane with each sensor's own skeletons in its camera frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mocapella.viewer.meshes import ball_mesh, bone_mesh
 from mocapella.viewer.scenery import lane_surfaces
 from mocapella.viewer.stage import Surface
 from mocapella.viewer.surface_nodes import SurfaceNodes
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 Float64 = NDArray[np.float64]
 
@@ -44,12 +44,14 @@ class GalleryDrawing:
     surfaces: Mapping[str, Surface] = field(default_factory=dict)
 
 
-def gallery_drawing(frames: Mapping[str, SensorFrame], known: Known, without: Collection[str] = ()) -> GalleryDrawing:
-    """Each sensor's newest frame in its lane; the lane of a sensor without one is empty.
+def gallery_drawing(
+    frames: Mapping[str, SensorFrame], known: ViewMemory, without: Collection[str] = ()
+) -> GalleryDrawing:
+    """Draw each sensor's newest frame in its lane; the lane of a sensor without a frame is empty.
 
     Args:
         frames: by sensor.
-        known: all sensors that there were, and how they stand.
+        known: memory of the view.
         without: sensors that have no lane.
     """
     sensors = [sensor for sensor in known.colours.sensors if sensor not in without]

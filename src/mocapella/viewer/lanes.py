@@ -76,7 +76,7 @@ class Lane:
 
     Attributes:
         draw: a frame in a `LaneSpace` as a `LaneDrawing`.
-        keep: a frame without what is not needed to draw it again, for the timeline.
+        keep: reduces a frame to the data needed to draw it again, for the timeline.
         on_floor: whether frames have ``tilt``, ``height`` and ``positions`` of people, of which the floor is learnt.
         size_px: (width, height) of the image that a frame is; None where it is none.
     """

@@ -1,4 +1,4 @@
-"""A page that browsers open: served on one interface and nowhere else, in the house's colours."""
+"""The web page, served on one interface."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
         panel_px: the panel's width.
 
     Raises:
-        AddressInUseError: somebody else listens there.
+        AddressInUseError: the port is in use.
         SettingsError: an address that this machine cannot listen at.
     """
     _check_free(host, port)

@@ -67,7 +67,7 @@ SENSORS = (
     Rgb(255, 130, 200),
     Rgb(240, 232, 190),
 )
-"""None is like amber or red, in which a sensor is drawn that something is wrong with."""
+"""Amber and red are left out: they mark sensors with a problem."""
 
 
 def person_colour(person: int) -> Rgb:

@@ -1,6 +1,6 @@
 """The controls and readouts of one browser.
 
-What they show comes from the session's status alone, never from what this browser asked for: so two browsers agree.
+They show the session's status only, never what this browser requested, so that all browsers agree.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from mocapella.viewer.setup_panel import SetupPanel
 from mocapella.viewer.timeline import Moment, Playhead, Timeline
 from mocapella.viewer.timeline_panel import TimelinePanel
 from mocapella.viewer.trails import LONGEST_S, TrailChoice, TrailOf
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 from mocapella.viewer.watchdog import Watchdog
 
 WIDTH_PX = 340
 SHORTEST_TRAIL_S = 2
 NO_PICTURE: Final = "–"
-"""What the dropdown of pictures shows while none is looked at alone."""
+"""The dropdown's text while no picture is chosen."""
 _BESIDE: Final = 0.01
 """Between two folders that are made when they are first needed, among the others' orders."""
 
 
 class Aim(StrEnum):
-    """What the camera can be put before."""
+    """Targets of the camera."""
 
     BOTH = "Both"
     TRACKING = "Tracking"
@@ -58,12 +58,12 @@ class Aim(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PanelNews:
-    """What a browser's panel is to show.
+    """The state that a browser's panel shows.
 
     Attributes:
         status: the session's newest; None while no server answers, and where there is none.
-        moment: that this browser shows.
-        board: how a calibration of cameras goes; None where nobody can calibrate.
+        moment: the one that this browser shows.
+        board: progress of a camera calibration; None if calibration is unavailable.
         pictures: cameras whose pictures stand over the stage.
         now_s: of a monotonic clock [s].
     """
@@ -76,20 +76,20 @@ class PanelNews:
 
 
 class Panel:
-    """All that a browser shows beside the 3D scene.
+    """Everything beside the 3D scene in one browser.
 
     Args:
         client: the browser.
         commander: sends commands; None where there is no server: then what commands it is not there.
         methods: names of the tracker's methods.
-        known: what the view remembers.
-        aim: is called with what somebody wants to look at.
+        known: memory of the view.
+        aim: is called with the target that the user chose.
         feed: of cameras' pictures.
-        timeline: what was shown.
+        timeline: the recent scenes.
         playhead: this browser's.
 
     Attributes:
-        cameras: their pictures, and how their colours are learnt.
+        cameras: their pictures, and the learning of marker colours.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Panel:
         client: viser.ClientHandle,
         commander: Commander | None,
         methods: Sequence[str],
-        known: Known,
+        known: ViewMemory,
         *,
         aim: Callable[[Aim], None],
         feed: CameraFeed,
@@ -145,17 +145,17 @@ class Panel:
 
     @property
     def fields(self) -> bool:
-        """Whether this browser shows what each sensor can see."""
+        """Whether this browser shows the sensors' fields of view."""
         return bool(self._fields.value)
 
     @property
     def picture(self) -> str:
-        """The camera whose picture over the stage is looked at alone; empty where none is."""
+        """The camera whose picture fills the view; empty if none does."""
         return "" if self._picture.value == NO_PICTURE else str(self._picture.value)
 
     @property
     def perspective(self) -> str:
-        """From where this browser shows the scene: what was chosen in it, else the default."""
+        """The perspective chosen in this browser, else the default."""
         if self._chosen is not None:
             return self._chosen
         if self._known.ground.space is not None:
@@ -163,7 +163,7 @@ class Panel:
         return default_perspective(self._status, self._colours.sensors)
 
     def show(self, news: PanelNews) -> None:
-        """Bring everything up to the news; costs next to nothing where they are shown already."""
+        """Update everything; costs almost nothing without news."""
         status, moment = news.status, news.moment
         self._watchdog.beat(news.now_s)
         self.cameras.show(news.now_s)
@@ -206,7 +206,7 @@ class Panel:
         return readout.run_html(playhead.state, moment.scene, moment.at_s, place, len(timeline))
 
     def _show_parts(self, news: PanelNews, *, changed: bool, can_name: bool) -> None:
-        """The folders of the stage that is shown, and of the types of parts that there can be."""
+        """Update the folders of the shown stage and of the part types."""
         status, moment = news.status, news.moment
         scene = moment.scene if status is not None or self._commander is None else None
         stage = moment.stage
@@ -255,17 +255,19 @@ class Panel:
     def _add_camera_folder(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("View"):
             self._perspective = gui.add_dropdown(
-                "Perspective", (FREE,), hint="Whose eyes place what is tracked; free: the tracker's own world"
+                "Perspective", (FREE,), hint="Camera frame of the stage; free: the world frame"
             )
             self._aims = gui.add_button_group("Look at", tuple(Aim))
             self._picture = gui.add_dropdown(
-                "Picture", (NO_PICTURE,), visible=False, hint="A camera's picture over the stage, looked at alone"
+                "Picture", (NO_PICTURE,), visible=False, hint="Look at one camera's picture above the stage"
             )
-            self._trails = gui.add_dropdown("Trails", tuple(TrailOf), hint="Lines along which people have moved")
+            self._trails = gui.add_dropdown("Trails", tuple(TrailOf), hint="Paths of people's recent motion")
             self._trail_seconds = gui.add_slider(
                 "Trail length, s", SHORTEST_TRAIL_S, LONGEST_S, 1, TrailChoice().seconds, hint="How many seconds back"
             )
-            self._fields = gui.add_checkbox("Fields of view", False, hint="What each sensor can see, 4.5 m far")
+            self._fields = gui.add_checkbox(
+                "Fields of view", False, hint="The volume that each sensor sees, up to 4.5 m"
+            )
 
         @self._perspective.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:

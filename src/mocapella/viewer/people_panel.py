@@ -1,4 +1,4 @@
-"""Who is there, and what they are called, in one browser."""
+"""The folder People: the tracked people and their names, in one browser."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mocapella.viewer import readout
 from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 NOBODY = "–"
-"""What the dropdown shows while nobody is there."""
+"""The dropdown's text while no person is tracked."""
 
 
 class PeoplePanel:
-    """Shows everybody, and lets one of them be given a name; what is typed stays until it is sent."""
+    """Lists the people and sets a name; typed text stays until it is sent."""
 
     def __init__(self, place: PanelPlace) -> None:
         gui, self._send = place.gui, place.send
@@ -23,8 +23,8 @@ class PeoplePanel:
         self._people: dict[int, str] = {}
         with gui.add_folder("People", order=place.order) as self._folder:
             self._list = gui.add_html(readout.people_html(()))
-            self._who = gui.add_dropdown("Who", (NOBODY,), disabled=True, hint="Whom to give a name")
-            self._text = gui.add_text("Name", "", disabled=True, hint="What everybody sees; empty takes the name away")
+            self._who = gui.add_dropdown("Who", (NOBODY,), disabled=True, hint="The person to name")
+            self._text = gui.add_text("Name", "", disabled=True, hint="Shown in all browsers; empty removes the name")
             self._button = gui.add_button("Set name", disabled=True, icon=viser.Icon.TAG)
 
         @self._who.on_update
@@ -41,7 +41,7 @@ class PeoplePanel:
             handle.visible = self._send is not None
 
     def show(self, state: PanelState) -> None:
-        """Bring it up to who is there; whoever is chosen stays so, also while nobody sees them."""
+        """Show the people of the scene; the chosen person stays chosen while no sensor sees them."""
         if not state.changed:
             return
         people: tuple[Person, ...] = state.parts

@@ -23,10 +23,10 @@ from mocapella.model.session import SensorPose
 Float64 = NDArray[np.float64]
 
 FREE = "free"
-"""The perspective that is no sensor's: the tracker's world as it is."""
+"""The perspective of the tracker's world frame."""
 _FLOOR_MEMORY = 0.05
 _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
-"""When all sensors are further from where they were just before, the world was laid anew."""
+"""If all sensors move further than this between two scenes, the world frame has changed."""
 
 
 class OnFloor(Protocol):
@@ -79,11 +79,10 @@ def upright(T_world_sensor: Float64, floor: float = 0.0) -> Float64:
 
 
 class Floors:
-    """How each sensor, and the free world's origin, stands over the floor.
+    """The height and tilt of each sensor, and of the world's origin, over the floor.
 
-    Where the calibration has found a sensor's place, that says how it stands. Else a height that was set up is taken as
-    it is. Where none was, the floor is put under the lowest joint that is seen, slowly, so that a stray joint does not
-    shake it.
+    They come from the calibrated pose, else from the setup. Without either, the floor is slowly put under the lowest
+    visible joint, so that an outlier does not shake it.
     """
 
     def __init__(self) -> None:
@@ -144,10 +143,10 @@ def places_of(scene: Scene) -> dict[str, Float64]:
 
 
 class Perspectives:
-    """Where each sensor was last, and each person by each sensor, so that nobody jumps when a sensor loses them.
+    """The last known pose of each sensor, and of each person's views, so that people do not jump when a view is lost.
 
     Attributes:
-        places: (4, 4) T_world_sensor, the last that was known, of every sensor that still belongs to the session.
+        places: (4, 4) T_world_sensor, the last known one of every sensor of the session.
         world: grows by one when the world is laid anew: what was remembered of places in it is then worth nothing.
         T_free_world: (4, 4) from the world to the `FREE` perspective.
     """
@@ -161,8 +160,8 @@ class Perspectives:
         self._T_world_sensor: dict[tuple[int, str], Float64] = {}
 
     def copy(self) -> Perspectives:
-        """As they are now; what is learnt later does not change it."""
-        return copy.copy(self)  # what it has is replaced by what is learnt, and never changed
+        """Return a copy that later scenes do not change."""
+        return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
         """Take up the scene's places and views, and forget those who are gone; ``space`` is what its parts say."""
@@ -205,7 +204,7 @@ def _of(who: int, views: Mapping[tuple[int, str], Float64]) -> dict[str, Float64
 
 
 def _laid_anew(before: Mapping[str, Float64], now: Mapping[str, Float64]) -> bool:
-    """Whether no sensor is where it was; one that alone was moved leaves the others where they were."""
+    """Whether every sensor's pose changed; if a single sensor was moved, the others' poses stay."""
     if not before or not now:
         return False
     return not any(_near(T, now[name]) for name, T in before.items() if name in now)

@@ -1,4 +1,4 @@
-"""Errors of what other packages draw: told once, while everything else goes on being drawn."""
+"""Errors of plug-ins' drawings: each is reported once, and everything else is still drawn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PluginErrors:
     """What could not be drawn, in words, once each.
 
     Attributes:
-        lines: in the order in which they came.
+        lines: oldest first.
     """
 
     def __init__(self) -> None:

@@ -33,7 +33,7 @@ NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
 
 
 def status_html(status: SessionStatus | None) -> str:
-    """The state in large letters, what it waits for, why, and how much goes in and out."""
+    """Return the state in large letters, the reason, and the rates."""
     if status is None:
         return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
     silent = _silent(status)
@@ -50,14 +50,14 @@ def status_html(status: SessionStatus | None) -> str:
 
 
 def run_html(state: str, scene: Scene | None, at_s: float, place: int, count: int) -> str:
-    """The state of a run of files in large letters, and which frame is shown.
+    """Return the state of a run of files in large letters, and the number of the shown frame.
 
     Args:
         state: a `mocapella.viewer.timeline.PlayState`.
-        scene: that is shown; None before the first.
+        scene: the shown one; None before the first.
         at_s: its time [s].
-        place: of it among those that are kept, from 1.
-        count: of those.
+        place: its number among the kept scenes, from 1.
+        count: number of kept scenes.
     """
     if scene is None or not count:
         return _headline(state, _BLUE, "", "the first pictures are waited for")
@@ -67,7 +67,7 @@ def run_html(state: str, scene: Scene | None, at_s: float, place: int, count: in
 
 
 def _nothing_there(scene: Scene) -> str:
-    """What is missing, where none of the parts is there that the scene is about; else nothing."""
+    """Return what is missing if none of the scene's main parts is tracked; else an empty text."""
     name = next(iter(scene.parts), "")
     kind = PART_TYPES.get(name)
     if kind is None or any(kind.there(part) for part in scene.of(name)):
@@ -76,7 +76,7 @@ def _nothing_there(scene: Scene) -> str:
 
 
 def _counted(counts: Mapping[str, int]) -> str:
-    """What the newest scene has: the part types that there are, and people where there are none."""
+    """Return the counts of the newest scene's parts; of people if it has none."""
     said = []
     for name, count in counts.items():
         kind = PART_TYPES.get(name)
@@ -86,13 +86,13 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 
 def _none_of(counts: Mapping[str, int]) -> str:
-    """What an empty stage says: of the parts that the method is about, which it names first."""
+    """Return the text of an empty stage, about the method's first part type."""
     kind = PART_TYPES.get(next(iter(counts), ""))
     return kind.none if kind is not None and kind.none else "Nobody is in view"
 
 
 def stage_text(status: SessionStatus | None) -> str:
-    """Why nobody is on the Tracking stage, in one line."""
+    """Return in one line why the Tracking stage is empty."""
     if status is None:
         return "No server"
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
@@ -109,7 +109,7 @@ def stage_text(status: SessionStatus | None) -> str:
 
 
 def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
-    """What is wrong or to be done, for a stage that is not empty; the panel has all of it, and at its full length."""
+    """Return problems and advice for a stage that is not empty; the panel shows them in full."""
     if status is None or not status.running:
         return ()
     said = _conditions(status, {})
@@ -121,7 +121,7 @@ def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
 def sensors_html(
     status: SessionStatus | None, colours: SensorColours, places: Mapping[str, SensorPlace] = NO_PLACES
 ) -> str:
-    """The sensors, one below the other, in the colours of their skeletons: narrow, to stand beside the 3D scene."""
+    """Return the rows of the sensors, in the colours of their skeletons."""
     rows = status.sensors if status else ()
     body = "".join(_sensor_row(row, colours.of(row.name), places.get(row.name)) for row in rows)
     return (
@@ -132,7 +132,7 @@ def sensors_html(
 
 
 def recording_html(recording: RecordingHealth | None) -> str:
-    """What is being recorded, how large and how whole it is, or what went wrong."""
+    """Return the recording's name, size, losses and problem."""
     if recording is None or not (recording.active or recording.path or recording.problem):
         return _note("Not recording.", _GREY)
     name = escape(PurePath(recording.path).name)
@@ -147,7 +147,7 @@ def recording_html(recording: RecordingHealth | None) -> str:
 
 
 def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = ()) -> str:
-    """What cannot be drawn, and the newest notices, the newest first."""
+    """Return drawing errors and the newest notices, newest first."""
     newest = status.notices[-_NEWEST_NOTICES:][::-1] if status else ()
     wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in troubles)
     if not newest:
@@ -170,7 +170,7 @@ def _headline(title: str, colour: str, detail: str, facts: str) -> str:
 
 
 def _silent(status: SessionStatus) -> dict[str, str]:
-    """The sensors that deliver nothing now, by name, and what is wrong with each."""
+    """Return the silent sensors by name, and the problem of each."""
     return {row.name: _health(row)[0] for row in status.sensors if row.silent}
 
 
@@ -187,7 +187,7 @@ def _detail(status: SessionStatus, silent: Mapping[str, str]) -> str:
 
 
 def _conditions(status: SessionStatus, silent: Mapping[str, str]) -> list[str]:
-    """What the tracker says is wrong or missing, without what the sensors' own state says better."""
+    """Return the tracker's conditions, without those that a sensor's own state already explains."""
     parts = [part for part in status.reason.split("; ") if part.removesuffix(": silent") not in silent]
     return conditions("; ".join(parts), [row.name for row in status.sensors])
 
@@ -197,7 +197,7 @@ def _to_go(status: SessionStatus) -> str:
 
 
 def people_html(people: tuple[Person, ...]) -> str:
-    """Everybody who is there, in their colours, by which sensors each is seen, and which of these swap labels."""
+    """Return the people in their colours, the sensors that see each, and the views with swapped labels."""
     rows = "".join(
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
         f'<span style="color:{person_colour(person.id).css}">●</span> '
@@ -207,7 +207,7 @@ def people_html(people: tuple[Person, ...]) -> str:
         f'<div style="font-size:12px;color:{_GREY};overflow-wrap:anywhere">{_seen_by(person)}</div>'
         for person in people
     )
-    if people:  # always, so that what stands below does not move when labels are swapped
+    if people:  # always, so that the rows below do not move when labels are swapped
         rows += f'<div style="font-size:12px;color:{_GREY}">{_SWAPPED} left/right labels swapped, and repaired</div>'
     return f'<div class="mocapella-people">{_note(rows or "Nobody is in view.", "inherit" if people else _GREY)}</div>'
 
@@ -245,7 +245,7 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
 
 
 def _place(place: SensorPlace | None) -> str:
-    """How well the sensor's place is known, and what is wrong with that; empty where the method does not say."""
+    """Return the quality of the sensor's pose and its problem; empty if the method reports none."""
     if place is None:
         return ""
     if place.T_world_sensor is None:

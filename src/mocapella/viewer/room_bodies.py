@@ -30,7 +30,7 @@ Float64 = NDArray[np.float64]
 
 SKIN: Final = Rgb(222, 228, 238)
 LOST_OPACITY: Final = 0.3
-"""A body of whom nobody is there is pale."""
+"""A body without a visible person is pale."""
 HALF_M: Final = 0.45
 """Of a body that stands: so far it reaches to either side."""
 _TAG_M: Final = 0.08

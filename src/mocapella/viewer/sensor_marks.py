@@ -1,4 +1,4 @@
-"""How each sensor stands on the Tracking stage: where, in which colour, and in which words."""
+"""The mark of each sensor on the Tracking stage: pose, colour and label."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class SensorMark:
 
     Attributes:
         T: (4, 4), from its camera space to the view's own space; beside the stage where its place is unknown.
-        standing: how well that is known.
-        words: its name, and what is wrong.
+        standing: how well the pose is known.
+        words: its name and problem.
     """
 
     T: Float64
@@ -70,7 +70,7 @@ def words(place: SensorPlace, how: PlaceState) -> str:
 def marks(
     places: tuple[SensorPlace, ...], remembered: Mapping[str, Float64], T_stage_world: Float64 | None
 ) -> dict[str, SensorMark]:
-    """The marks of all sensors that the tracker tells of.
+    """Return the marks of all sensors of the scene.
 
     Args:
         places: of the scene.

@@ -56,7 +56,7 @@ def _around(extents: list[tuple[Float64, Float64]]) -> tuple[Float64, Float64] |
 
 
 def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_stage: Float64) -> dict[str, SensorMark]:
-    """The sensors of which the tracker tells, and the perspective's own, which is at home wherever it stands."""
+    """Return the marks of the scene's sensors, and of the perspective's sensor at the stage's origin."""
     made: dict[str, SensorMark] = {}
     if scene is not None and scene.sensors:
         T = seen.places.get(perspective)

@@ -32,7 +32,7 @@ class StageChoice:
     Args:
         methods: by name of a method, references to its stages; a method that is not there has the ROOM.
         props: by name, what makes objects that stages may show beside a scene.
-        troubles: is told of a stage that cannot be used; it is then passed over.
+        troubles: receives the error of a stage that cannot be used; that stage is skipped.
     """
 
     def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, Prop], troubles: PluginErrors) -> None:

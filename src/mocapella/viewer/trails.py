@@ -1,4 +1,4 @@
-"""Where everybody was in the last seconds, as lines that fade."""
+"""Trails: the recent paths of people, as lines that fade."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OVER_FLOOR_M = 0.012
 
 
 class TrailOf(StrEnum):
-    """What leaves a trail."""
+    """The part of a person that leaves a trail."""
 
     NOTHING = "off"
     FLOOR = "on the floor"
@@ -63,7 +63,7 @@ class _Steps:
 
 
 class Trails:
-    """Remembers where everybody was, ten times a second.
+    """Records the positions of all people, ten times a second.
 
     Attributes:
         number: of samples taken so far; what is drawn changes with it.
@@ -99,7 +99,7 @@ class Trails:
         """(n, 2, 3) points and (n, 2, 3) colours of the trails of who is there now.
 
         Args:
-            of: what leaves them.
+            of: the joint or floor point that leaves them.
             seconds: how far back they go.
             T_stage: (4, 4), world to stage, of a person; None where the person is not on the stage.
             until_s: where they end, on the clock of scenes [s]; at the newest sample where left out.

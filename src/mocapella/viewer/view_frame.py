@@ -16,7 +16,7 @@ from mocapella.viewer.picture_plane import Plane
 from mocapella.viewer.room import ImageLines
 from mocapella.viewer.stage import StageView, TrackingDrawing
 from mocapella.viewer.timeline import Moment
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 T = TypeVar("T")
 
@@ -45,7 +45,7 @@ class Drawings:
         known: what the view remembers.
     """
 
-    def __init__(self, known: Known) -> None:
+    def __init__(self, known: ViewMemory) -> None:
         self._known = known
         self._before: dict[tuple[object, ...], tuple[object, Any]] = {}
         self._now: dict[tuple[object, ...], tuple[object, Any]] = {}

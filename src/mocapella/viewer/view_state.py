@@ -1,4 +1,4 @@
-"""What the view remembers of sensors and scenes, the same for all browsers."""
+"""The memory of the view, shared by all browsers: sensors, floors, perspectives and trails."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mocapella.viewer.room import called, drawing_of
 from mocapella.viewer.trails import Trails
 
 _LONGER_SIDE_DEG: Final = 60.0
-"""Field of view over the longer side of a camera's image whose lens nobody knows."""
+"""Field of view over the longer side of an image of a camera with an unknown lens."""
 
 
 class Ground:
@@ -46,8 +46,8 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class Known:
-    """See the module; only the loop that draws changes it.
+class ViewMemory:
+    """The memory of the view; only the drawing loop changes it.
 
     Attributes:
         fields: each sensor's field of view, across and high [°].
@@ -66,7 +66,7 @@ class Known:
     scenery: Scenery | None = None
 
     def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
-        """Take up the newest."""
+        """Update it with the newest scene, frames and status."""
         self.colours.learn({row.name for row in status.sensors} if status else set())
         self.colours.learn(set(frames))
         if scene is not None:

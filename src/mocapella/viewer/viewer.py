@@ -27,7 +27,7 @@ from mocapella.viewer.scenery import PROP as SCENERY
 from mocapella.viewer.stages import Prop, StageChoice
 from mocapella.viewer.timeline import LATEST_S, Moment, ShownPicture, Timeline
 from mocapella.viewer.view_frame import Drawings, ViewNow
-from mocapella.viewer.view_state import Known
+from mocapella.viewer.view_state import ViewMemory
 
 BOARD_PX: Final = 560
 """So wide a picture over the stage is asked for."""
@@ -54,10 +54,10 @@ class Viewer:
         ask: asks a camera's node; may block. Without it no picture of a camera is shown.
 
     Attributes:
-        timeline: what was shown lately.
+        timeline: the recent scenes.
 
     Raises:
-        AddressInUseError: somebody else listens there.
+        AddressInUseError: the port is in use.
         SettingsError: an address that this machine cannot listen at.
         PluginError: a prop that cannot be imported.
     """
@@ -75,9 +75,9 @@ class Viewer:
         methods = {Setup.method: (ROOM,)} if methods is None else methods
         made = dict(props or {})
         scenery = made.pop(SCENERY, None)
-        self._known = Known()
+        self._known = ViewMemory()
         if scenery is not None:
-            self._known = Known(scenery=load(scenery)() if isinstance(scenery, str) else scenery())
+            self._known = ViewMemory(scenery=load(scenery)() if isinstance(scenery, str) else scenery())
         self._stages = StageChoice(methods, made, self._known.troubles)
         self._server = open_page(host, port, WIDTH_PX)
         self._methods = tuple(methods)
@@ -95,7 +95,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where a browser finds the view."""
+        """The address of the view."""
         return self._server.url
 
     def show(
@@ -108,9 +108,9 @@ class Viewer:
         pictures: Mapping[str, SizedPicture] | None = None,
         keep: bool = True,
     ) -> None:
-        """Show the newest of everything in every browser; little is done while there is none.
+        """Show the newest state in every browser; costs little while no browser is connected.
 
-        Call it steadily, at up to 30 Hz, also when nothing is new: that is when browsers that came are served.
+        Call it steadily, at up to 30 Hz, also without news: it also serves browsers that have just connected.
 
         Args:
             scene: the tracker's newest result, None before the first.
@@ -137,15 +137,15 @@ class Viewer:
                 browser.show(now)
 
     def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
-        """Say each sensor's field of view, across and high [°], where its frames do not."""
+        """Set each sensor's field of view, across and high [°], if its frames do not define it."""
         self._known.fields.update(fields_deg)
 
     def end(self) -> None:
-        """No more scenes come: what was shown can be played from its beginning."""
+        """Allow playing from the beginning, as no more scenes follow."""
         self.timeline.done = True
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         if self._commander is not None:
             self._commander.close()
         self._feed.close()
@@ -153,7 +153,7 @@ class Viewer:
             self._server.stop()
 
     def _newest(self, scene: Scene | None, frames: Mapping[str, SensorFrame]) -> Moment:
-        """What is shown now; the same object as long as that is the same."""
+        """Return the newest moment; the same object while nothing changes."""
         stage, shown = self._stages.update(scene, self._method)
         last = self._moment
         if (
@@ -170,7 +170,7 @@ class Viewer:
         return Moment(at_s, scene, dict(frames), stage, shown, self._known.seen.copy(), dict(self._pictures))
 
     def _thin(self, frames: Mapping[str, SensorFrame]) -> dict[str, SensorFrame]:
-        """The frames as the timeline keeps them."""
+        """Return the frames in the form that the timeline keeps."""
         for name, frame in frames.items():
             if name not in self._kept or self._kept[name][0] is not frame:
                 self._kept[name] = frame, kept(frame, self._known.troubles)
@@ -183,7 +183,7 @@ class Viewer:
         given: Mapping[str, SizedPicture] | None,
         now_s: float,
     ) -> None:
-        """Take in the pictures of cameras: those that are given, or else what has come of those that are asked for."""
+        """Update the pictures of cameras from the given ones, or else from the cameras' answers."""
         if given is not None:
             at_s = 0.0 if scene is None else scene.at_ns / NS_PER_S
             before = {name: one for name, one in self._pictures.items() if 0 <= at_s - one.at_s <= LATEST_S}
@@ -214,14 +214,14 @@ class Viewer:
                 self._pictures[name] = ShownPicture(shot.answer, of or scene, now_s)
 
     def _same(self, name: str, shown: ShownPicture) -> ShownPicture:
-        """The one that is there already, where it is the same."""
+        """Return the picture before it, if it is the same."""
         before = self._pictures.get(name)
         if before is not None and before.picture is shown.picture and before.scene is shown.scene:
             return before
         return shown
 
     def _look_home(self, moment: Moment) -> Look | None:
-        """Where a page begins that is opened now, and where "Reset View" goes, while the camera goes along."""
+        """Return the initial camera of a new page, and of "Reset View", for a camera that follows."""
         space, boards = self._known.ground.space, self._drawings.boards(moment)
         if space is None:
             return None
@@ -245,7 +245,7 @@ class Viewer:
 
 
 def _nothing_counted(sends: str) -> bool:
-    """Whether frames of that type say nothing of what is in the picture."""
+    """Whether frames of that type carry no count of what is in the picture."""
     kind = FRAME_TYPES.get(sends)
     return kind is not None and kind.counted is None
 
