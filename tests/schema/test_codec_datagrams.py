@@ -111,7 +111,7 @@ def test_a_program_may_write_zero_for_what_is_lost() -> None:
     ("data", "why"),
     [
         (b"1,2;3,4;5,6", "3 pairs; the markers are 2: m0, m1"),
-        (b"1,2;640,4", r"m1 at \(640, 4\) is not in a picture of 640 × 480"),
+        (b"1,2;640,4", r"m1 at \(640, 4\) is not in an image of 640 × 480"),
         (b"1,;3,4", "'1,' has one coordinate; leave both out"),
         (b"x" * 200, r"'x{39}…' has no pairs x,y"),
         (b"#7,-2;1,2;3,4", "'#7,-2' is no #SEQUENCE or #SEQUENCE,TIME_US"),
