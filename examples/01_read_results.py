@@ -1,4 +1,4 @@
-"""Print where everybody's head is, of any server: python examples/01_read_results.py [tcp/HOST:PORT] [SECONDS]"""
+"""Print the position of each person's head: python examples/01_read_results.py [tcp/HOST:PORT] [SECONDS]"""
 
 import sys
 import time
@@ -9,7 +9,7 @@ from mocapella.wire.session import DEFAULT_ADDRESS, open_reader
 
 
 def main(address: str, seconds: float) -> None:
-    """Print five times a second, for so long."""
+    """Print five times a second, for a number of seconds."""
     session = open_reader(address)
     newest = Newest(session)
     end = time.monotonic() + seconds

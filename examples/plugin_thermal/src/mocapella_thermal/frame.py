@@ -1,4 +1,4 @@
-"""What a heat camera sends: the hot spots below it."""
+"""The frame type of a heat camera: the hot spots below it."""
 
 import msgspec
 
@@ -15,17 +15,17 @@ class HeatFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def bodies(self) -> int:
-        """How many there are, for the table of sensors."""
+        """Number of spots, for the table of sensors."""
         return len(self.spots)
 
 
 def encode(frame: HeatFrame) -> bytes:
-    """Write a frame."""
+    """Encode a frame."""
     return seal(frame, "heat", msgspec.msgpack.encode(frame.spots))
 
 
 def decode(data: bytes) -> HeatFrame:
-    """Read a frame; a `WireError` where it is none."""
+    """Decode a frame; raise `WireError` if it is invalid."""
     identity, content = unseal(data)
     try:
         return HeatFrame(*identity, msgspec.msgpack.decode(content, type=tuple[tuple[float, float, float], ...]))

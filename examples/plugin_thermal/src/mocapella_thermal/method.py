@@ -1,4 +1,4 @@
-"""The method `heat`: spots that several cameras see at one place are one, and keep their number while they move."""
+"""The method `heat`: fuses spots that several cameras see at one position, and keeps their ids while they move."""
 
 from dataclasses import dataclass, field
 from math import dist
@@ -22,7 +22,7 @@ CEILING_M = 2.5
 
 @dataclass(frozen=True)
 class HeatSettings:
-    """Where the cameras hang ((x, z) by name [m]), and how near spots are the same [m]."""
+    """Positions of the cameras ((x, z) by name [m]), and the distance within which spots are the same [m]."""
 
     places: dict[str, tuple[float, float]] = field(default_factory=dict)
     same_within_m: float = 0.3
@@ -32,7 +32,7 @@ class HeatSettings:
 
 
 class Memory(msgspec.Struct):
-    """All that the tracker remembers."""
+    """State of the tracker."""
 
     steps: int = 0
     next_id: int = 0
@@ -85,7 +85,7 @@ class HeatTracker:
         return nearest if nearest and dist(at, (nearest.x, nearest.z)) < self._settings.same_within_m else None
 
     def recalibrate(self, reason: str) -> None:
-        """The places are settings: there is nothing to calibrate."""
+        """Do nothing: the positions are settings."""
 
     def reset(self) -> None:
         self._memory = Memory()

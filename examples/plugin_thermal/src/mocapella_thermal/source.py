@@ -19,7 +19,7 @@ RATE_HZ, SEES_M = 20, 2.0
 
 def heat(
     name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name.")] = "heat",
-    x: Annotated[float, typer.Option(metavar="METRES", help="Where it hangs.")] = 0.0,
+    x: Annotated[float, typer.Option(metavar="METRES", help="Position.")] = 0.0,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -31,7 +31,7 @@ def heat(
 
 
 def frames(name: str, x: float) -> Iterator[DueFrame]:
-    """From now on; two spots go round the middle of the room."""
+    """Yield frames from now on; two spots circle the middle of the room."""
     for k in count(math.ceil(time.time() * RATE_HZ)):
         t = k / RATE_HZ
         world = [(math.cos(t), math.sin(t), 36.5), (-math.cos(t), -math.sin(t), 60.0)]

@@ -1,4 +1,4 @@
-"""What the method finds: hot spots in the world."""
+"""The part type of the method: hot spots in the world."""
 
 import msgspec
 
@@ -17,7 +17,7 @@ class Spot(msgspec.Struct, frozen=True):
 
 
 def decode(content: bytes, _topology: object) -> Spot:
-    """Read a spot; a `WireError` where it is none."""
+    """Decode a spot; raise `WireError` if it is invalid."""
     try:
         return msgspec.msgpack.decode(content, type=Spot)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

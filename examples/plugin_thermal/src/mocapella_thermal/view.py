@@ -1,4 +1,4 @@
-"""How spots look: in their sensor's lane, and in the room."""
+"""Drawings of spots: in their sensor's lane, and in the room."""
 
 import numpy as np
 
