@@ -15,7 +15,9 @@ from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_y
 from mocapella.geometry.turn_kernels import turned
 from mocapella.kinematics import arm_fit_kernels as k
-from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose
+from mocapella.kinematics import arm_flesh_kernels as fk
+from mocapella.kinematics import arm_residual_kernels as rk
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose, FitParameters
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, BASES, TIPS, WRIST, Handedness, hand_model
 from mocapella.sensing import arm_region_kernels as region
@@ -65,22 +67,22 @@ def moved(model: ArmModel, pose: ArmPose, dof: int, by: float) -> ArmPose:
         R = new
     elif body < 0:
         z[dof - 6] += by
-    elif body < k.D_LENGTH:
-        k._turn(v, (k.FOREARM, k.UPPER)[body // 2], *(by * np.eye(2)[body % 2]))
-    elif body == k.D_LENGTH:
-        v[k.FOREARM_M] += by
+    elif body < fk.D_LENGTH:
+        k._turn(v, (fk.FOREARM, fk.UPPER)[body // 2], *(by * np.eye(2)[body % 2]))
+    elif body == fk.D_LENGTH:
+        v[fk.FOREARM_M] += by
     else:
-        at = {k.D_SCALE: k.SCALE, k.D_THICK: k.THICK, k.D_ARM_THICK: k.ARM_THICK}
-        v[at.get(body, k.DIGITS + body - k.D_DIGITS)] *= np.exp(by)
+        at = {fk.D_SCALE: fk.SCALE, fk.D_THICK: fk.THICK, fk.D_ARM_THICK: fk.ARM_THICK}
+        v[at.get(body, fk.DIGITS + body - fk.D_DIGITS)] *= np.exp(by)
     return ArmPose(R, t, z, v)
 
 
 def support(model: ArmModel, pose: ArmPose, piece: int, part: float, normal: Any) -> float:
     """How far a ball of the flesh reaches along a normal of the camera's space [m]."""
     p = model.pieces(pose)[0][piece]
-    centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
+    centre = p[fk.FROM : fk.FROM + 3] + part * p[fk.LENGTH] * p[fk.U : fk.U + 3]
     in_camera = pose.R.reshape(3, 3) @ centre + pose.t
-    return float(in_camera @ normal + p[k.RA] + part * (p[k.RB] - p[k.RA]))
+    return float(in_camera @ normal + p[fk.RA] + part * (p[fk.RB] - p[fk.RA]))
 
 
 def derivatives(model: ArmModel, pose: ArmPose, piece: int, part: float, normal: Any) -> np.ndarray:
@@ -92,16 +94,16 @@ def derivatives(model: ArmModel, pose: ArmPose, piece: int, part: float, normal:
         axes, pieces,
     )  # fmt: skip
     p = pieces[piece]
-    centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
-    A, at = np.empty((k.GROUPS, k.MOVERS, k.ROW)), np.empty((k.GROUPS, k.MOVERS), np.int64)
-    counts, q = np.empty(k.GROUPS, np.int64), np.empty(k.ROW)
-    k._movers(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
-    group = k._group(*model.owners[piece])
-    k._numbers(group, *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), pose.v, q)
+    centre = p[fk.FROM : fk.FROM + 3] + part * p[fk.LENGTH] * p[fk.U : fk.U + 3]
+    A, at = np.empty((rk.GROUPS, rk.MOVERS, rk.ROW)), np.empty((rk.GROUPS, rk.MOVERS), np.int64)
+    counts, q = np.empty(rk.GROUPS, np.int64), np.empty(rk.ROW)
+    rk.group_derivatives(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
+    group = rk.group_of(*model.owners[piece])
+    rk.residual_numbers(group, *normal, *centre, p[fk.RA] + part * (p[fk.RB] - p[fk.RA]), pose.v, q)
     own = at[group, : counts[group]]
-    assert (np.diff(own) > 0).all()  # what `_tell` relies on
+    assert (np.diff(own) > 0).all()  # what `add_groups` relies on
     assert own[0] >= 6
-    out = np.zeros(6 + len(pose.z) + k.BODY_DOFS)
+    out = np.zeros(6 + len(pose.z) + fk.BODY_DOFS)
     out[:6] = q[:6]
     out[own] = A[group, : counts[group]] @ q
     return out
@@ -122,17 +124,17 @@ def test_derivatives_of_the_flesh_are_finite_differences(seed: int, side: Handed
         told = derivatives(model, pose, piece, part, normal)
         in_camera = pose.R.reshape(3, 3) @ normal
         steps = [support(model, moved(model, pose, dof, h), piece, part, in_camera)
-                 for dof in range(body + k.BODY_DOFS) for h in (1e-6, -1e-6)]  # fmt: skip
+                 for dof in range(body + fk.BODY_DOFS) for h in (1e-6, -1e-6)]  # fmt: skip
         true = np.diff(np.reshape(steps, (-1, 2))[:, ::-1], axis=1)[:, 0] / 2e-6
         loose = np.full(len(true), 1e-7)
         if owner >= 0 and bone == 2:
-            loose[[body + k.D_THICK, body + k.D_DIGITS + owner]] = inset
-        if owner == k.OF_FOREARM:
+            loose[[body + fk.D_THICK, body + fk.D_DIGITS + owner]] = inset
+        if owner == fk.OF_FOREARM:
             loose[body : body + 2] = apart
-            loose[body + k.D_LENGTH] = apart / model.forearm_m
-            loose[body + k.D_ARM_THICK] = apart
-        if owner < k.OF_PALM:
-            true[body + k.D_SCALE] = 0.0
+            loose[body + fk.D_LENGTH] = apart / model.forearm_m
+            loose[body + fk.D_ARM_THICK] = apart
+        if owner < fk.OF_PALM:
+            true[body + fk.D_SCALE] = 0.0
         assert (np.abs(told - true) <= loose).all(), (piece, np.abs(told - true).argmax())
         assert np.count_nonzero(told[6 : 6 + angles]) == (0 if owner < 0 else model_dofs(model, owner, bone))
 
@@ -147,8 +149,8 @@ def distances(pieces: np.ndarray, points: np.ndarray, view: np.ndarray) -> np.nd
     f = np.linspace(0, 1, 2001)
     out = np.empty((len(points), len(pieces)))
     for i, p in enumerate(pieces):
-        centres = p[:3] + f[:, None] * p[k.LENGTH] * p[3:6]
-        radii = p[k.RA] + f * (p[k.RB] - p[k.RA])
+        centres = p[:3] + f[:, None] * p[fk.LENGTH] * p[3:6]
+        radii = p[fk.RA] + f * (p[fk.RB] - p[fk.RA])
         for j, point in enumerate(points):
             apart = np.linalg.norm(point - centres, axis=1)
             best = int(np.argmin(apart - radii))
@@ -169,28 +171,28 @@ def test_a_point_is_assigned_to_the_nearest_piece(seed: int, side: Handedness) -
     points = np.empty((40, 3))
     for i, p in enumerate(pieces[which]):
         towards, f = rng.normal(size=3), rng.uniform()
-        centre = p[:3] + f * p[k.LENGTH] * p[3:6]
+        centre = p[:3] + f * p[fk.LENGTH] * p[3:6]
         towards /= np.linalg.norm(towards)
         towards = -towards if towards @ (centre - eye) > 0 else towards  # the side that is seen
-        points[i] = centre + (p[k.RA] + f * (p[k.RB] - p[k.RA]) + rng.uniform(-0.002, 0.002)) * towards
+        points[i] = centre + (p[fk.RA] + f * (p[fk.RB] - p[fk.RA]) + rng.uniform(-0.002, 0.002)) * towards
     view = (points - eye) / np.linalg.norm(points - eye, axis=1)[:, None]
     brute = distances(pieces, points, view)
     hit = np.empty(5)
     for i, point in enumerate(points):
         nearest = np.abs(brute[i]).min()
         for first in (-1, 0, int(which[i])):
-            piece = k.closest(pieces, len(pieces), first, *point, *view[i], hit)
+            piece = fk.closest(pieces, len(pieces), first, *point, *view[i], hit)
             assert abs(hit[4]) == pytest.approx(nearest, abs=2e-5)
             assert abs(brute[i, piece]) == pytest.approx(nearest, abs=2e-5)
             assert np.linalg.norm(hit[:3]) == pytest.approx(1.0)
 
 
 def test_behind_a_capsule_the_distance_is_from_its_front_along_the_view() -> None:
-    row = np.empty((1, k.PIECE))
-    k._piece(row[0], -0.05, 0.0, 0.5, 0.05, 0.0, 0.5, 0.01, 0.01)
+    row = np.empty((1, fk.PIECE))
+    fk.write_piece(row[0], -0.05, 0.0, 0.5, 0.05, 0.0, 0.5, 0.01, 0.01)
     hit = np.empty(5)
     for z, distance, normal in ((0.48, 0.01, -1.0), (0.495, -0.005, -1.0), (0.505, 0.015, 1.0), (0.53, 0.04, 1.0)):
-        k.closest(row, 1, 0, 0.01, 0.0, z, 0.0, 0.0, 1.0, hit)
+        fk.closest(row, 1, 0, 0.01, 0.0, z, 0.0, 0.0, 1.0, hit)
         assert hit[4] == pytest.approx(distance)
         np.testing.assert_allclose(hit[:3], [0, 0, normal], atol=1e-12)
         assert hit[3] == pytest.approx(0.06)
@@ -206,7 +208,7 @@ def test_the_nearest_opposite_pixel_is_that_of_all(seed: int) -> None:
     arm = front > 0
     for i, j in np.ndindex(front.shape):
         there = np.argwhere(arm != arm[i, j])
-        y, x = k._nearest_opposite(front, columns, i, j)
+        y, x = rk.nearest_opposite(front, columns, i, j)
         if len(there):
             assert arm[y, x] != arm[i, j]
             assert (y - i) ** 2 + (x - j) ** 2 == ((there - [i, j]) ** 2).sum(axis=1).min()
@@ -221,8 +223,8 @@ def rendered(model: ArmModel, pose: ArmPose) -> np.ndarray:
     rays = np.stack([(xs - LENS[2]) / LENS[0], (ys - LENS[3]) / LENS[1], np.ones(xs.shape)], axis=-1)
     R = pose.R.reshape(3, 3)
     for p in model.pieces(pose)[0]:
-        for f in np.linspace(0, 1, max(int(p[k.LENGTH] / 0.0015), 2)):
-            c, r = R @ (p[:3] + f * p[k.LENGTH] * p[3:6]) + pose.t, p[k.RA] + f * (p[k.RB] - p[k.RA])
+        for f in np.linspace(0, 1, max(int(p[fk.LENGTH] / 0.0015), 2)):
+            c, r = R @ (p[:3] + f * p[fk.LENGTH] * p[3:6]) + pose.t, p[fk.RA] + f * (p[fk.RB] - p[fk.RA])
             u, w, reach = LENS[0] * c[0] / c[2] + LENS[2], LENS[1] * c[1] / c[2] + LENS[3], LENS[0] * 1.1 * r / c[2] + 1
             part = np.s_[
                 max(int(w - reach), 0) : max(int(w + reach) + 1, 0), max(int(u - reach), 0) : max(int(u + reach) + 1, 0)
@@ -270,7 +272,7 @@ def near_its_front(model: ArmModel, pose: ArmPose, points: np.ndarray) -> np.nda
     kept = []
     for point in points:
         x, view = R.T @ (point - pose.t), R.T @ (point / np.linalg.norm(point))
-        k.closest(pieces, HAND_PIECES, 0, *x, *view, hit)
+        fk.closest(pieces, HAND_PIECES, 0, *x, *view, hit)
         if abs(hit[4]) < 0.015 and hit[:3] @ view < -0.1:
             kept.append(point)
     assert len(kept) > 100
@@ -284,20 +286,19 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
     model, _, pose, evidence = seen(seed, side, 1.0)
     points = near_its_front(model, pose, evidence.points[::5] - [0, 0, 0.004])
     body = 6 + len(pose.z)
-    n = body + k.BODY_DOFS
-    numbers = np.array([0.02, 0.015, 1.0, 0.0, 0.0, 0.0, 0.0, HAND_PIECES, 0.0, 1.0])
-    nothing = (np.zeros((2, 2)), np.full((2, 2), -1), LENS)
+    n = body + fk.BODY_DOFS
+    numbers = FitParameters(0.02, 0.015, 1.0, 0.0, 0.0, 0.0, 0.0, HAND_PIECES, 0.0, 1.0)
+    nothing = ArmEvidence(points, np.ones(len(points)), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
 
     def at(pose: ArmPose) -> tuple[float, np.ndarray]:
         g, costs = np.zeros(n), np.empty(5)
         k.system(
-            model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
-            points, np.ones(len(points)), np.zeros(len(points), np.int64), nothing, *pose, numbers, np.zeros((n, n)), g,
-            costs, np.full((5, 3), np.nan), False,
+            model.arrays, nothing, np.zeros(len(points), np.int64), pose, numbers, np.zeros((n, n)), g, costs,
+            np.full((5, 3), np.nan), False,
         )  # fmt: skip
-        return 0.5 * numbers[0] ** 2 * float(costs[0]), g
+        return 0.5 * numbers.point_scale_m**2 * float(costs[0]), g
 
-    dofs = [*range(body), body + k.D_SCALE]
+    dofs = [*range(body), body + fk.D_SCALE]
     steps = [at(moved(model, pose, dof, h))[0] for dof in dofs for h in (-1e-6, 1e-6)]
     true = -np.diff(np.reshape(steps, (-1, 2)), axis=1)[:, 0] / 2e-6
     told = at(pose)[1][dofs]
@@ -310,28 +311,28 @@ def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side
     """Their normal equations, summed by group and told once, are those of their rows."""
     model, rng = arm_model(side), np.random.default_rng(seed)
     pose = posed(model, rng)
-    n = 6 + len(pose.z) + k.BODY_DOFS
+    n = 6 + len(pose.z) + fk.BODY_DOFS
     rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
     pieces, _ = model.pieces(pose)
     k.flesh(
         model.digits, model.mirror, model.radii, model.palm, model.columns, model.gains, pose.z, pose.v, rows, joints,
         axes, pieces,
     )  # fmt: skip
-    A, at = np.empty((k.GROUPS, k.MOVERS, k.ROW)), np.empty((k.GROUPS, k.MOVERS), np.int64)
-    counts, q = np.empty(k.GROUPS, np.int64), np.empty(k.ROW)
-    k._movers(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
-    Q, b = np.zeros((k.GROUPS, k.ROW, k.ROW)), np.zeros((k.GROUPS, k.ROW))
+    A, at = np.empty((rk.GROUPS, rk.MOVERS, rk.ROW)), np.empty((rk.GROUPS, rk.MOVERS), np.int64)
+    counts, q = np.empty(rk.GROUPS, np.int64), np.empty(rk.ROW)
+    rk.group_derivatives(joints, axes, model.columns, model.gains, model.rising, pose.v, len(pose.z), A, at, counts)
+    Q, b = np.zeros((rk.GROUPS, rk.ROW, rk.ROW)), np.zeros((rk.GROUPS, rk.ROW))
     H, g, true_H, true_g = np.zeros((n, n)), np.zeros(n), np.zeros((n, n)), np.zeros(n)
     for piece in rng.integers(len(pieces), size=60):
         normal, part, w, e = rng.normal(size=3), float(rng.uniform()), float(rng.uniform()), float(rng.normal())
-        p, group = pieces[piece], k._group(*model.owners[piece])
-        centre = p[k.FROM : k.FROM + 3] + part * p[k.LENGTH] * p[k.U : k.U + 3]
-        k._numbers(group, *normal, *centre, p[k.RA] + part * (p[k.RB] - p[k.RA]), pose.v, q)
-        k._add(q, w, e, Q[group], b[group])
+        p, group = pieces[piece], rk.group_of(*model.owners[piece])
+        centre = p[fk.FROM : fk.FROM + 3] + part * p[fk.LENGTH] * p[fk.U : fk.U + 3]
+        rk.residual_numbers(group, *normal, *centre, p[fk.RA] + part * (p[fk.RB] - p[fk.RA]), pose.v, q)
+        rk.add_residual(q, w, e, Q[group], b[group])
         row = derivatives(model, pose, int(piece), part, normal)
         true_H += w * np.outer(row, row)
         true_g += w * e * row
-    k._add_groups(A, at, counts, Q, b, H, g)
+    rk.add_groups(A, at, counts, Q, b, H, g)
     np.testing.assert_allclose(np.tril(H), np.tril(true_H), atol=1e-9)
     np.testing.assert_allclose(g, true_g, atol=1e-9)
 
@@ -339,14 +340,13 @@ def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side
 @pytest.mark.parametrize("side", SIDES)
 def test_costs_alone_are_those_of_the_whole_system(side: Handedness) -> None:
     model, _, pose, evidence = seen(1, side, 2.0)
-    numbers, n = model._numbers(pose, evidence, 400.0), 6 + len(pose.z) + k.BODY_DOFS
+    numbers, n = model._parameters(pose, evidence, 400.0), 6 + len(pose.z) + fk.BODY_DOFS
     told = []
     for only in (False, True):
         H, g, costs = np.zeros((n, n)), np.zeros(n), np.empty(5)
         k.system(
-            model.digits, model.mirror, model.radii, model.palm, model.owners, model.columns, model.gains, model.rising,
-            evidence.points, evidence.weights, np.zeros(len(evidence.points), np.int64),
-            (evidence.front, evidence.opposite, evidence.lens), *pose, numbers, H, g, costs, np.zeros((5, 3)), only,
+            model.arrays, evidence, np.zeros(len(evidence.points), np.int64), pose, numbers, H, g, costs,
+            np.zeros((5, 3)), only,
         )  # fmt: skip
         assert np.any(H) == np.any(g) == (not only)
         told.append(costs)
@@ -369,7 +369,7 @@ def test_flesh_is_not_pulled_to_pixels_where_no_edge_is_near() -> None:
     model = arm_model("left")
     pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())
     # Where nothing was measured it costs less than before what was; behind a surface that is very near, nothing.
-    for depth, cost in ((0.0, k._UNMEASURED), (-2.0, 1.0), (0.04, 0.0)):
+    for depth, cost in ((0.0, rk._UNMEASURED), (-2.0, 1.0), (0.04, 0.0)):
         front = np.full((HEIGHT, WIDTH), depth)
         picture = ArmEvidence(np.empty((0, 3)), np.empty(0), front, np.full(front.shape, -1), LENS)
         end = model.fit(pose, model.unexpected(pose), picture, iterations=0)
@@ -413,7 +413,7 @@ def test_from_farther_away_what_fits_well_is_right(side: Handedness) -> None:
 
 def mirrored(pose: ArmPose) -> ArmPose:
     M, v = np.diag([-1.0, 1, 1]), pose.v.copy()
-    v[[k.FOREARM, k.UPPER]] *= -1
+    v[[fk.FOREARM, fk.UPPER]] *= -1
     return ArmPose((M @ pose.R.reshape(3, 3) @ M).reshape(9).copy(), M @ pose.t, pose.z.copy(), v)
 
 

@@ -144,6 +144,74 @@ class ArmEvidence(NamedTuple):
     lens: Float64
 
 
+class ArmArrays(NamedTuple):
+    """The model of an arm, as the kernels take it.
+
+    Attributes:
+        digits: (5, DIGIT) of the hand's shape.
+        mirror: -1 for a left hand, else 1.
+        radii: (6, 5) of the digits at their joints, and of forearm and upper arm [m].
+        palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
+        owners: (pieces, 2) digit or other owner of a piece, and bone.
+        columns, gains: (5, 5) free angle and factor of each digit's angle.
+        rising: (5, 5) indices that sort each digit's `columns`.
+        c_max: largest opposition of the thumb [rad].
+    """
+
+    digits: Float64
+    mirror: float
+    radii: Float64
+    palm: Float64
+    owners: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    gains: Float64
+    rising: NDArray[np.int64]
+    c_max: float
+
+
+class FitParameters(NamedTuple):
+    """Scales and weights of the fit's terms.
+
+    Attributes:
+        point_scale_m, silhouette_scale_m: scales of the robust losses.
+        point_information, silhouette_information, collision_information: inverse variances [1/m²].
+        ahead_m: allowed distance of flesh in front of the surface.
+        overlap_m: allowed overlap of digits.
+        pieces: number of pieces to which points may be assigned.
+        edge_m: distance of the surface's end from an edge's outer pixel.
+        sharpness: factor of the silhouette's information in the last third of a fit.
+    """
+
+    point_scale_m: float
+    silhouette_scale_m: float
+    point_information: float
+    silhouette_information: float
+    collision_information: float
+    ahead_m: float
+    overlap_m: float
+    pieces: int
+    edge_m: float
+    sharpness: float
+
+
+class ArmPrior(NamedTuple):
+    """Prior and prediction of a fit, as the kernels take them.
+
+    Attributes:
+        mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
+        pose: the predicted pose.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the angles about it.
+        v, information: (STATE,) expected sizes and directions, and their inverse variances.
+    """
+
+    mean: Float64
+    precision: Float64
+    pose: ArmPose
+    certainty: Float64
+    v: Float64
+    information: Float64
+
+
 class Fitted(NamedTuple):
     """A fitted pose and its costs.
 
@@ -199,6 +267,10 @@ class ArmModel:
         self.owners = np.array(
             [(d, bone) for d in range(5) for bone in range(3)] + [(-1, 0)] * len(self.palm) + [(-2, 0)] * 2 + [(-3, 0)]
         )
+        self.arrays = ArmArrays(
+            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
+            self.c_max,
+        )  # fmt: skip
         s = self.settings
         self.sizes = np.zeros(kernels().STATE)
         self.sizes[:2], self.sizes[10:] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
@@ -262,16 +334,13 @@ class ArmModel:
         s, k = self.settings, kernels()
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
-        numbers = self._numbers(pose, evidence, total)
+        parameters = self._parameters(pose, evidence, total)
         costs = np.empty(5)
-        picture = (evidence.front, evidence.opposite, evidence.lens)
         e = expected
+        prior = ArmPrior(self.natural, self.prior, e.pose, e.certainty, e.v, e.information)
         k.fit(
-            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.rising,
-            self.c_max, evidence.points, evidence.weights, picture, self.natural, self.prior, e.pose.R, e.pose.t,
-            e.pose.z, e.certainty, e.v, e.information, pose.R, pose.t, pose.z, pose.v, numbers,
-            s.loose if loose is None else loose, s.iterations if iterations is None else iterations, costs,
-            _NOWHERE if tips is None else tips, keep,
+            self.arrays, evidence, prior, pose, parameters, s.loose if loose is None else loose,
+            s.iterations if iterations is None else iterations, costs, _NOWHERE if tips is None else tips, keep,
         )  # fmt: skip
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
@@ -281,15 +350,15 @@ class ArmModel:
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
         return Fitted(pose, costs)
 
-    def _numbers(self, pose: ArmPose, evidence: ArmEvidence, total: float) -> Float64:
+    def _parameters(self, pose: ArmPose, evidence: ArmEvidence, total: float) -> FitParameters:
         """Return the parameters that the kernels take."""
         s = self.settings
         # At most the information of a hand at arm's length: more points add none.
         share = min(400.0 / total, 2.0)
-        return np.array(
-            [s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
-             1 / s.collision_sd_m**2, s.ahead_m, s.overlap_m, float(len(self.owners)),
-             s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2]
+        return FitParameters(
+            s.point_scale_m, s.silhouette_scale_m, share / s.point_sd_m**2, 1 / s.silhouette_sd_m**2,
+            1 / s.collision_sd_m**2, float(s.ahead_m), float(s.overlap_m), len(self.owners),
+            s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2,
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
@@ -299,12 +368,8 @@ class ArmModel:
         tries = self._ways[digit].copy()
         tries[0, free] = pose.z[columns[free]]
         costs = np.empty(len(tries))
-        kernels().swept(
-            self.digits, self.mirror, self.radii, self.palm, self.owners, self.columns, self.gains, self.c_max,
-            evidence.points, evidence.weights, (evidence.front, evidence.opposite, evidence.lens), self.natural,
-            self.prior, pose.R, pose.t, pose.z, pose.v,
-            self._numbers(pose, evidence, max(float(evidence.weights.sum()), 1.0)), digit, tries, costs,
-        )  # fmt: skip
+        parameters = self._parameters(pose, evidence, max(float(evidence.weights.sum()), 1.0))
+        kernels().swept(self.arrays, evidence, self.natural, self.prior, pose, parameters, digit, tries, costs)
         best = int(np.argmin(costs))
         z = pose.z.copy()
         z[columns[free]] = tries[best, free]

@@ -1,0 +1,271 @@
+"""Kernels of the flesh of an arm: tapered capsules about its bones. Importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.compiled import njit
+from mocapella.kinematics.hand_fit_kernels import digit_angles, digit_points
+from mocapella.kinematics.hand_kernels import BASE, DIGIT, L1
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+# Row of a piece: its axis from FROM along U for LENGTH, the radii at both ends, and numbers derived from these.
+FROM, U, LENGTH, RA, RB = 0, 3, 6, 7, 8
+TAN, MIDDLE, BOUND = 9, 10, 13
+PIECE = 14
+# Owner of a piece, whose dofs move it: a digit, or one of these.
+OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
+
+# Indices of the sizes and directions v.
+SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
+FOREARM, UPPER = 4, 7  # unit vectors in the palm's frame: wrist to elbow, elbow to shoulder
+DIGITS = 10  # (5,) lengths of the digits over the shape's, beside the hand's size
+STATE = 15
+
+# Indices of the other dofs, behind the palm's six and the free angles.
+D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
+BODY_DOFS = 13
+
+
+@njit(cache=True)
+def write_piece(
+    row: Float64, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float,
+) -> None:  # fmt: skip
+    """Write the row (PIECE,) of a tapered capsule from a to b with the radii ra and rb [m]."""
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    f = 1.0 / max(length, 1e-6)
+    row[FROM], row[FROM + 1], row[FROM + 2] = ax, ay, az
+    row[U], row[U + 1], row[U + 2] = f * dx, f * dy, f * dz
+    row[LENGTH], row[RA], row[RB] = length, ra, rb
+    s = min(max((ra - rb) * f, -0.9), 0.9)
+    row[TAN] = s / math.sqrt(1.0 - s * s)
+    row[MIDDLE], row[MIDDLE + 1], row[MIDDLE + 2] = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
+    row[BOUND] = 0.5 * length + max(ra, rb)
+
+
+@njit(cache=True)
+def digit_pieces(d: int, outer: float, radii: Float64, thick: float, x: Float64, pieces: Float64) -> None:
+    """Write the three pieces of a digit with joints x (4, 3) and an outer bone of length ``outer`` [m]."""
+    for bone in range(3):
+        bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
+        if bone == 2:  # the landmark is nearer to the flesh's end than a radius
+            f = radii[5, 4] * thick / max(outer, 1e-6)
+            bx -= f * (bx - x[2, 0])
+            by -= f * (by - x[2, 1])
+            bz -= f * (bz - x[2, 2])
+        write_piece(
+            pieces[3 * d + bone], x[bone, 0], x[bone, 1], x[bone, 2], bx, by, bz,
+            thick * radii[d, bone], thick * radii[d, bone + 1],
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def flesh(
+    digits: Float64, mirror: float, radii: Float64, palm: Float64, columns: Int64, gains: Float64, z: Float64,
+    v: Float64, rows: Float64, joints: Float64, axes: Float64, pieces: Float64,
+) -> None:  # fmt: skip
+    """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
+
+    Args:
+        digits: (5, DIGIT) of the shape.
+        mirror: -1 of a left hand.
+        radii: (5, 4) of the digits at their joints, and (5,) forearm and upper arm at wrist (2), elbow, shoulder [m].
+        palm: (k, 8) two points and radii of a right hand's palm [m].
+        z, v: free angles, and the state's other numbers.
+        rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), out.
+    """
+    s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
+    for d in range(5):
+        for k in range(DIGIT):
+            rows[d, k] = digits[d, k]
+        for k in range(3):
+            rows[d, L1 + k] *= s * v[DIGITS + d]
+            rows[d, BASE + k] *= s
+        digit_angles(z, columns, gains, d, q)
+        digit_points(rows[d], mirror, q, joints[d], axes[d])
+        digit_pieces(d, rows[d, L1 + 2], radii, thick, joints[d], pieces)
+    n = 15
+    for k in range(len(palm)):
+        write_piece(
+            pieces[n], mirror * s * palm[k, 0], s * palm[k, 1], s * palm[k, 2], mirror * s * palm[k, 3],
+            s * palm[k, 4], s * palm[k, 5], thick * palm[k, 6], thick * palm[k, 7],
+        )  # fmt: skip
+        n += 1
+    ex, ey, ez = v[FOREARM_M] * v[FOREARM], v[FOREARM_M] * v[FOREARM + 1], v[FOREARM_M] * v[FOREARM + 2]
+    wide = radii[5, 1] * s * v[ARM_THICK]
+    for side in range(2):
+        w = wide if side == 0 else -wide
+        write_piece(
+            pieces[n], w, 0.0, 0.0, ex + 0.4 * w, ey, ez, s * v[ARM_THICK] * radii[5, 0], s * v[ARM_THICK] * radii[5, 2]
+        )
+        n += 1
+    ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
+    write_piece(
+        pieces[n], ex, ey, ez, ex + 0.25 * ux, ey + 0.25 * uy, ez + 0.25 * uz, s * v[ARM_THICK] * radii[5, 2],
+        s * v[ARM_THICK] * radii[5, 3],
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
+    """Write spheres along the flesh into out (k, 5), camera [m], with 0 in the last column for the arm's.
+
+    Returns:
+        Their number.
+    """
+    n = 0
+    for i in range(len(pieces)):
+        p = pieces[i]
+        count = max(int(p[LENGTH] / spacing), 1) + 1
+        for k in range(count):
+            if n == len(out):
+                return n
+            f = k / (count - 1)
+            c = f * p[LENGTH]
+            x, y, z = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]
+            for a in range(3):
+                out[n, a] = R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z + t[a]
+            out[n, 3] = p[RA] + f * (p[RB] - p[RA])
+            out[n, 4] = 1.0 if owners[i, 0] >= OF_PALM else 0.0
+            n += 1
+    return n
+
+
+@njit(cache=True)
+def closest(
+    pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
+    out: Float64,
+) -> int:  # fmt: skip
+    """Return the piece nearest to a point; write outward normal, position on the axis and distance into out (5,).
+
+    On the side that faces away from the camera, the distance is that from the front, along the view (vx, vy, vz). For a
+    capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
+    """
+    best, which, nearest = 1e9, -1, 1e9
+    for k in range(-1, few):
+        i = first if k < 0 else k
+        if k == first:
+            continue
+        p = pieces[i]
+        mx, my, mz = x - p[MIDDLE], y - p[MIDDLE + 1], z - p[MIDDLE + 2]
+        reach = nearest + p[BOUND]
+        if mx * mx + my * my + mz * mz > reach * reach:
+            continue
+        dx, dy, dz = x - p[FROM], y - p[FROM + 1], z - p[FROM + 2]
+        along = dx * p[U] + dy * p[U + 1] + dz * p[U + 2]
+        across = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+        c = min(max(along - across * p[TAN], 0.0), p[LENGTH])
+        r = p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6)
+        dx, dy, dz = dx - c * p[U], dy - c * p[U + 1], dz - c * p[U + 2]
+        d = math.sqrt(dx * dx + dy * dy + dz * dz)
+        f = 1.0 / max(d, 1e-9)
+        nx, ny, nz = f * dx, f * dy, f * dz
+        e = d - r
+        facing = dx * vx + dy * vy + dz * vz
+        if facing > 0.2 * d:
+            e = facing + r
+            nx, ny, nz = vx, vy, vz
+        if abs(e) < nearest:
+            nearest, best, which = abs(e), e, i
+            out[0], out[1], out[2], out[3] = nx, ny, nz, c
+    out[4] = best
+    return which
+
+
+@njit(cache=True)
+def across(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a unit vector perpendicular to a unit vector."""
+    if abs(x) < 0.8:
+        f = 1.0 / math.sqrt(y * y + z * z)
+        return 0.0, f * z, -f * y
+    f = 1.0 / math.sqrt(x * x + z * z)
+    return -f * z, 0.0, f * x
+
+
+@njit(cache=True)
+def relevance(
+    points: Float64, R: Float64, t: Float64, v: Float64, length: float, forearm: float, beyond: float, out: Float64,
+) -> None:  # fmt: skip
+    """Write the weight of each point (m, 3) into out (m,), as `ArmModel.relevance` describes."""
+    for i in range(len(points)):
+        X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
+        x = (R[0] * X + R[3] * Y + R[6] * Z) / v[SCALE]
+        y = (R[1] * X + R[4] * Y + R[7] * Z) / v[SCALE]
+        z = (R[2] * X + R[5] * Y + R[8] * Z) / v[SCALE]
+        along = x * v[FOREARM] + y * v[FOREARM + 1] + z * v[FOREARM + 2]
+        across = x * x + y * y + z * z - along * along
+        if 0.0 < along < forearm + 0.05 and across < 0.07**2:
+            out[i] = 0.5
+        elif x * x + y * y + (z - 0.45 * length) ** 2 < (0.85 * length) ** 2:
+            out[i] = 1.0
+        else:
+            out[i] = beyond
+
+
+@njit(cache=True)
+def _shows(front: Float64, lens: Float64, X: float, Y: float, Z: float, near: float) -> bool:
+    """Return whether the image's surface is near a point, at its pixel or one beside it."""
+    column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
+    for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
+        for j in range(max(column - 1, 0), min(column + 2, front.shape[1])):
+            if abs(front[i, j] - Z) < near:
+                return True
+    return False
+
+
+@njit(cache=True)
+def visible(
+    pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
+    out: Float64,
+) -> None:  # fmt: skip
+    """Write the share of the camera-facing flesh about each landmark that the image confirms, into out (k,).
+
+    The flesh is sampled in rings about its axis: before the landmark, at it and beyond it; at a fingertip, before it
+    and on the round end.
+
+    Args:
+        pieces: of `flesh`.
+        places: (k, 3) of each landmark the piece, the position along it from 0 to 1, and whether it ends there.
+        near: largest distance of the image's surface from the flesh's [m].
+    """
+    for i in range(len(places)):
+        p, f = pieces[int(places[i, 0])], places[i, 1]
+        r = p[RA] + f * (p[RB] - p[RA])
+        ax, ay, az = across(p[U], p[U + 1], p[U + 2])
+        bx, by, bz = p[U + 1] * az - p[U + 2] * ay, p[U + 2] * ax - p[U] * az, p[U] * ay - p[U + 1] * ax
+        facing, agree, ends = 0, 0, places[i, 2] > 0.0
+        for ring in range(5 if ends else 3):
+            along, sine = f * p[LENGTH] + (ring - 1) * r, 0.0
+            if ends:
+                along = f * p[LENGTH] + min(0.5 * ring - 1.0, 0.0) * r
+                sine = 0.0 if ring < 3 else (0.5 if ring == 3 else 0.9)
+            cosine = math.sqrt(1.0 - sine * sine)
+            for k in range(12):
+                c, s = cosine * math.cos(k * math.pi / 6), cosine * math.sin(k * math.pi / 6)
+                nx, ny, nz = (
+                    c * ax + s * bx + sine * p[U],
+                    c * ay + s * by + sine * p[U + 1],
+                    c * az + s * bz + sine * p[U + 2],
+                )
+                x, y, w = (
+                    p[FROM] + along * p[U] + r * nx,
+                    p[FROM + 1] + along * p[U + 1] + r * ny,
+                    p[FROM + 2] + along * p[U + 2] + r * nz,
+                )
+                X = R[0] * x + R[1] * y + R[2] * w + t[0]
+                Y = R[3] * x + R[4] * y + R[5] * w + t[1]
+                Z = R[6] * x + R[7] * y + R[8] * w + t[2]
+                away = nx * (R[0] * X + R[3] * Y + R[6] * Z) + ny * (R[1] * X + R[4] * Y + R[7] * Z)
+                away += nz * (R[2] * X + R[5] * Y + R[8] * Z)
+                if Z < 0.05 or away > -0.1 * math.sqrt(X * X + Y * Y + Z * Z):
+                    continue
+                facing += 1
+                agree += _shows(front, lens, X, Y, Z, near)
+        out[i] = agree / max(facing, 1)
