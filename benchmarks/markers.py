@@ -270,7 +270,7 @@ def _through_processes(folder: Path, count: int) -> tuple[dict[str, Any], list[d
     places = (folder / "base.json").read_text()
     server = subprocess.Popen(
         [sys.executable, "-m", "mocapella", "serve", "--no-view", "--port", str(port), "--sensors", "2",
-         "--method", "hands", "--rig", str(folder / "rig.toml"), "--hand", str(folder / "hand.json"),
+         "--method", "hands", "--rig", str(folder / "rig.toml"), "--file", f"hand={folder / 'hand.json'}",
          "--set", f"base_places_m={places}", "--json", str(out)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, env=ONE_THREAD,
     )  # fmt: skip

@@ -1,8 +1,8 @@
 """A camera's program, such as on a Raspberry Pi: it waits for the start command and sends a datagram for each picture.
 
 ``python 02_pi_camera.py MASTER PORT [PICTURES [START_PORT]]``; put your own detection into `find_markers`. It needs
-Python alone; docs/wire.md describes what it sends. `mocapella node datagrams --camera left=PORT --start ADDRESS:5000`,
-with the network's broadcast address, hears it.
+Python alone; see docs/wire.md. `mocapella node datagrams --camera left=PORT --set start_to=HOST:5000`
+hears it, where HOST is the network's broadcast address.
 """
 
 import math

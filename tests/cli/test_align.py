@@ -49,7 +49,7 @@ def run(*words: object) -> Any:
     return CliRunner().invoke(app, ["calibrate", "space", *map(str, words)])
 
 
-@pytest.mark.parametrize("what", [("--thing", "wand"), ("--marker", "cyan")])
+@pytest.mark.parametrize("what", [("--object", "wand"), ("--marker", "cyan")])
 def test_a_take_becomes_a_file(tmp_path: Path, what: tuple[str, str]) -> None:
     take, out, report = recorded(tmp_path / "move.mcap"), tmp_path / "vr.toml", tmp_path / "vr.json"
     result = run(take, "--body", "LHR-1", *what, "--out", out, "--json", report)
@@ -66,12 +66,12 @@ def test_a_take_becomes_a_file(tmp_path: Path, what: tuple[str, str]) -> None:
 @pytest.mark.parametrize(
     ("words", "kind", "said"),
     [
-        (("--body", "LHR-1"), SettingsError, "either --marker or --thing"),
-        (("--body", "LHR-1", "--thing", "a", "--marker", "b"), SettingsError, "either --marker or --thing"),
-        (("--body", "LHR-1", "--thing", "wnd"), SettingsError, "the take has wand"),
+        (("--body", "LHR-1"), SettingsError, "either --marker or --object"),
+        (("--body", "LHR-1", "--object", "a", "--marker", "b"), SettingsError, "either --marker or --object"),
+        (("--body", "LHR-1", "--object", "wnd"), SettingsError, "the take has wand"),
         (("--body", "LHR-1", "--marker", "red"), SettingsError, "the take has cyan"),
-        (("--body", "LHR-2", "--thing", "wand"), InputError, "LHR-1"),
-        (("--body", "LHR-1", "--thing", "wand", "--space", "stage"), InputError, "no such space"),
+        (("--body", "LHR-2", "--object", "wand"), InputError, "LHR-1"),
+        (("--body", "LHR-1", "--object", "wand", "--space", "stage"), InputError, "no such space"),
     ],
 )
 def test_what_the_take_does_not_have_is_named(
@@ -85,7 +85,7 @@ def test_what_the_take_does_not_have_is_named(
 
 def test_a_take_that_will_not_do_says_why(tmp_path: Path) -> None:
     def refused(take: Path) -> BaseException:
-        result = run(take, "--body", "LHR-1", "--thing", "wand", "--out", tmp_path / "vr.toml")
+        result = run(take, "--body", "LHR-1", "--object", "wand", "--out", tmp_path / "vr.toml")
         assert result.exception is not None
         return result.exception
 
@@ -97,13 +97,13 @@ def test_a_take_that_will_not_do_says_why(tmp_path: Path) -> None:
 
 
 def test_seconds_are_of_the_live_way(tmp_path: Path) -> None:
-    result = run("take.mcap", "--body", "LHR-1", "--thing", "wand", "--seconds", 5, "--out", tmp_path / "vr.toml")
+    result = run("take.mcap", "--body", "LHR-1", "--object", "wand", "--seconds", 5, "--out", tmp_path / "vr.toml")
     assert isinstance(result.exception, SettingsError)
     assert "--seconds is for the live way" in str(result.exception)
 
 
 def test_where_nothing_can_be_written_it_says_so_before_it_begins(tmp_path: Path) -> None:
-    result = run("--body", "LHR-1", "--thing", "wand", "--out", tmp_path / "none" / "vr.toml")
+    result = run("--body", "LHR-1", "--object", "wand", "--out", tmp_path / "none" / "vr.toml")
     assert isinstance(result.exception, SettingsError)
     assert "there is no folder" in str(result.exception)
 
@@ -112,7 +112,7 @@ def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
     """A process that says what is missing; on the bus, scenes and a node's poses of somebody who moves the wand."""
     address, out, report = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml", tmp_path / "vr.json"
     server, over = ServerLink(address, on_nonsense=lambda text: None), threading.Event()
-    words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address, "--seconds", "5"]
+    words = ["--body", "LHR-1", "--object", "wand", "--out", str(out), "--connect", address, "--seconds", "5"]
     try:
         with (
             Program(tmp_path, "align", "calibrate", "space", *words, "--json", str(report)) as program,
@@ -139,7 +139,7 @@ def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
 def test_ctrl_c_ends_it_and_writes_nothing(tmp_path: Path) -> None:
     address, out = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml"
     server = ServerLink(address, on_nonsense=lambda text: None)
-    words = ["--body", "LHR-1", "--thing", "wand", "--out", str(out), "--connect", address]
+    words = ["--body", "LHR-1", "--object", "wand", "--out", str(out), "--connect", address]
     try:
         with Program(tmp_path, "align", "calibrate", "space", *words) as program:
             wait_until("it waits", program.said("waiting for scenes"))

@@ -99,7 +99,7 @@ def test_lenses_of_another_rig_times_and_a_table(
     times = scene / "times.csv"
     rows = [f"{c},{k},{0.1 * k + 0.004 * (c == 'c1')}" for c in ("c0", "c1") for k in range(14)]
     times.write_text("\n".join(["camera,frame,time_s", *rows]))
-    more = ["--intrinsics", scene / "a.toml", "--timestamps", times, "--origin", "3"]
+    more = ["--rig", scene / "a.toml", "--timestamps", times, "--origin", "3"]
     assert run(monkeypatch, "calibrate", "cameras", *cameras, *common, *more, "--out", scene / "b.toml") == 0
     first, second = load_camera_rig(scene / "a.toml"), load_camera_rig(scene / "b.toml")
     for name in ("c0", "c1"):

@@ -8,36 +8,16 @@ import re
 from pathlib import Path
 
 import pytest
+from support.commands import import_commands
 from support.programs import result, result_here, run, run_here
-from typer.main import get_command
 from typer.testing import CliRunner
 
 from mocapella import __version__
-from mocapella.cli import (  # noqa: F401  (they register)
-    align,
-    arm,
-    calibrate,
-    colours,
-    demo,
-    depth,
-    depth_lines,
-    doctor,
-    evaluate,
-    evaluate_silhouettes,
-    hand,
-    record,
-    replay,
-    serve,
-    silhouettes,
-    train,
-    triangulate,
-    tune,
-    view,
-)
 from mocapella.cli.app import app
 from mocapella.schema import SCHEMA_VERSION
 from mocapella.sources.simulate import scene_summaries
 
+import_commands()
 VERBS = [
     ["demo"],
     ["serve"],
@@ -92,23 +72,6 @@ def test_help_teaches_with_an_example(verb: list[str]) -> None:
     shown = help_of(*verb)
     assert f"Example:  mocapella {' '.join(verb)}" in shown
     assert ("--json" in shown) == (verb in READ_BY_PROGRAMS)
-
-
-def test_an_option_has_one_word_for_its_value_in_every_verb() -> None:
-    words: dict[str, set[str]] = {}
-    for verb in VERBS:
-        command = get_command(app)
-        for name in verb:
-            command = command.commands[name] if name in command.commands else command.verb(name)
-        for option in command.params:
-            if not getattr(option, "is_flag", False) and verb != ["view"]:
-                words.setdefault(option.opts[0], set()).add(str(option.metavar))
-    # Of cameras in a rig, or of the one depth camera.
-    assert words.pop("--intrinsics") == {"RIG.toml", "F,CX,CY"}
-    # Whom to tell to start, or from where bodies do; one picture of a camera, or those of several.
-    assert words.pop("--start") == {"ADDRESS:PORT", "[PERSON=]FILE[:FRAME]"}
-    assert words.pop("--background") == {"SOURCE[@NUMBER]", "[NAME=]VIDEO"}
-    assert {name: used for name, used in words.items() if len(used) != 1 or "None" in used} == {}
 
 
 def help_of(*verb: str) -> str:

@@ -53,8 +53,8 @@ def test_what_is_pointed_at_is_found_again_and_drawn(here: Path) -> None:
     cv2.imwrite("films/1.png", shot().image)
     cv2.imwrite("empty.png", np.full_like(shot().image, 90))
     done = run(
-        *("learn", "films", "--frame", "1", "--name", "left", *pointing(), "--background", "empty.png", "--background"),
-        *("films@0", "--exposure", "120", "--out", "left.json", "--json", "learnt.json"),
+        *("learn", "films", "--frame", "1", "--name", "left", *pointing(), "--empty", "empty.png", "--empty"),
+        *("films@0", "--set", "exposure=120", "--out", "left.json", "--json", "learnt.json"),
     )
     assert done.exit_code == 0, done.output
     profile, learnt = load_profile("left.json"), read(here / "learnt.json")

@@ -32,12 +32,12 @@ main()
 """
 MOMENTS = [
     ("typing", ["serve", "--no-view"]),
-    ("typer", ["demo", "--headless"]),
+    ("typer", ["demo", "--no-view"]),
     ("typer", ["doctor"]),
     ("typer", ["replay", "walk"]),
     ("typer", ["--version"]),
     ("mocapella.cli.view", ["view"]),
-    ("numba", ["demo", "--headless"]),
+    ("numba", ["demo", "--no-view"]),
     ("zenoh", ["serve", "--no-view"]),
     ("zenoh", ["node", "simulate"]),
     ("zenoh", ["node", "bridge"]),

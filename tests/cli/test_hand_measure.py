@@ -73,7 +73,7 @@ def test_a_take_of_the_gesture_gives_a_hand_that_is_tracked_better_with(take: Pa
     assert min(row["hook_moved_deg"].values()) > 60
     assert set(row["base_places_mm"]) == set(BASE_NAMES)
 
-    # What `serve --method hands --hand` does: the same frames, with the average hand and with the measured one.
+    # What `serve --method hands --file hand=FILE` does: the same frames with the average and with the measured hand.
     settings = {"rig": encode_camera_rig(rig()), "base": list(BASE_NAMES)}
     residuals = {}
     for name, told in (("average", {}), ("measured", {"hand": out.read_text(encoding="utf-8")})):
@@ -97,7 +97,7 @@ def test_it_prints_the_table_with_what_is_only_proportioned(take: Path, tmp_path
     assert done.exit_code == 0, done.output
     assert "in proportion to the fingers" in " ".join(done.stderr.split())
     assert "±" in done.stderr
-    assert f"serve --method hands --hand {out}" in done.stderr
+    assert f"serve --method hands --file hand={out}" in done.stderr
     assert "base_places_m=[[" in done.stderr
 
 
@@ -133,7 +133,7 @@ def without_points(scene: Scene) -> Scene:
         (["--phases", "flat=0:2,knuckles=2:5,hook=5:5.3"], InputError, "seen too rarely in the part 'hook'"),
         (["--phases", PHASES_TEXT, "--base", "cyan,white,grey"], InputError, "'grey': is not tracked; choose of"),
         (["--phases", PHASES_TEXT, "--base", "cyan,white,orange,blue,x"], SettingsError, "once|three or four"),
-        (["--phases", PHASES_TEXT, "--hand-length-mm", "18"], SettingsError, "hand_length_m is 0.018"),
+        (["--phases", PHASES_TEXT, "--set", "hand_length_mm=18"], SettingsError, "hand_length_m is 0.018"),
         (["--phases", PHASES_TEXT, "--out", "no/such/folder.json"], SettingsError, "there is no folder no/such"),
         ([], SettingsError, "a take wants --phases flat=0:4"),
     ],
@@ -152,7 +152,7 @@ def test_live_wants_no_phases_and_no_rig(tmp_path: Path) -> None:
     for words, why in (
         (["--phases", PHASES_TEXT], "--phases is of a take"),
         (["--rig", "rig.toml"], "live, the server knows its cameras"),
-        (["--lasting", "4,6"], "--lasting '4,6' cannot be used; write it as 4,6,6"),
+        (["--set", "lasting=4,6"], "lasting '4,6' cannot be used; write it as 4,6,6"),
     ):
         with pytest.raises(SettingsError, match=why):
             measure(*out, *words)
@@ -167,7 +167,7 @@ def test_live_it_leads_through_the_gesture(tmp_path: Path) -> None:
     }
     link, over = ServerLink(address, on_nonsense=lambda text: None), threading.Event()
     words = ["calibrate", "hand", "--base", ",".join(BASE_NAMES), "--person", "Ada", "--out", str(out)]
-    words += ["--connect", address, "--lasting", "1.6,2,2", "--prepare", "0.1", "--json", str(report)]
+    words += ["--connect", address, "--set", "lasting=1.6,2,2", "--set", "prepare=0.1", "--json", str(report)]
     try:
         with Program(tmp_path, "measure", *words) as program:
             acting = threading.Thread(target=act, args=(program, by_phase, link.publish_scene, over))

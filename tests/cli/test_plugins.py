@@ -62,7 +62,7 @@ def test_each_verb_tells_once_and_goes_on(packages: Path, tmp_path: Path, words:
 
 
 def test_serve_tells_once_with_its_view_and_tracks(packages: Path, tmp_path: Path) -> None:
-    ports = ["--port", str(free_port()), "--view-port", str(free_port())]
+    ports = ["--port", str(free_port()), "--set", f"view_port={free_port()}"]
     with Program(tmp_path, "serve", "serve", *ports, "--method", "stand-still") as serve:
         wait_until("the view", serve.said("live view: "))
         wait_until("the server", serve.said("waiting for sensors"))
@@ -72,7 +72,7 @@ def test_serve_tells_once_with_its_view_and_tracks(packages: Path, tmp_path: Pat
 
 def test_a_view_of_its_own_tells(packages: Path, tmp_path: Path) -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
-    with Program(tmp_path, "view", "view", "--connect", address, "--port", str(free_port())) as view:
+    with Program(tmp_path, "view", "view", "--connect", address, "--view-port", str(free_port())) as view:
         wait_until("the view waits", view.said("no server at"))
         assert view.end() == 0
     assert skipped(view.output) == SKIPPED

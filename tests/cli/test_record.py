@@ -16,7 +16,7 @@ from mocapella.recording.take_reader import read_take
 def server(tmp_path: Path) -> Iterator[tuple[Program, str]]:
     """It may leave little free, and has no sensor: what is asked here is who ends a take."""
     port = free_port()
-    words = ["--no-view", "--port", str(port), "--reserve-gib", "0.001", "--json", "server.json"]
+    words = ["--no-view", "--port", str(port), "--set", "reserve_gib=0.001", "--json", "server.json"]
     with Program(tmp_path, "server", "serve", *words) as program:
         wait_until("the server listens", program.said("waiting for sensors at"))
         yield program, f"tcp/127.0.0.1:{port}"

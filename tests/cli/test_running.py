@@ -24,7 +24,8 @@ class Recorded:
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("demo")
     return Recorded(
-        folder, result(folder, "demo", "--headless", "--seconds", "18", "--record", "whole", "--port", str(free_port()))
+        folder,
+        result(folder, "demo", "--no-view", "--seconds", "18", "--record", "./whole", "--port", str(free_port())),
     )
 
 
@@ -44,7 +45,7 @@ def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> 
     again = run(demo.folder, "replay", "whole")
     assert f"all {demo.summary['frames_out']} results identical to the live run" in again.stderr
     taken = run(
-        demo.folder, "demo", "--headless", "--seconds", "1", "--record", "whole.mcap", "--port", str(free_port())
+        demo.folder, "demo", "--no-view", "--seconds", "1", "--record", "./whole.mcap", "--port", str(free_port())
     )
     assert taken.returncode == 1
     assert (demo.folder / "whole.mcap").read_bytes() == whole
@@ -73,7 +74,7 @@ def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: P
 
 def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
-        tmp_path, "demo", "hands", "--headless", "--seconds", "6", "--record", "hand", "--port", str(free_port())
+        tmp_path, "demo", "hands", "--no-view", "--seconds", "6", "--record", "./hand", "--port", str(free_port())
     )
     assert {row["name"] for row in summary["sensors"]} == {"left", "right"}
     assert summary["frames_in"] == summary["frames_out"] > 0
@@ -85,7 +86,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
 
 def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
-        tmp_path, "demo", "arm", "--headless", "--seconds", "8", "--record", "arm", "--port", str(free_port())
+        tmp_path, "demo", "arm", "--no-view", "--seconds", "8", "--record", "./arm", "--port", str(free_port())
     )
     assert [row["name"] for row in summary["sensors"]] == ["arm"]
     assert summary["frames_in"] == summary["frames_out"] > 0

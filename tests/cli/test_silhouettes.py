@@ -24,7 +24,7 @@ JOINTS = {
     for name, at in zip(MESH.landmarks, landmarks_at(MESH, POSES[0]), strict=True)
     if name.split()[-1] in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "head")
 }
-GIVEN = ("--rig", "rig.toml", "--start", "joints.json", "--hz", str(HZ))
+GIVEN = ("--rig", "rig.toml", "--start", "joints.json", "--fps", str(HZ))
 FOLDERS = ("c3", "c1", "c2")
 
 
@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--height", "1.75")
+    return result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--set", "height=1.75")
 
 
 def failed(folder, *arguments):
@@ -76,7 +76,7 @@ def test_it_starts_from_what_it_wrote(folder, found):
         *FOLDERS,
         "--rig",
         "rig.toml",
-        "--hz",
+        "--fps",
         str(HZ),
         "--start",
         "out.json:2",
@@ -87,18 +87,18 @@ def test_it_starts_from_what_it_wrote(folder, found):
     assert again["height_m"] == 1.75
     for key, at in again["frames"][0]["joints"].items():
         assert np.linalg.norm(np.subtract(at, found["frames"][2]["joints"][key])) < 0.05
-    said = failed(folder, *FOLDERS, "--rig", "rig.toml", "--hz", "30", "--start", "out.json:77")
+    said = failed(folder, *FOLDERS, "--rig", "rig.toml", "--fps", "30", "--start", "out.json:77")
     assert "out.json: field frame: 77: has no such frame; it has frames from 0 to 5" in said
-    said = failed(folder, *FOLDERS, "--rig", "rig.toml", "--hz", "30", "--start", "out.json", "--model", "female")
+    said = failed(folder, *FOLDERS, "--rig", "rig.toml", "--fps", "30", "--start", "out.json", "--set", "model=female")
     assert "--model female" in said
 
 
 def test_pictures_plots_and_tables_are_for_people(folder, found):
     (folder / "before.json").write_text(json.dumps(found))
     done = run_here(
-        folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--no-steadiness",
+        folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--frames", "0:2", "--set", "steadiness=false",
         "--background", "empty/c1",
-        "--plot", "plot.png", "--beside", "before.json", "--overlay", "overlay",
+        "--set", "plot=plot.png", "--set", "beside=before.json", "--overlay", "overlay",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "2 frames; " in done.stdout
@@ -130,11 +130,11 @@ def test_videos_and_models_that_cannot_be_used_are_one_line(folder):
             ("c1=fast.avi", "c2=slow.avi", *GIVEN[:4]),
             "slow.avi: field frame rate: 50.0: has 50 frames a second, and fast.avi",
         ),
-        (("c1", "c2=wide.avi", *GIVEN), "--other-size crop where pixels are as calibrated"),
-        (("c1", "c2", *GIVEN[:4]), "give it with --hz"),
-        (("c1", "c2", *GIVEN, "--model", "mail"), "did you mean male"),
-        (("c1", "c2", *GIVEN, "--model", "no.glb"), "no.glb"),
-        (("c1", "c2", *GIVEN, "--height", "175"), "--height is 175.0; it must be 0.5 to 2.5 m"),
+        (("c1", "c2=wide.avi", *GIVEN), "--set other_size=crop where pixels are as calibrated"),
+        (("c1", "c2", *GIVEN[:4]), "give it with --fps"),
+        (("c1", "c2", *GIVEN, "--set", "model=mail"), "did you mean male"),
+        (("c1", "c2", *GIVEN, "--set", "model=no.glb"), "no.glb"),
+        (("c1", "c2", *GIVEN, "--set", "height=175"), "height is 175.0; it must be 0.5 to 2.5 m"),
         (("c1", "c2", *GIVEN, "--background", "c2=wide.avi"), "is calibrated for 240 × 200 px"),
         (("c1", "c2", *GIVEN, "--background", "empty/c3"), "is of a camera that has no video"),
         (("c1", "c2", *GIVEN, "--overlay", "no/pictures"), "--overlay"),
@@ -145,11 +145,11 @@ def test_videos_and_models_that_cannot_be_used_are_one_line(folder):
 def test_starts_that_cannot_be_are_one_line(folder):
     def start(name, value):
         (folder / name).write_text(json.dumps(value))
-        return "c1", "c2", "c3", "--rig", "rig.toml", "--hz", "30", "--start", name
+        return "c1", "c2", "c3", "--rig", "rig.toml", "--fps", "30", "--start", name
 
-    assert "nothing says where the body is at first" in failed(folder, "c1", "c2", "--rig", "rig.toml", "--hz", "30")
-    said = failed(folder, "c1", "c2", *GIVEN, "--points", "p.csv")
-    assert "--start and --points are both given" in said
+    assert "nothing says where the body is at first" in failed(folder, "c1", "c2", "--rig", "rig.toml", "--fps", "30")
+    said = failed(folder, "c1", "c2", *GIVEN, "--set", "points=p.csv")
+    assert "--start and points are both given" in said
     few = {name: at for name, at in JOINTS.items() if "shoulder" not in name}
     assert "few.json: field left shoulder: is missing" in failed(folder, *start("few.json", few))
     feet = {name: (np.array(at) / 0.3048).tolist() for name, at in JOINTS.items()}
@@ -173,10 +173,10 @@ def test_a_mesh_whose_weights_do_not_match_its_joints_is_named(folder):
     data[at : at + 16] = np.array([3.0, 0, 0, 0], np.float32).tobytes()
     content.set_binary_blob(bytes(data))
     content.save(str(folder / "bad.glb"))
-    said = failed(folder, *FOLDERS, *GIVEN, "--model", "bad.glb")
+    said = failed(folder, *FOLDERS, *GIVEN, "--set", "model=bad.glb")
     assert "bad.glb" in said
     assert "weights" in said
-    legs = result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--model", "legs.glb", "--frames", "0:1")
+    legs = result_here(folder, "track", "silhouettes", *FOLDERS, *GIVEN, "--set", "model=legs.glb", "--frames", "0:1")
     assert legs["model"] == "legs.glb"
 
 
@@ -227,10 +227,12 @@ def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
     assert "cam01.mp4: field size" in said
     assert "1080 × 1920" in said
     assert "1088 × 1920" in said
-    found = result_here(tmp_path, "track", "silhouettes", *map(str, reversed(videos)), *common, "--other-size", "crop")
+    found = result_here(
+        tmp_path, "track", "silhouettes", *map(str, reversed(videos)), *common, "--set", "other_size=crop"
+    )
     assert list(found["cameras"]) == ["cam_01", "cam_02", "cam_03", "cam_04"]
     assert found["summary"]["median_overlap"] > 0.7
-    assert len([note for note in found["summary"]["notes"] if "--other-size crop" in note]) == 2
+    assert len([note for note in found["summary"]["notes"] if "--set other_size=crop" in note]) == 2
 
 
 def test_the_demo_follows_and_says_how_good_that_is(tmp_path):
@@ -239,10 +241,10 @@ def test_the_demo_follows_and_says_how_good_that_is(tmp_path):
     assert found["score"]["joints_mm"] < 30
     assert found["score"]["overlap"] > 0.85
     for arguments, said in (
-        (["silhouettes", "--corrupt", "noize"], "--corrupt is 'noize'; it must be one of noise, rectangles, wrong"),
+        (["silhouettes", "--set", "corrupt=noize"], "corrupt is 'noize'; it must be one of noise, rectangles, wrong"),
         (["silhouettes", "--record", "take"], "--record: demo silhouettes has no bus"),
         (["silhouettes", "--scene", "run"], "run"),
-        (["arm", "--no-steadiness"], "are of demo silhouettes"),
+        (["arm", "--set", "steadiness=false"], "are settings of demo silhouettes"),
     ):
         done = run_here(tmp_path, "demo", *arguments, "--no-view")
         assert done.returncode == 1

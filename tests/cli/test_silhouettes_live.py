@@ -119,8 +119,8 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
         sources = [f"{name}={streams.address(name)}" for name in reversed(scene.rig.cameras)]
         with Program(
             folder, "run", "track", "silhouettes", *sources, *GIVEN,
-            "--empty-room", "1", "--json", "out.json", "--overlay", "seen",
-            "--view", "--no-browser", "--view-port", str(free_port()),
+            "--set", "empty_room=1", "--json", "out.json", "--overlay", "seen",
+            "--view", "--set", "browser=false", "--set", f"view_port={free_port()}",
         ) as program:  # fmt: skip
             wait_until("the room is learnt", program.said("somebody may come now"), COMPILED)
             wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
@@ -242,8 +242,12 @@ def ran(folder, *arguments):
 
 def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_are(films, tmp_path, monkeypatch):
     before = sorted(films.iterdir())
-    assert run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN).returncode == 0
-    done = run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", os.devnull)
+    assert (
+        run_here(films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN).returncode == 0
+    )
+    done = run_here(
+        films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN, "--json", os.devnull
+    )
     assert done.returncode == 0, done.stderr
     assert Path(os.devnull).is_char_device()  # it is no file to be replaced
     assert sorted(films.iterdir()) == before
@@ -253,7 +257,9 @@ def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_
 
     monkeypatch.setattr(SilhouetteResult, "finish", refuse)
     out = tmp_path / "out.json"
-    done = run_here(films, "track", "silhouettes", *FILMS, "--live", "--hz", str(HZ), *GIVEN, "--json", str(out))
+    done = run_here(
+        films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN, "--json", str(out)
+    )
     assert done.returncode == 1
     (body,) = read_followed_people(tmp_path / "out.part.json").values()
     assert f"the {len(body.frames)} frames until then are in" in " ".join(done.stderr.split())
@@ -261,7 +267,7 @@ def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_
 
 
 def test_films_as_if_they_were_cameras_end_by_themselves(films):
-    found, said = ran(films, *FILMS, "--live", "--hz", str(HZ))
+    found, said = ran(films, *FILMS, "--set", "live=true", "--fps", str(HZ))
     assert "following until Ctrl-C" in said
     assert found["rate_hz"] == HZ
     rows, dropped = found["frames"], found["summary"]["dropped"]
@@ -276,13 +282,13 @@ def test_films_as_if_they_were_cameras_end_by_themselves(films):
 
 
 def test_somebody_in_the_empty_room_is_said(films):
-    found, said = ran(films, *(f"walked/{name}" for name in FILMS), "--live", "--hz", str(HZ), "--empty-room", "0.8")
+    found, said = ran(films, *(f"walked/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), "--set", "empty_room=0.8")
     assert "something moved in the images of c1, c2, c3 while the empty room was learnt: was a person there?" in said
     assert found["summary"]["notes"][0].startswith("something moved")
 
 
 def test_it_ends_after_so_many_seconds(films):
-    found, said = ran(films, *FILMS, "--live", "--hz", "1", "--seconds", "2.5")
+    found, said = ran(films, *FILMS, "--set", "live=true", "--fps", "1", "--seconds", "2.5")
     assert "following for 2.5 s" in said
     assert 1 <= len(found["frames"]) <= 3
     assert "stopped before the end" not in said
@@ -290,14 +296,14 @@ def test_it_ends_after_so_many_seconds(films):
 
 def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films):
     empty = [argument for name in FILMS for argument in ("--background", f"empty/{name}")]
-    found, said = ran(films, *(f"first_empty/{name}" for name in FILMS), "--live", "--hz", str(HZ), *empty)
+    found, said = ran(films, *(f"first_empty/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), *empty)
     assert "somebody may come now" in said
     lost = [row["lost"] for row in found["frames"]]
     assert lost[0]
     assert not lost[-1]
     assert "the body is there" in said
     assert "again" not in said
-    there, _ = ran(films, *FILMS, "--live", "--hz", str(HZ), *empty)
+    there, _ = ran(films, *FILMS, "--set", "live=true", "--fps", str(HZ), *empty)
     # Who is there from the beginning is found as soon as two cameras give a picture.
     assert not any(row["lost"] for row in there["frames"] if len(row["overlap"]) > 1)
     assert not there["frames"][-1]["lost"]
@@ -321,23 +327,23 @@ def test_what_cannot_be_done_live_is_one_line(films):
         (("c1=camera:left",), "write camera:0 for the first camera"),
         (("c9=camera:0",), "camera:0: field camera: 'c9': the rig has no such camera; the rig's are c1, c2, c3"),
         (("c1=camera:0", "--frames", "0:10"), "--frames is of videos"),
-        (("c1=camera:0", "--empty-room", "0"), "--empty-room is 0.0; it must be above 0"),
-        (("c1=camera:0", "--empty-room", "2", "--background", "c1"), "--empty-room and --background are both given"),
-        (("c1", "--empty-room", "2", "--hz", "10"), "--empty-room is of live cameras"),
-        (("c1", "--seconds", "2", "--hz", "10"), "--seconds is of live cameras"),
-        (("c1", "--fourcc", "MJPG", "--hz", "10"), "--fourcc is of live cameras"),
-        (("c1", "--late", "c1=20", "--hz", "10"), "--late is of live cameras"),
+        (("c1=camera:0", "--set", "empty_room=0"), "empty_room is 0.0; it must be above 0"),
+        (("c1=camera:0", "--set", "empty_room=2", "--background", "c1"), "empty_room and --background are both given"),
+        (("c1", "--set", "empty_room=2", "--fps", "10"), "empty_room is of live cameras"),
+        (("c1", "--seconds", "2", "--fps", "10"), "--seconds is of live cameras"),
+        (("c1", "--set", "fourcc=MJPG", "--fps", "10"), "fourcc is of live cameras"),
+        (("c1", "--set", "late=c1=20", "--fps", "10"), "late is of live cameras"),
         (
-            ("c1", "c2", "--live", "--late", "c1"),
-            "--late 'c1' cannot be used; write NAME=MILLISECONDS, such as back=120",
+            ("c1", "c2", "--set", "live=true", "--set", "late=c1"),
+            "late 'c1' cannot be used; write NAME=MILLISECONDS, such as back=120",
         ),
-        (("c1", "c2", "--live", "--late", "c3=20"), "--late c3=20: no source is of c3; there are c1, c2"),
-        (("c1", "--live", "--late", "c8=20"), "the rig has no such camera"),
-        (("c1", "--live", "--late", "C1=20", "--late", "c1=30"), "--late is given twice of c1"),
-        (("c1", "--live", "--late", "c1=-1"), "--late c1 is -1.0; it must be 0 to 500 ms"),
-        (("c1=no.avi", "--live"), "no.avi: is not there"),
-        (("c1", "--live", "--hz", "20", "--empty-room", "1"), "no camera gives a picture any more"),
-        (("c1=c1", "--live", "--other-size", "half"), "--other-size is 'half'"),
+        (("c1", "c2", "--set", "live=true", "--set", "late=c3=20"), "late c3=20: no source is of c3; there are c1, c2"),
+        (("c1", "--set", "live=true", "--set", "late=c8=20"), "the rig has no such camera"),
+        (("c1", "--set", "live=true", "--set", "late=C1=20", "--set", "late=c1=30"), "late is given twice of c1"),
+        (("c1", "--set", "live=true", "--set", "late=c1=-1"), "late c1 is -1.0; it must be 0 to 500 ms"),
+        (("c1=no.avi", "--set", "live=true"), "no.avi: is not there"),
+        (("c1", "--set", "live=true", "--fps", "20", "--set", "empty_room=1"), "no camera gives a picture any more"),
+        (("c1=c1", "--set", "live=true", "--set", "other_size=half"), "other_size is 'half'"),
     ):
         assert said in failed(films, *arguments), arguments
 
@@ -345,12 +351,23 @@ def test_what_cannot_be_done_live_is_one_line(films):
 def test_a_camera_of_another_size_is_refused_as_a_video_is(films, tmp_path):
     write_folders(tmp_path, [{"small": np.full((100, 120, 3), 90, np.uint8)}])
     small = tmp_path / "small"
-    said = failed(films, f"c1={small}", "--live")
+    said = failed(films, f"c1={small}", "--set", "live=true")
     assert (
         "field size: (120, 100): has images of 120 × 100 px, but the camera c1 is calibrated for 240 × 200 px" in said
     )
     done = run_here(
-        films, "track", "silhouettes", f"c1={small}", "c2=c2", "--live", "--other-size", "scale", "--hz", "10", *GIVEN
+        films,
+        "track",
+        "silhouettes",
+        f"c1={small}",
+        "c2=c2",
+        "--set",
+        "live=true",
+        "--set",
+        "other_size=scale",
+        "--fps",
+        "10",
+        *GIVEN,
     )
     assert done.returncode == 0, done.stderr
-    assert "--other-size scale" in done.stderr
+    assert "other_size scale" in done.stderr

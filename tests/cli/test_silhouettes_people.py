@@ -19,7 +19,7 @@ NAMES = ("anna", "ben")
 SCENE = silhouette_scene("runner", seed=4, cameras=3, size_px=(320, 240), seconds=0.4, fps=30.0, people=2)
 FILMS = tuple(f"{name}.avi" for name in SCENE.rig.cameras)
 MODELS = tuple(
-    word for name, mesh in zip(NAMES, SCENE.meshes, strict=True) for word in ("--model", f"{name}={mesh.name}")
+    word for name, mesh in zip(NAMES, SCENE.meshes, strict=True) for word in ("--set", f"model={name}={mesh.name}")
 )
 
 
@@ -85,7 +85,7 @@ def test_both_models_are_drawn_into_the_pictures_in_their_colours(folder, found)
 def test_they_start_from_what_was_written_all_or_one(folder, found):
     assert list(read_followed_people(folder / "out.json")) == list(NAMES)
     again = result(
-        folder, "track", "silhouettes", *FILMS, "--start", "out.json:5", "--frames", "5:7", "--plot", "plot.png"
+        folder, "track", "silhouettes", *FILMS, "--start", "out.json:5", "--frames", "5:7", "--set", "plot=plot.png"
     )
     assert list(again["people"]) == list(NAMES)
     assert [row["frame"] for row in again["people"]["ben"]["frames"]] == [5, 6]
@@ -94,7 +94,7 @@ def test_they_start_from_what_was_written_all_or_one(folder, found):
     done = run_here(
         folder, "track", "silhouettes", *FILMS, "--start", "ben=out.json:5", "--frames", "5:7",
         "--json", "ben-again.json",
-        "--beside", "out.json", "--plot", "ben.png",
+        "--set", "beside=out.json", "--set", "plot=ben.png",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "ben" in done.stdout
@@ -105,8 +105,8 @@ def test_they_start_from_what_was_written_all_or_one(folder, found):
 def test_a_start_can_be_a_file_for_each_and_heights_are_of_one_or_of_all(folder):
     done = run_here(
         folder, "track", "silhouettes", *FILMS, "--start", "anna=anna.json", "--start", "ben=ben.json",
-        "--height", "1.6",
-        "--height", "ben=1.8", "--frames", "0:1", "--json", "tall.json",
+        "--set", "height=1.6",
+        "--set", "height=ben=1.8", "--frames", "0:1", "--json", "tall.json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     people = json.loads((folder / "tall.json").read_text())["people"]
@@ -121,7 +121,7 @@ def test_keypoints_are_named_by_person(folder):
             seen = project(apply(placed.T_camera_world, np.array([*joints_of(k).values()])), placed.camera.lens)
             rows += [f"0,{camera},{joint},{x},{y}" for joint, (x, y) in zip(joints_of(k), seen, strict=True)]
         (folder / f"{name}.csv").write_text("\n".join(rows))
-    points = [word for name in NAMES for word in ("--points", f"{name}={name}.csv")]
+    points = [word for name in NAMES for word in ("--set", f"points={name}={name}.csv")]
     done = run_here(folder, "track", "silhouettes", *FILMS, *points, "--frames", "0:1", "--json", "points.json")
     assert done.returncode == 0, done.stderr
     people = json.loads((folder / "points.json").read_text())
@@ -152,14 +152,14 @@ def test_people_who_cannot_be_are_one_line(folder, found):
         (("--start", "both.json", "--start", "ben=ben.json"), "both.json and ben.json are both of ben"),
         (("--start", "bne=both.json"), "both.json has nobody called 'bne'; anna, ben (did you mean ben?)"),
         (("--start", "=anna.json"), "'' cannot be a person's name"),
-        (("--start", "both.json", "--model", "bne=male"), "--model bne=male: nobody is called 'bne'; anna, ben"),
-        (("--start", "anna.json", "--model", "anna=male"), "the start names nobody: write --start NAME=FILE"),
-        (("--start", "both.json", "--model", "male", "--model", "female"), "--model is given twice: male and female"),
-        (("--start", "both.json", "--height", "ben=tall"), "--height is 'tall'; it must be metres"),
-        (("--start", "both.json", "--height", "ben=0.1"), "--height is 0.1; it must be 0.5 to 2.5 m"),
-        (("--start", "both.json", "--model", "ben=mail"), "did you mean male"),
+        (("--start", "both.json", "--set", "model=bne=male"), "model bne=male: nobody is called 'bne'; anna, ben"),
+        (("--start", "anna.json", "--set", "model=anna=male"), "the start names nobody: write --start NAME=FILE"),
+        (("--start", "both.json", "--set", "model=male", "--set", "model=female"), "model is given twice: male and female"),
+        (("--start", "both.json", "--set", "height=ben=tall"), "height is 'tall'; it must be metres"),
+        (("--start", "both.json", "--set", "height=ben=0.1"), "height is 0.1; it must be 0.5 to 2.5 m"),
+        (("--start", "both.json", "--set", "model=ben=mail"), "did you mean male"),
         (("--start", "anna=out.json:77"), "out.json: field frame: 77: has no such frame; it has frames from 0 to 11"),
-        (("--points", "anna=anna.csv", "--points", "anna.csv"), "write --points anna=FILE for each"),
+        (("--set", "points=anna=anna.csv", "--set", "points=anna.csv"), "write --set points anna=FILE for each"),
     ):
         assert said in failed(folder, *arguments), arguments
     broken = {**found, "people": {"anna": {**found["people"]["anna"], "frames": []}}}

@@ -27,15 +27,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_camera_rig(folder / "rig.toml", rig)
     places = dict(zip(mesh.landmarks, landmarks_at(mesh, pose_at(mesh)).tolist(), strict=True))
     (folder / "start.json").write_text(json.dumps(places))
-    done = run_here(folder, *command("--record", "walk"))
+    done = run_here(folder, *command("--record", "./walk"))
     assert done.returncode == 0, done.stderr
     assert "recorded 22 images in walk.mcap" in done.stderr
     return folder
 
 
 def command(*more: str) -> tuple[str, ...]:
-    films = ("films/c1", "films/c2", "--background", "empty/c1", "--background", "empty/c2", "--hz", "20")
-    return ("track", "silhouettes", *films, "--start", "start.json", "--height", "1.75", *more)
+    films = ("films/c1", "films/c2", "--background", "empty/c1", "--background", "empty/c2", "--fps", "20")
+    return ("track", "silhouettes", *films, "--start", "start.json", "--set", "height=1.75", *more)
 
 
 def test_the_take_is_replayed_to_the_bit_from_the_videos(made: Path) -> None:
@@ -55,7 +55,7 @@ def test_an_image_of_a_video_takes_a_few_hundred_bytes(made: Path) -> None:
 
 
 def test_the_results_are_those_without_a_take(made: Path) -> None:
-    for name, more in (("with", ("--record", "again")), ("without", ())):
+    for name, more in (("with", ("--record", "./again")), ("without", ())):
         assert run_here(made, *command("--json", f"{name}.json", *more)).returncode == 0
     one, other = (json.loads((made / f"{name}.json").read_text())["frames"] for name in ("with", "without"))
     for row, same in zip(one, other, strict=True):
@@ -85,12 +85,12 @@ def test_a_video_that_changed_or_is_gone_is_named(made: Path) -> None:
 
 
 def test_live_cameras_are_recorded_by_a_server(made: Path) -> None:
-    done = run_here(made, *command("--record", "live"), "--live")
+    done = run_here(made, *command("--record", "./live"), "--set", "live=true")
     assert done.returncode == 1
     assert "mocapella serve --method silhouettes --record TAKE" in done.stderr
 
 
 def test_nothing_is_overwritten(made: Path) -> None:
-    done = run_here(made, *command("--record", "walk"))
+    done = run_here(made, *command("--record", "./walk"))
     assert done.returncode == 1
     assert "walk.mcap" in done.stderr

@@ -39,13 +39,13 @@ def scene(folder: Path) -> np.ndarray:
 def test_points_become_points_in_space(tmp_path: Path) -> None:
     truth = scene(tmp_path)
     found = result_here(
-        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--hz", "50", "--out", "out.csv"
+        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--fps", "50", "--out", "out.csv"
     )
     assert found["counted"]["seen"] == 6
     rows = [line.split(",") for line in (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[1:]]
     np.testing.assert_allclose([[float(x) for x in row[3:6]] for row in rows], truth.reshape(-1, 3), atol=1e-6)
     done = run_here(
-        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--hz", "50", "--up", "z", "--out", "o.trc"
+        tmp_path, "track", "points", "points.csv", "--rig", "rig.toml", "--fps", "50", "--up", "z", "--out", "o.trc"
     )
     assert done.returncode == 0
     assert "6 of 6 points" in done.stdout
@@ -62,7 +62,7 @@ def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
     for arguments, said in (
         (["points.csv", "--out", "o.c3d"], "end its name with .csv or .trc"),
         (["points.csv", "--out", "o.csv", "--method", "magic"], "method is 'magic'"),
-        (["points.csv", "--out", "o.csv", "--order", "COCO"], "--order is 'COCO'"),
+        (["points.csv", "--out", "o.csv", "--set", "order=COCO"], "setting order is 'COCO'"),
         (["rig.toml", "--out", "o.csv"], "columns of 2D points are missing"),
     ):
         done = run_here(tmp_path, "track", "points", *arguments, "--rig", "rig.toml")

@@ -95,7 +95,7 @@ def recorded(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("heat")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(package))
-        with Session(folder, "--no-view", "--record", "heat-1", "--json", "summary.json") as session:
+        with Session(folder, "--no-view", "--record", "./heat-1", "--json", "summary.json") as session:
             wait_until("a server", session.serve.said("waiting for sensors"))
             status = session.wait_for_spots()
             assert [(sensor.name, sensor.sends) for sensor in status.sensors] == [("north", "heat"), ("south", "heat")]
@@ -167,7 +167,7 @@ def amber(screenshot: bytes) -> int:
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 def test_its_spots_are_in_the_view(tmp_path: Path) -> None:
     sync_api = pytest.importorskip("playwright.sync_api")
-    with Session(tmp_path, "--view-port", str(free_port())) as session:
+    with Session(tmp_path, "--set", f"view_port={free_port()}") as session:
         wait_until("the view", session.serve.said("live view: "))
         session.wait_for_spots()
         url = re.findall(r"live view: (http\S+)", session.serve.output)[0]

@@ -24,7 +24,7 @@ def read(port: int) -> subprocess.CompletedProcess[str]:
 def test_it_prints_heads_of_a_running_server(tmp_path: Path) -> None:
     assert len(EXAMPLE.read_text().splitlines()) < 40
     port = free_port()
-    with Program(tmp_path, "demo", "demo", "--headless", "--port", str(port), "--scene", "stand") as demo:
+    with Program(tmp_path, "demo", "demo", "--no-view", "--port", str(port), "--scene", "stand") as demo:
         wait_until("the sensors deliver", demo.said("calibrating"), timeout=120.0)
         done = read(port)
         assert demo.end() == 0

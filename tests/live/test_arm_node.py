@@ -54,15 +54,15 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         path = os.pathsep.join([str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
         patch.setenv("PYTHONPATH", path.rstrip(os.pathsep))
         begin = ("serve", "--port", str(port), "--no-view", "--method", "arms", "--json", "server.json")
-        into = ("--record", "walk.mcap", "--reserve-gib", "0.001")
-        source = ("frames", *SAID, "--fps", "25", "--loop", "--name", "left", "--publish-depth")
+        into = ("--record", "./walk.mcap", "--set", "reserve_gib=0.001")
+        source = ("frames", *SAID, "--fps", "25", "--set", "loop=true", "--name", "left", "--set", "publish_depth=true")
         connect = (
             "--detector",
             "nearest",
             "--connect",
             f"tcp/127.0.0.1:{port}",
-            "--report",
-            "0.3",
+            "--set",
+            "report=0.3",
             "--json",
             "node.json",
         )

@@ -35,7 +35,7 @@ class Room:
         self.port, self.page_port = free_port(), free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"
         self.server = Program(
-            folder, "serve", "serve", "--port", str(self.port), "--view-port", str(self.page_port)
+            folder, "serve", "serve", "--port", str(self.port), "--set", f"view_port={self.page_port}"
         )  # fmt: skip
         epoch = str(time.time())
         self.nodes = [

@@ -75,11 +75,11 @@ def test_colours_are_learnt_by_clicking_on_them_and_kept_and_a_node_that_goes_is
     (tmp_path / "pictures").mkdir()
     cv2.imwrite(str(tmp_path / "pictures" / "0.png"), shot.image)
     centres = shot.centres_px
-    source = ("pictures", "--loop", "--fps", "10", "--epoch", str(time.time()))
-    node_words = (*source, "--name", "left", "--profile", "left.json", "--report", "0")
+    source = ("pictures", "--set", "loop=true", "--fps", "10", "--epoch", str(time.time()))
+    node_words = (*source, "--name", "left", "--profile", "left.json", "--set", "report=0")
     address = f"tcp/127.0.0.1:{port}"
     with (
-        Program(tmp_path, "serve", "serve", "--port", str(port), "--view-port", str(page_port)) as serve,
+        Program(tmp_path, "serve", "serve", "--port", str(port), "--set", f"view_port={page_port}") as serve,
         Program(tmp_path, "node", "node", "markers", *node_words, "--connect", address) as node,
     ):
         wait_until("its URL", serve.said(f"http://127.0.0.1:{page_port}"), timeout=120)

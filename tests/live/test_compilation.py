@@ -80,7 +80,18 @@ def test_a_server_listens_while_its_method_is_compiled_and_tracks_afterwards(tin
 
 
 def test_a_session_that_was_to_wait_is_not_started_by_the_end_of_a_compilation(tiny: Path) -> None:
-    words = ("serve", "--method", "tiny", "--no-view", "--wait", "--seconds", "0.5", "--port", str(free_port()))
+    words = (
+        "serve",
+        "--method",
+        "tiny",
+        "--no-view",
+        "--set",
+        "wait=true",
+        "--set",
+        "seconds=0.5",
+        "--port",
+        str(free_port()),
+    )
     with Program(tiny, "wait", *words) as serve:
         assert serve.process.wait(90) == 0
     assert "compiling the method tiny" in serve.output

@@ -60,7 +60,9 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
                 command = [sys.executable, str(EXAMPLE), "127.0.0.1", str(port), str(PICTURES), str(start)]
                 senders.append(subprocess.Popen(command))
             # There is no broadcast on the loopback: the node's start command reaches one, ours the other.
-            with Program(tmp_path, "node", *words, "--start", f"127.0.0.1:{starts[0]}", "--json", str(report)) as node:
+            with Program(
+                tmp_path, "node", *words, "--set", f"start_to=127.0.0.1:{starts[0]}", "--json", str(report)
+            ) as node:
                 wait_until("the left one is heard", node.said("left: hears 127.0.0.1"))
                 flooding.start()
                 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -140,7 +142,7 @@ def test_without_a_server_it_says_so_and_still_reports(tmp_path: Path) -> None:
         (["--camera", "left"], "--camera 'left' cannot be used; write it as left=5001"),
         (["--camera", "left=٣"], "cannot be used; write it as left=5001"),
         (["--camera", "left=5001", "--size", "640"], "--size '640' cannot be used; write it as 640x480"),
-        (["--camera", "left=5001", "--start", "nowhere"], "--start 'nowhere' cannot be used; write it as"),
+        (["--camera", "left=5001", "--set", "start_to=nowhere"], "start_to 'nowhere' cannot be used; write it as"),
         (["--camera", "left=5001", "--camera", "right=5001"], "each at a port of its own"),
     ],
 )

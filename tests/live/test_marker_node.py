@@ -104,9 +104,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory, bus: Bus) -> Path:
 @pytest.fixture(scope="module")
 def node(folder: Path, bus: Bus) -> Iterator[Program]:
     """It has no colours yet."""
-    arguments = ("pictures", "--loop", "--fps", "25", "--name", "left", "--profile", "left.json", "--epoch", "0")
+    arguments = (
+        "pictures",
+        "--set",
+        "loop=true",
+        "--fps",
+        "25",
+        "--name",
+        "left",
+        "--profile",
+        "left.json",
+        "--epoch",
+        "0",
+    )
     epoch = (*arguments[:-1], str(time.time()))
-    with Program(folder, "left", "node", "markers", *epoch, "--connect", bus.address, "--report", "0.5") as program:
+    with Program(folder, "left", "node", "markers", *epoch, "--connect", bus.address, "--set", "report=0.5") as program:
         wait_until("frames come", lambda: program.said("pictures of")() and len(bus.frames) > 5, timeout=120.0)
         yield program
         assert program.end() == 0, program.output
@@ -240,7 +252,7 @@ def test_a_board_is_found_and_a_film_that_ends_ends_the_node(tmp_path: Path, bus
     """A still picture of a board at three times a second: no colours, a board, and an end of its own at Ctrl-C."""
     drawn = cv2.imdecode(np.frombuffer(board_png(parse_board(BOARD), 72), np.uint8), cv2.IMREAD_COLOR)
     cv2.imwrite(str(tmp_path / "board.png"), drawn)
-    arguments = ("node", "markers", "board.png", "--loop", "--name", "boards", "--connect", bus.address)
+    arguments = ("node", "markers", "board.png", "--set", "loop=true", "--name", "boards", "--connect", bus.address)
     with Program(tmp_path, "boards", *arguments, "--epoch", str(time.time()), "--json", "out.json") as program:
         wait_until("it sends", lambda: program.said("pictures of")() and bus.frames[-1].sensor == "boards", 120.0)
         found = ask_node(bus.reader, "boards", AskBoard(BOARD), timeout=30.0)
@@ -273,7 +285,7 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
         (("rendered:demo",), "write it as rendered:demo/left"),
         (("camera:first", "--name", "x"), "camera:0"),
         (("large.png", "--name", "x", "--size", "big"), "640x480"),
-        (("large.png", "--name", "x", "--timing", "9"), "--timing wants colours"),
+        (("large.png", "--name", "x", "--set", "timing=9"), "the setting timing needs colours"),
     ):
         done = CliRunner().invoke(app, ["node", "markers", *arguments])
         assert isinstance(done.exception, MocapellaError), done.output
@@ -281,7 +293,7 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
-    words = ["node", "markers", "rendered:demo/left", "--timing", "12", "--tags", "APRILTAG_36h11:7"]
+    words = ["node", "markers", "rendered:demo/left", "--set", "timing=12", "--tags", "APRILTAG_36h11:7"]
     words += ["--json", str(tmp_path / "t.json"), "--connect", f"tcp/127.0.0.1:{free_port()}"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output

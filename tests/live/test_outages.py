@@ -34,8 +34,8 @@ class Served:
             "serve",
             "--port",
             str(self.port),
-            "--reserve-gib",
-            "0.001",
+            "--set",
+            "reserve_gib=0.001",
             "--json",
             "server.json",
             *options,
@@ -161,7 +161,7 @@ def test_ending_the_server_closes_the_take_and_exits_with_0(tmp_path: Path) -> N
         servers, nodes = {}, {}
         for how, folder in folders.items():
             folder.mkdir()
-            servers[how] = served = Served(folder, "--no-view", "--record", "take.mcap")
+            servers[how] = served = Served(folder, "--no-view", "--record", "./take.mcap")
             programs.callback(served.close)
             nodes[how] = programs.enter_context(simulate(folder, served.address, "1", "--name", "front"))
         for how, served in servers.items():
@@ -247,16 +247,16 @@ def test_a_port_in_use_is_named(one_server: Served, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert str(one_server.port) in done.stderr
     assert "--port" in done.stderr
-    view = run(tmp_path, "serve", "--port", str(free_port()), "--view-port", str(one_server.port))
+    view = run(tmp_path, "serve", "--port", str(free_port()), "--set", f"view_port={one_server.port}")
     assert view.returncode == 1
     assert "--view-port" in view.stderr
 
 
 def test_another_interface_is_opened_only_with_a_warning(tmp_path: Path) -> None:
-    done = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--interface", "0.0.0.0", "--seconds", "0.5")
+    done = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--host", "0.0.0.0", "--set", "seconds=0.5")
     assert done.returncode == 0
     assert "WARNING" in done.stderr
-    closed = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--seconds", "0.5")
+    closed = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--set", "seconds=0.5")
     assert "WARNING" not in closed.stderr
 
 

@@ -48,11 +48,11 @@ def start_server(folder: Path, port: int, name: str, method: str) -> Program:
         "--method",
         method,
         "--record",
-        "take.mcap",
+        "./take.mcap",
         "--json",
         f"{name}.json",
-        "--reserve-gib",
-        "0.001",
+        "--set",
+        "reserve_gib=0.001",
     )
     wait_until("the server listens", server.said("waiting for sensors at"), timeout=120.0)
     return server
@@ -195,9 +195,9 @@ def test_a_finished_take_is_never_recorded_over(runs: Runs) -> None:
         str(free_port()),
         "--no-view",
         "--record",
-        "take.mcap",
-        "--reserve-gib",
-        "0.001",
+        "./take.mcap",
+        "--set",
+        "reserve_gib=0.001",
     ) as again:
         assert again.process.wait(30.0) == 1
     assert "take.mcap" in again.output

@@ -49,9 +49,9 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     save_camera_rig(folder / "rig.toml", rig)
     places = dict(zip(mesh.landmarks, landmarks_at(mesh, pose_at(mesh)).tolist(), strict=True))
     (folder / "start.json").write_text(json.dumps({"anna": {**places, "model": "male", "height_m": 1.75}}))
-    connect = ("--connect", f"tcp/127.0.0.1:{port}", "--report", "0", "--fps", str(HZ))
+    connect = ("--connect", f"tcp/127.0.0.1:{port}", "--set", "report=0", "--fps", str(HZ))
     begin = ("serve", "--port", str(port), "--no-view", "--method", "silhouettes", "--rig", "rig.toml")
-    into = ("--start", "start.json", "--record", "walk", "--reserve-gib", "0.001", "--json", "server.json")
+    into = ("--start", "start.json", "--record", "./walk", "--set", "reserve_gib=0.001", "--json", "server.json")
     with Program(folder, "server", *begin, *into) as server:
         wait_until("the server listens", server.said("waiting for sensors at"), timeout=300.0)
         epoch = ("--epoch", str(time.time() + 4.0))

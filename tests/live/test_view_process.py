@@ -50,7 +50,7 @@ def expect_state(page: Page, state: str) -> None:
 
 def test_a_view_without_a_server_says_what_it_waits_for_and_ends_on_ctrl_c(tmp_path: Path) -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
-    with Program(tmp_path, "view", "view", "--connect", address, "--port", str(free_port())) as view:
+    with Program(tmp_path, "view", "view", "--connect", address, "--view-port", str(free_port())) as view:
         wait_until("its words", view.said(f"no server at {address} yet: start one with `mocapella serve`"), timeout=120)
         assert view.end() == 0
     assert "Traceback" not in view.output
@@ -62,7 +62,7 @@ def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one
 ) -> None:
     port, page_port = free_port(), free_port()
     serve = ("serve", "--no-view", "--port", str(port))
-    with Program(tmp_path, "view", "view", "--connect", f"tcp/127.0.0.1:{port}", "--port", str(page_port)) as view:
+    with Program(tmp_path, "view", "view", "--connect", f"tcp/127.0.0.1:{port}", "--view-port", str(page_port)) as view:
         wait_until("its URL", view.said(f"view: http://127.0.0.1:{page_port}"), timeout=120)
         page = open_page(browser, page_port)
         expect_state(page, "No server")
@@ -83,7 +83,7 @@ def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one
 @needs_browser
 def test_a_page_whose_view_ended_says_so_until_it_is_loaded_from_the_next_one(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()
-    serve = ("serve", "--port", str(port), "--view-port", str(page_port))
+    serve = ("serve", "--port", str(port), "--set", f"view_port={page_port}")
     with Program(tmp_path, "first", *serve) as first:
         wait_until("its URL", first.said(f"live view: http://127.0.0.1:{page_port}"), timeout=120)
         page = open_page(browser, page_port)

@@ -155,7 +155,7 @@ def test_a_program_that_opens_a_socket_for_each_datagram_is_one_sender_by_its_ho
                 found += [red(frame) for frame in made.poll()]
             assert found == heard
             assert made.report().other_senders == 3 - len(heard)
-            assert any("wants --by-host" in line for line in made.said) == (not by_host)
+            assert any("needs --set by_host=true" in line for line in made.said) == (not by_host)
 
 
 @linux_only

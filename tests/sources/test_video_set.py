@@ -67,11 +67,11 @@ def test_other_rates_are_an_error_that_names_both_unless_said(tmp_path, hz):
 
 def test_another_size_is_refused_and_says_what_would_work(tmp_path):
     paths = two(tmp_path, sizes=(SIZE, (60, 48)))
-    with pytest.raises(InputError, match=r"c2\.avi: field size.*60 × 48 px.*64 × 48 px; --other-size crop"):
+    with pytest.raises(InputError, match=r"c2\.avi: field size.*60 × 48 px.*64 × 48 px; --set other_size=crop"):
         VideoSet(paths, RIG)
-    with pytest.raises(SettingsError, match=r"--other-size is 'crob'.*did you mean crop"):
+    with pytest.raises(SettingsError, match=r"other_size is 'crob'.*did you mean crop"):
         VideoSet(paths, RIG, other_size="crob")
-    with pytest.raises(InputError, match=r"no scale of the whole picture.*try --other-size crop"):
+    with pytest.raises(InputError, match=r"no scale of the whole picture.*try --set other_size=crop"):
         VideoSet(paths, RIG, other_size="scale")
 
 
@@ -85,7 +85,7 @@ def test_cropped_pixels_stay_where_they_were(tmp_path):
     camera = shown.rig.cameras["c2"].camera
     assert camera.size_px == (60, 48)
     np.testing.assert_array_equal(camera.lens, RIG.cameras["c2"].camera.lens)
-    assert any("60 × 48" in note and "--other-size crop" in note for note in shown.notes)
+    assert any("60 × 48" in note and "--set other_size=crop" in note for note in shown.notes)
 
 
 @pytest.mark.parametrize("factor", [2, 0.5])
@@ -123,7 +123,7 @@ def test_what_cannot_be_used_is_named(tmp_path):
 def test_folders_of_images_need_a_rate(tmp_path):
     write_folders(tmp_path, [{"c1": shades(3)[k], "c2": shades(3)[k]} for k in range(3)])
     folders = {name: tmp_path / name for name in ("c1", "c2")}
-    with pytest.raises(InputError, match="give it with --hz"):
+    with pytest.raises(InputError, match="give it with --fps"):
         VideoSet(folders, RIG)
     shown = VideoSet(folders, RIG, rate_hz=50.0)
     assert (shown.count, len(list(shown))) == (3, 3)

@@ -110,7 +110,9 @@ def test_a_body_is_as_large_as_its_joints_and_stands_where_they_are():
 
 def test_what_does_not_say_how_large_somebody_is_asks_for_a_height():
     few = {name: JOINTS[name] for name in NEEDED["male"]}
-    with pytest.raises(InputError, match="how long shank and thigh are; say how tall the person is with --height"):
+    with pytest.raises(
+        InputError, match="how long shank and thigh are; say how tall the person is with --set height=METRES"
+    ):
         body_of("male", None, few)
     assert np.ptp(body_of("female", 1.6, few).mesh.vertices[:, 1]) == pytest.approx(1.6, abs=0.02)
 

@@ -66,7 +66,7 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
         if len(views) < LEAST_VIEWS:
             raise CalibrationError(
                 f"camera {name} sees the board in {len(views)} pictures, and a lens needs {LEAST_VIEWS} at the very "
-                "least: film the board longer, or give its lens with --intrinsics"
+                "least: film the board longer, or give its lens with --rig"
             )
         centre = (size - 1) / 2
         f = focal_length([homography(plane[view.ids], view.corners_px) for view in views], centre)

@@ -106,7 +106,7 @@ def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
         layout = msgspec.json.decode(data, type=SensorLayout)
     except msgspec.DecodeError as error:
         raise InputError(
-            f"is no sensor layout: {error}", file=file, fix="save it anew: mocapella serve --save-layout FILE"
+            f"is no sensor layout: {error}", file=file, fix="save it anew: mocapella serve --set save_layout=FILE"
         ) from None
     if layout.version != VERSION:
         fix = f"this program reads version {VERSION}: calibrate anew and save"
@@ -182,4 +182,4 @@ def load_layout(path: Path | str) -> SensorLayout:
     Raises:
         InputError: the file does not exist, or is no layout.
     """
-    return decode_layout(read_whole(path, fix="save one first: mocapella serve --save-layout FILE"), file=path)
+    return decode_layout(read_whole(path, fix="save one first: mocapella serve --set save_layout=FILE"), file=path)

@@ -44,7 +44,7 @@ class SpaceObservations:
 
     def __init__(self, body: str, *, space: str = "", thing: str = "", marker: str = "", source: Any = None) -> None:
         if bool(marker) == bool(thing):
-            raise SettingsError("name what was fixed on it: either --marker or --thing")
+            raise SettingsError("name what was fixed on it: either --marker or --object")
         self.body, self.thing, self.marker = body, thing, marker
         self.scenes = 0
         self._space, self._source = space, source
@@ -124,7 +124,7 @@ class SpaceObservations:
         Raises:
             SettingsError: see `attempt`.
         """
-        wanted, what = (self.thing, "--thing") if self.thing else (self.marker, "--marker")
+        wanted, what = (self.thing, "--object") if self.thing else (self.marker, "--marker")
         if wanted not in self._known:
             known = one_of(wanted, sorted(self._known)) or "none"
             raise SettingsError(f"{what} {wanted!r}: {'the take has' if self._source else 'there are'} {known}")

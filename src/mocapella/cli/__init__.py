@@ -41,6 +41,19 @@ def run(arguments: Sequence[str]) -> None:
     # What takes any time to import comes here, so that Ctrl-C finds a handler.
     import typer
 
+    import_commands()
+    from mocapella.cli.app import app
+    from mocapella.errors import MocapellaError
+
+    try:
+        app(list(arguments), prog_name="mocapella")
+    except MocapellaError as error:
+        typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
+        sys.exit(1)
+
+
+def import_commands() -> None:
+    """Import the modules of all commands, which registers them."""
     from mocapella.cli import (  # noqa: F401
         align,
         arm,
@@ -62,14 +75,6 @@ def run(arguments: Sequence[str]) -> None:
         tune,
         view,
     )
-    from mocapella.cli.app import app
-    from mocapella.errors import MocapellaError
-
-    try:
-        app(list(arguments), prog_name="mocapella")
-    except MocapellaError as error:
-        typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
-        sys.exit(1)
 
 
 def _end_at_once_on_signals(status: int) -> None:

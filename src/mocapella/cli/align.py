@@ -10,7 +10,19 @@ import typer
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import calibrate_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, check_out, console, say, working, write_json
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    OUT_HELP,
+    SPACE_HELP,
+    Connect,
+    JsonOut,
+    Seconds,
+    check_out,
+    console,
+    say,
+    working,
+    write_json,
+)
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -23,25 +35,27 @@ if TYPE_CHECKING:
 @calibrate_app.command("space")
 def align(
     out: Annotated[
-        Path, typer.Option(metavar="FILE", help="What to write, a TOML for serve --alignment.", callback=check_out)
+        Path,
+        typer.Option(
+            "--out", metavar="FILE", help=f"{OUT_HELP} A TOML for serve --file alignment=FILE.", callback=check_out
+        ),
     ],
-    body: Annotated[str, typer.Option(metavar="NAME", help="The other tracker's name of the thing that is moved.")],
+    body: Annotated[str, typer.Option(metavar="NAME", help="The other tracker's name of the moved object.")],
     take: Annotated[
         Path | None,
         typer.Argument(metavar="TAKE", help="A take of the method hands; without it, live and guided."),
     ] = None,
     space: Annotated[
-        str, typer.Option(metavar="NAME", help="Its space; may be left out where there is one only.")
+        str, typer.Option("--space", metavar="NAME", help=f"{SPACE_HELP} May be omitted if there is only one.")
     ] = "",
-    marker: Annotated[str, typer.Option(metavar="NAME", help="The hand's marker that is fixed on it …")] = "",
-    thing: Annotated[str, typer.Option(metavar="NAME", help="… or the thing, by its tags or markers.")] = "",
+    marker: Annotated[str, typer.Option(metavar="NAME", help="Marker fixed on the object; or --object.")] = "",
+    object_: Annotated[
+        str, typer.Option("--object", metavar="NAME", help="The object, by its tags or markers; or --marker.")
+    ] = "",
     vertical: Annotated[
-        bool, typer.Option("--vertical", help="Both spaces have y up: one angle less to find.")
+        bool, typer.Option("--vertical", help="Both spaces have y up: one angle fewer to estimate.")
     ] = False,
-    seconds: Annotated[
-        float | None,
-        typer.Option("--seconds", metavar="SECONDS", help="Live: for so long at most; 60 where left out."),
-    ] = None,
+    seconds: Seconds = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -52,7 +66,7 @@ def align(
     every second it says what is missing, and ends when the space is known well. Of a take that was recorded so, it says
     afterwards what was missing.
 
-    Example:  mocapella calibrate space --body LHR-1 --thing wand --out vr.toml
+    Example:  mocapella calibrate space --body LHR-1 --object wand --out vr.toml
     """
     from mocapella.calibration.space_alignment import SpaceAlignmentSettings
     from mocapella.calibration.space_observations import SpaceObservations
@@ -61,7 +75,7 @@ def align(
 
     if take is not None and seconds is not None:
         raise SettingsError("--seconds is for the live way; a take is read whole")
-    observations = SpaceObservations(body, space=space, thing=thing, marker=marker, source=take)
+    observations = SpaceObservations(body, space=space, thing=object_, marker=marker, source=take)
     settings = SpaceAlignmentSettings(vertical=vertical)
     if take is None:
         guide = AlignGuideSettings() if seconds is None else AlignGuideSettings(seconds=seconds)
@@ -90,8 +104,8 @@ def align(
         f"are {1e3 * fit.delay_s:.0f} ± {1e3 * fit.delay_sd_s:.0f} ms late; {1e3 * fit.residual_m:.1f} mm are left at "
         f"{fit.instants} instants, {fit.left_out} of them left out"
     )
-    say(f"{thing or marker} is at {lever} m of {body}, ± {1e3 * fit.lever_sd_m:.1f} mm")
-    say(f"alignment saved to {out}: mocapella serve --method hands --alignment {out}")
+    say(f"{object_ or marker} is at {lever} m of {body}, ± {1e3 * fit.lever_sd_m:.1f} mm")
+    say(f"alignment saved to {out}: mocapella serve --method hands --file alignment={out}")
 
 
 def _of_take(path: Path, observations: SpaceObservations, settings: SpaceAlignmentSettings) -> SpaceFit:

@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli.app import track_app
+from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import (
+    RIG_HELP,
+    AllPoints,
     JsonOut,
     console,
     need_cameras,
@@ -22,6 +25,7 @@ from mocapella.cli.common import (
     telling_of_compiling,
     write_json,
 )
+from mocapella.cli.pictures import Fps
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -37,18 +41,20 @@ Intrinsics = Annotated[
     typer.Option(
         "--intrinsics",
         metavar="F,CX,CY",
-        help="The lens in pixels, or FX,FY,CX,CY, then K1,K2,P1,P2,K3; where nothing else says it, or to correct it.",
+        help="Intrinsics in pixels, or FX,FY,CX,CY, then K1,K2,P1,P2,K3; if the source has none, or to correct them.",
     ),
 ]
 Unit = Annotated[
     str | None,
     typer.Option(
-        "--unit", metavar="METRES", help="Metres a unit, such as 0.001; kinect-raw of a Kinect v1's 11-bit images."
+        "--unit",
+        metavar="METRES",
+        help="Metres per depth unit, such as 0.001, or kinect-raw for a Kinect v1's 11-bit images.",
     ),
 ]
 Rig = Annotated[
     str | None,
-    typer.Option("--rig", metavar="FILE", help="Take the lens of a camera rig's file instead: FILE or FILE:CAMERA."),
+    typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} FILE:CAMERA chooses one; in place of --intrinsics."),
 ]
 DEFAULT_DETECTOR: Final = "kinematic-arm"
 
@@ -82,15 +88,24 @@ Detector = Annotated[
     typer.Option(
         "--detector",
         metavar="NAME",
-        help="What finds the arms; `--detector help` lists the detectors.",
+        help="Detector of arms; `--detector help` lists the detectors.",
         callback=check_detector,
     ),
 ]
-DetectorSettings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A setting of the detector, such as arms=1; may be repeated."),
-]
 RenamedMethod = Annotated[str | None, typer.Option("--method", metavar="NAME", hidden=True, callback=_refuse_method)]
+Stages = Annotated[
+    Path | None,
+    typer.Option("--stages", metavar="FOLDER", help="Write images of the detector's stages, a folder for each image."),
+]
+
+
+def detector_keys(context: typer.Context) -> Iterator[str]:
+    """Yield the settings of the detector that the command line names before ``--set help``."""
+    from mocapella.detectors import arm_detector
+
+    name = str(context.params.get("detector", DEFAULT_DETECTOR))
+    title = f"Settings of the detector {name} (of another: --detector NAME --set help):"
+    yield from lines_of_dataclass(arm_detector(name).settings(), title)
 
 
 @track_app.command("arm")
@@ -106,21 +121,15 @@ def arm(
     intrinsics: Intrinsics = None,
     unit: Unit = None,
     rig: Rig = None,
-    fps: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Images a second, of files; 30 if nobody says.")
-    ] = None,
+    fps: Fps = None,
     detector: Detector = DEFAULT_DETECTOR,
-    detector_settings: DetectorSettings = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(NoKeys, detector_keys)] = None,
     method: RenamedMethod = None,
-    all_points: Annotated[
-        bool, typer.Option("--all-points", help="The hand's 21 landmarks, palm and elbow instead of the eight joints.")
-    ] = False,
-    stages: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write pictures of the detector's stages, a folder for each image."),
-    ] = None,
+    all_points: AllPoints = False,
+    stages: Stages = None,
     table: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write a table, too: a row for each joint.")
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write a table: a row for each joint.")
     ] = None,
     json: JsonOut = None,
 ) -> None:
@@ -137,18 +146,19 @@ def arm(
     from mocapella.detectors import arm_detectors, make_detector
     from mocapella.exports.arm_rows import table_rows
     from mocapella.live.signals import interruptible
-    from mocapella.settings import check, settings_of_pairs
+    from mocapella.settings import check
     from mocapella.sources.depth_options import complete
 
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
-    options, settings = depth_options(intrinsics, unit, rig, fps), settings_of_pairs(detector_settings)
+    options = depth_options(intrinsics, unit, rig, fps)
+    _, detector_settings = read_settings(NoKeys, settings_file, settings)
     found = []
     try:
         with interruptible(), telling_of_compiling(f"the detector {detector}"), ExitStack() as open_files:
             writer = None if table is None else _table(open_files, table)
             for recording in depth_recordings(paths, options):
                 camera = complete(recording.state, recording.name)
-                finds = make_detector(detector, camera, settings)
+                finds = make_detector(detector, camera, detector_settings)
                 if stages is not None and finds.stages is None:
                     able = ", ".join(name for name, known in arm_detectors().items() if known.stages is not None)
                     raise SettingsError(f"--stages: the detector {detector} has none; detectors that do: {able}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import msgspec
 import typer
@@ -15,7 +15,20 @@ from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import calibrate_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, console, need_cameras, say, working, write_json
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    OUT_HELP,
+    RIG_HELP,
+    Connect,
+    FrameChoice,
+    JsonOut,
+    Seconds,
+    console,
+    need_cameras,
+    say,
+    working,
+    write_json,
+)
 from mocapella.errors import CalibrationError, SettingsError, one_of
 
 if TYPE_CHECKING:
@@ -26,6 +39,8 @@ if TYPE_CHECKING:
 
 ALONE_FROM = 1_000_000
 """Numbers of the frames that only their own camera saw."""
+FILMED_S: Final = 60.0
+"""How long live cameras are filmed if --seconds is not given."""
 NODE = "node:"
 """Before the name of a running node's camera."""
 
@@ -41,7 +56,7 @@ def calibrate(
         ),
     ],
     board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The rig to write; a file of that name is replaced.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The camera rig (TOML).")],
     timestamps: Annotated[
         Path | None,
         typer.Option(
@@ -52,19 +67,19 @@ def calibrate(
         float | None,
         typer.Option(metavar="MS", min=0, help="Frames so close are of one instant; a third of an interval."),
     ] = None,
-    intrinsics: Annotated[
-        Path | None, typer.Option(metavar="RIG.toml", help="Take the lenses of this rig, and leave them as they are.")
+    rig: Annotated[
+        Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} Keep the intrinsics of this rig.")
     ] = None,
     alone: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VIDEO", help="More pictures of the board, for that camera's lens only; repeatable."),
     ] = None,
-    frames: Annotated[str | None, typer.Option(metavar="odd|even|FROM:TO:STEP", help="Which frames to use.")] = None,
+    frames: FrameChoice = None,
     origin: Annotated[
         int | None, typer.Option(metavar="FRAME", help="The world is the board in this frame, lying on the floor.")
     ] = None,
     upright: Annotated[bool, typer.Option("--upright", help="The board of --origin hung on a wall.")] = False,
-    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1, help="How long to film live cameras.")] = 60.0,
+    seconds: Seconds = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -86,7 +101,7 @@ def calibrate(
     chosen = load_board(board)
     inputs = named_inputs(videos)
     wanted = parse_frames(frames)
-    known = {} if intrinsics is None else _lenses(load_camera_rig(intrinsics).cameras, inputs, intrinsics)
+    known = {} if rig is None else _lenses(load_camera_rig(rig).cameras, inputs, rig)
     live = {path.startswith((LIVE, NODE)) and path.partition(":")[0] for path in inputs.values()}
     if len(live) > 1:
         raise SettingsError(
@@ -94,7 +109,7 @@ def calibrate(
         )
     with working("looking for the board …", status=INTERRUPTED):
         if live != {False}:
-            views, instants = _films(inputs, chosen, seconds, known, connect)
+            views, instants = _films(inputs, chosen, FILMED_S if seconds is None else seconds, known, connect)
         else:
             views, counts = look(inputs, chosen, wanted, str(board))
             instants = _instants(views, timestamps, tolerance_ms, counts)
@@ -124,9 +139,7 @@ def draw(
     board: Annotated[
         Path, typer.Argument(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The PNG picture to write; a file of that name is replaced.")
-    ],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} A PNG image.")],
     dpi: Annotated[int, typer.Option(metavar="DOTS", min=50, max=2400, help="Of the printer, an inch.")] = 300,
     json: JsonOut = None,
 ) -> None:
@@ -180,7 +193,7 @@ def _lenses(cameras: Mapping[str, Any], inputs: Mapping[str, str], path: Path) -
     missing = [name for name in inputs if name not in cameras]
     if missing:
         raise SettingsError(
-            f"--intrinsics {path}: has no camera {missing[0]!r}; it has {one_of(missing[0], cameras)}: name the videos "
+            f"--rig {path}: has no camera {missing[0]!r}; it has {one_of(missing[0], cameras)}: name the videos "
             "so (NAME=VIDEO)"
         )
     return found

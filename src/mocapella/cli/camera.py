@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal, cast
 
 import typer
 
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
-from mocapella.cli.markers import Exposure, Fourcc, Fps, Gain, Size, WhiteBalance, tell_state, wishes
-from mocapella.cli.node import Epoch, EpochFromInput, read_epoch
-from mocapella.errors import SettingsError, one_of
+from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, read_epoch
+from mocapella.cli.pictures import EXPOSURE, FOURCC, GAIN, WHITE_BALANCE, Fps, Size, tell_state, wishes
 
 FORMATS = ("jpeg", "png")
+
+
+@dataclass(frozen=True)
+class CameraNodeKeys:
+    """Settings of `node camera`."""
+
+    fourcc: Annotated[str | None, FOURCC] = None
+    exposure: Annotated[float | None, EXPOSURE] = None
+    gain: Annotated[float | None, GAIN] = None
+    white_balance: Annotated[float | None, WHITE_BALANCE] = None
+    format: Annotated[str, Key("Encoding of the published images; png is lossless.", choices=FORMATS)] = "jpeg"
+    quality: Annotated[int, Key("Quality of JPEG images.", "%", 1, 100)] = 90
+    delay_ms: Annotated[float, replace(DELAY_MS, most=10_000)] = 0.0
+    loop: Annotated[bool, LOOP] = False
+    linger: Annotated[float, LINGER] = 2.0
+    report: Annotated[float, REPORT] = 10.0
 
 
 def camera(
@@ -20,34 +36,12 @@ def camera(
         str,
         typer.Argument(metavar="SOURCE", help="camera:0, /dev/video0, http://… or rtsp://…, a film or a folder."),
     ],
-    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help="The camera's name, as in the rig.")],
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=f"{NAME_HELP} As in the rig.")],
     connect: Connect = DEFAULT_ADDRESS,
     size: Size = None,
     fps: Fps = None,
-    fourcc: Fourcc = None,
-    exposure: Exposure = None,
-    gain: Gain = None,
-    white_balance: WhiteBalance = None,
-    format: Annotated[
-        str, typer.Option("--format", metavar="jpeg|png", help="How images are sent; png loses nothing.")
-    ] = "jpeg",
-    quality: Annotated[int, typer.Option(metavar="PERCENT", min=1, max=100, help="Of a JPEG.")] = 90,
-    delay_ms: Annotated[
-        float,
-        typer.Option(
-            metavar="MS", min=0, max=10_000, help="Pictures show what was so long before they come (network cameras)."
-        ),
-    ] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop", help="A film or folder begins again when it has ended.")] = False,
-    linger: Annotated[
-        float,
-        typer.Option(
-            metavar="SECONDS", min=0, help="Stay so long after a film's end, so that a take gets what it missed."
-        ),
-    ] = 2.0,
-    report: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
-    ] = 10.0,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(CameraNodeKeys)] = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
     json: JsonOut = None,
@@ -71,12 +65,11 @@ def camera(
     from mocapella.sources.open_pictures import open_pictures
     from mocapella.wire.node import NodeLink
 
-    if format not in FORMATS:
-        raise SettingsError(f"--format is {format!r}; it must be one of {one_of(format, FORMATS)}")
-    sent = ImageSettings(cast(Literal["jpeg", "png"], format), quality, delay_ms / 1e3)
+    keys = read_keys(CameraNodeKeys, settings_file, settings)
+    sent = ImageSettings(cast(Literal["jpeg", "png"], keys.format), keys.quality, keys.delay_ms / 1e3)
     sensor = check_sensor_name(name)
-    given = CameraControls(exposure, gain, white_balance)
-    pictures = open_pictures(source, wishes(size, fps, fourcc, given, None), loop=loop)
+    given = CameraControls(keys.exposure, keys.gain, keys.white_balance)
+    pictures = open_pictures(source, wishes(size, fps, keys.fourcc, given, None), loop=keys.loop)
     kept = FRAME_TYPES["images"].history_frames
     with Acquisition(pictures, say=say) as acquisition:
         tell_state(sensor, pictures, acquisition.state)
@@ -89,8 +82,9 @@ def camera(
             NodeLink(connect, sensor, history_frames=kept) as link,
         ):
             summary = run_image_node(
-                link, acquisition, work, service, CameraNodeSettings(report_s=report), epoch=zero, stop=stop, say=say,
-                wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else linger,
+                link, acquisition, work, service, CameraNodeSettings(report_s=keys.report),
+                epoch=zero, stop=stop, say=say,
+                wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else keys.linger,
             )  # fmt: skip
     say(f"{sensor}: {summary.published} frames published; {work.words()}")
     for problem in summary.report["problems"]:

@@ -10,19 +10,10 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import colours_app
-from mocapella.cli.common import JsonOut, Seed, console, need_cameras, say, write_json
-from mocapella.cli.pictures import (
-    Contrast,
-    Exposure,
-    Fourcc,
-    Fps,
-    Gain,
-    Saturation,
-    Size,
-    Source,
-    WhiteBalance,
-    wishes,
-)  # fmt: skip
+from mocapella.cli.command_settings import SettingsFile, read_keys, set_option
+from mocapella.cli.common import OUT_HELP, JsonOut, Seed, console, need_cameras, say, write_json
+from mocapella.cli.nodes import NAME_HELP
+from mocapella.cli.pictures import CameraKeys, Fps, Profile, Size, Source, wishes
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -30,7 +21,11 @@ if TYPE_CHECKING:
 
 Frame = Annotated[
     int | None,
-    typer.Option(metavar="NUMBER", min=0, help="Which picture, from 0; of a camera the 30th, when it has settled."),
+    typer.Option(
+        metavar="NUMBER",
+        min=0,
+        help="Frame number, from 0; of a camera the 30th by default, when exposure has settled.",
+    ),
 ]
 
 
@@ -42,25 +37,21 @@ def learn(
         typer.Option(
             "--point",
             metavar="NAME=X,Y",
-            help="The middle of a marker in the picture, or of skin (skin=X,Y); repeatable.",
+            help="Pixel at the centre of a marker, or of skin (skin=X,Y). Repeatable.",
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The profile to write; a file of that name is replaced.")],
-    name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name, as in the rig.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The colour profile (JSON).")],
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=f"{NAME_HELP} As in the rig.")],
     frame: Frame = None,
-    background: Annotated[
+    empty: Annotated[
         list[str] | None,
-        typer.Option(metavar="SOURCE[@NUMBER]", help="A picture without markers; repeatable."),
+        typer.Option(metavar="SOURCE[@NUMBER]", help="Image without markers, of the background. Repeatable."),
     ] = None,
     size: Size = None,
     fps: Fps = None,
-    fourcc: Fourcc = None,
-    exposure: Exposure = None,
-    gain: Gain = None,
-    white_balance: WhiteBalance = None,
-    saturation: Saturation = None,
-    contrast: Contrast = None,
     seed: Seed = 0,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(CameraKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Learn colours from a picture, and say how well they can be told apart.
@@ -78,11 +69,12 @@ def learn(
     from mocapella.sources.open_pictures import one_picture
 
     check_sensor_name(name)
-    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
-    wanted = wishes(size, fps, fourcc, given, None)
+    keys = read_keys(CameraKeys, settings_file, settings)
+    given = keys.controls
+    wanted = wishes(size, fps, keys.fourcc, given, None)
     clicks = points(point)
     image, state = one_picture(source, frame, wanted, seed=seed)
-    without = [_background(text, wanted, seed) for text in background or []]
+    without = [_background(text, wanted, seed) for text in empty or []]
     controls = given if state.controls == CameraControls() else state.controls
     profile = learn_colours(name, [ColourSample(image, clicks)], backgrounds=without, controls=controls)
     found = separability(profile)
@@ -107,23 +99,14 @@ def learn(
 @colours_app.command("check")
 def check(
     source: Source,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The PNG picture to write; a file of that name is replaced.")
-    ],
-    profile: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The colours; without it, the picture is written as it is, to point at."),
-    ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} A PNG image.")],
+    profile: Profile = None,
     frame: Frame = None,
     size: Size = None,
     fps: Fps = None,
-    fourcc: Fourcc = None,
-    exposure: Exposure = None,
-    gain: Gain = None,
-    white_balance: WhiteBalance = None,
-    saturation: Saturation = None,
-    contrast: Contrast = None,
     seed: Seed = 0,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(CameraKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Draw what is taken for each colour in a picture, and where the markers are.
@@ -132,14 +115,14 @@ def check(
     """
     need_cameras("calibrate colours check")
     from mocapella.model.whole_file import write_whole
-    from mocapella.sensing.colour_profile import CameraControls, load_profile
+    from mocapella.sensing.colour_profile import load_profile
     from mocapella.sensing.marker_mask import encode_image, mask_image
     from mocapella.sensing.markers import MarkerDetector
     from mocapella.sources.open_pictures import one_picture
 
     known = None if profile is None else load_profile(profile)
-    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
-    image, state = one_picture(source, frame, wishes(size, fps, fourcc, given, known), seed=seed)
+    keys = read_keys(CameraKeys, settings_file, settings)
+    image, state = one_picture(source, frame, wishes(size, fps, keys.fourcc, keys.controls, known), seed=seed)
     for problem in state.problems:
         say(problem)
     result: dict[str, Any] = {"picture": str(out), "size_px": state.size_px, "markers": {}, "light": ""}

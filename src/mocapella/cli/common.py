@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 import os
@@ -9,18 +10,23 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 from rich.console import Console
 
+from mocapella.cli.command_settings import Key, lines_of_dataclass
 from mocapella.errors import SettingsError, one_of
 
 if TYPE_CHECKING:
     from mocapella.model.session import RecordingHealth
 
+T = TypeVar("T")
+
 DEFAULT_PORT = 7447
 DEFAULT_VIEW_PORT = 7448
+DEFAULT_TAKES = Path("takes")
+DEFAULT_SCENE: Final = "obstacle"
 DEFAULT_ADDRESS = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 
 console = Console(stderr=True, highlight=False)
@@ -75,7 +81,11 @@ def _list_methods(name: str) -> str:
 
 
 def check_scene(name: str) -> str:
-    """List the scenes where that is asked for, and where there is none of that name."""
+    """Return a scene's name; print the list for ``help``.
+
+    Raises:
+        SettingsError: no scene has this name; the list is printed, too.
+    """
     from mocapella.sources.simulate import scene_summaries
 
     scenes = scene_summaries()
@@ -98,38 +108,70 @@ JsonOut = Annotated[
     typer.Option(
         "--json",
         metavar="FILE",
-        help="Write the result as JSON to FILE at the end; - is standard output.",
+        help="Write the result as JSON to this file at the end; - is standard output.",
         callback=_check_json,
     ),
 ]
 SceneName = Annotated[
-    str,
-    typer.Option(
-        "--scene", metavar="NAME", help="Which simulated room; `--scene help` lists them.", callback=check_scene
-    ),
+    str | None,
+    typer.Option("--scene", metavar="NAME", help="Simulated scene; `--scene help` lists them."),
 ]
-Seed = Annotated[int, typer.Option(metavar="NUMBER", help="The same seed gives the same noise.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="NUMBER", help="Seed of the simulated noise.")]
 Seconds = Annotated[
     float | None,
-    typer.Option("--seconds", metavar="SECONDS", min=0, help="End after so many seconds; without it, at Ctrl-C."),
+    typer.Option("--seconds", metavar="SECONDS", min=0, help="Stop after this time; without it, at Ctrl-C."),
 ]
-NoView = Annotated[bool, typer.Option("--no-view", "--headless", help="No live view.")]
+View = Annotated[
+    bool,
+    typer.Option(
+        "--view/--no-view",
+        help="Show the live view in the browser; by default if tracking is live.",
+        show_default=False,
+    ),
+]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")]
 TakeArgument = Annotated[Path, typer.Argument(metavar="TAKE", help="A take: a file, or its name without .mcap.")]
 BusPort = Annotated[
-    int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="Bus port, where sensors connect.")
+    int,
+    typer.Option("--port", metavar="PORT", min=1, max=65535, help="TCP port of the bus, where sensors connect."),
 ]
 ViewPort = Annotated[
     int,
-    typer.Option("--view-port", metavar="PORT", min=1, max=65535, help="View port, where the browser connects."),
+    typer.Option("--view-port", metavar="PORT", min=1, max=65535, help="TCP port of the live view."),
+]
+HOST_HELP: Final = "Network interface to listen on; 127.0.0.1 is this machine only, 0.0.0.0 is all interfaces."
+Host = Annotated[str, typer.Option("--host", metavar="HOST", help=HOST_HELP)]
+RIG_HELP: Final = "Camera rig (TOML) of `mocapella calibrate cameras`: intrinsics and extrinsics."
+START_FORM: Final = "[PERSON=]FILE[:FRAME]"
+START_HELP: Final = (
+    "First poses of the bodies: JSON of named joints [m] of one or several people, or an earlier result of `mocapella "
+    "track silhouettes`. Repeatable."
+)
+SPACE_HELP: Final = "Name of the other tracker's coordinate space."
+PLOT_HELP: Final = "Draw a plot; needs matplotlib."
+Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help=PLOT_HELP)]
+StudyFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the KinectMultiTrack study logs.")]
+ORDER: Final = Key("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
+FrameChoice = Annotated[
+    str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")
 ]
 Placement = Annotated[
     str | None,
-    typer.Option("--placement", metavar="NAME", help="Refuse a study log of another placement, such as right-90."),
+    typer.Option("--placement", metavar="NAME", help="Sensor placement of the study log, such as right-90."),
 ]
 RecordTo = Annotated[
-    Path | None,
-    typer.Option("--record", metavar="TAKE", help="Record from the start, to this file; .mcap is added."),
+    str | None,
+    typer.Option(
+        "--record",
+        metavar="TAKE",
+        help="Record a take from the start: a name in the folder takes, or a path such as ./walk-1.",
+    ),
 ]
+AllPoints = Annotated[
+    bool, typer.Option("--all-points", help="All 23 points of an arm (21 hand landmarks, palm, elbow), not 8 joints.")
+]
+Every = Annotated[int, typer.Option("--every", metavar="N", min=1, help="Write every n-th result only.")]
+OUT_HELP: Final = "File to write; an existing file is replaced."
 
 Method = Annotated[
     str,
@@ -137,17 +179,39 @@ Method = Annotated[
         "--method", metavar="NAME", help="Tracking method; `--method help` lists them.", callback=_list_methods
     ),
 ]
-
 Participants = Annotated[
-    str | None, typer.Option(metavar="P,P,…", help="Whose logs, such as 0,1,20; all where left out.")
-]
-
-MethodSettings = Annotated[
-    list[str] | None,
+    str | None,
     typer.Option(
-        "--set", metavar="NAME=VALUE", help="A setting of the tracking method, such as frames=60; may be repeated."
+        "--participants", metavar="P,P,…", help="Numbers of the participants to use, such as 0,1,20; all by default."
     ),
 ]
+
+
+def method_keys(context: typer.Context) -> Iterator[str]:
+    """Yield the settings of the tracking method that the command line names before ``--set help``."""
+    from mocapella.tracker.method import METHODS
+
+    name = str(context.params.get("method", "default"))
+    yield from lines_of_dataclass(
+        METHODS.find(name).settings, f"Settings of the method {name} (of another: --method NAME --set help):"
+    )
+
+
+def method_setting_names(name: str) -> list[str]:
+    """Return the names of a tracking method's settings.
+
+    Raises:
+        SettingsError: there is no such method.
+    """
+    from mocapella.tracker.method import METHODS
+
+    return [field.name for field in dataclasses.fields(METHODS.find(name).settings)]
+
+
+def chosen(context: typer.Context, name: str, value: T) -> T | None:
+    """Return the value of an option if the command line gives it, else None."""
+    source = context.get_parameter_source(name)
+    return value if source is not None and source.name == "COMMANDLINE" else None
 
 
 def participant_numbers(text: str | None, option: str = "--participants") -> list[int] | None:
@@ -244,7 +308,7 @@ def _tell_of_compiling(what: str) -> None:
 
 
 def take_file(path: Path) -> Path:
-    """Where ``--record`` puts a take: its name is what `take_path` makes of it, as with `mocapella record`.
+    """Return the file of a take at ``path``: the suffix .mcap is added, as by `take_path`.
 
     Raises:
         RecordingError: a name that a take may not have.
@@ -252,6 +316,21 @@ def take_file(path: Path) -> Path:
     from mocapella.recording.disk import take_path
 
     return take_path(path.parent, path.name)
+
+
+def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
+    """Return the file that ``--record`` names: a bare name is a take in the folder, which is made.
+
+    Raises:
+        RecordingError: a name that a take may not have, or a folder that cannot be made.
+    """
+    from mocapella.recording.disk import ensure_folder
+
+    if Path(text).name != text:
+        return take_file(Path(text))
+    path = take_file(takes / text)
+    ensure_folder(takes)
+    return path
 
 
 def say(text: str) -> None:

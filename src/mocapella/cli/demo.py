@@ -11,20 +11,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli.app import LIVE, app
-from mocapella.cli.arm import DEFAULT_DETECTOR, check_detector, not_method
+from mocapella.cli.arm import DEFAULT_DETECTOR, Detector, not_method
+from mocapella.cli.command_settings import Key, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
+    BusPort,
     JsonOut,
     Method,
-    NoView,
+    NoBrowser,
     RecordTo,
+    SceneName,
     Seconds,
     Seed,
+    View,
+    ViewPort,
     check_scene,
+    chosen,
     exit_by,
+    record_file,
     say,
-    take_file,
     working,
     write_json,
 )
@@ -43,45 +49,31 @@ class What(StrEnum):
     SILHOUETTES = "silhouettes"
 
 
+@dataclass(frozen=True)
+class DemoKeys:
+    """Settings of `demo`."""
+
+    steadiness: Annotated[bool, Key("Of silhouettes: penalise jitter; false fits every frame independently.")] = True
+    corrupt: Annotated[str | None, Key("Of silhouettes: corrupt the images.", "noise|rectangles|wrong")] = None
+
+
 @app.command(rich_help_panel=LIVE)
 def demo(
     context: typer.Context,
     what: Annotated[
         What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, an arm, or silhouettes.")
     ] = What.PEOPLE,
-    scene: Annotated[
-        str | None, typer.Option("--scene", metavar="NAME", help="Name of the scene; `--scene help` lists them.")
-    ] = None,
+    scene: SceneName = None,
     method: Method = "default",
-    detector: Annotated[
-        str | None,
-        typer.Option(
-            "--detector",
-            metavar="NAME",
-            help="Of an arm: what finds it; `--detector help` lists the detectors.",
-            callback=check_detector,
-        ),
-    ] = None,
+    detector: Detector = DEFAULT_DETECTOR,
     seconds: Seconds = None,
-    no_view: NoView = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
+    view: View = True,
+    no_browser: NoBrowser = False,
     record: RecordTo = None,
-    port: Annotated[
-        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="Bus port; by default 7447, or a free one.")
-    ] = None,
-    view_port: Annotated[
-        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="View port; by default 7448, or a free one.")
-    ] = None,
+    port: BusPort = DEFAULT_PORT,
+    view_port: ViewPort = DEFAULT_VIEW_PORT,
     seed: Seed = 0,
-    no_steadiness: Annotated[
-        bool, typer.Option("--no-steadiness", help="Of silhouettes: fit every frame for itself.")
-    ] = False,
-    corrupt: Annotated[
-        str | None,
-        typer.Option(
-            "--corrupt", metavar="NAME", help="Of silhouettes: images with noise or rectangles, or wrong ones."
-        ),
-    ] = None,
+    settings: Annotated[list[str] | None, set_option(DemoKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
@@ -100,33 +92,34 @@ def demo(
     from mocapella.live.server import ServerSettings
     from mocapella.live.signals import stop_on_signals
 
-    if what is not What.ARM and detector is not None:
+    named_detector, named_method = chosen(context, "detector", detector), chosen(context, "method", method)
+    wanted_port, wanted_view_port = chosen(context, "port", port), chosen(context, "view_port", view_port)
+    if what is not What.ARM and named_detector is not None:
         raise SettingsError("--detector is of demo arm; leave it out")
-    source = context.get_parameter_source("method")
-    said = method if source is not None and source.name == "COMMANDLINE" else None
+    keys = read_keys(DemoKeys, None, settings)
     if what is What.SILHOUETTES:
         from mocapella.cli.silhouettes_demo import run_demo
 
-        for option, given in (("--record", record), ("--port", port), ("--method", said)):
+        for option, given in (("--record", record), ("--port", wanted_port), ("--method", named_method)):
             if given is not None:
                 raise SettingsError(f"{option}: demo silhouettes has no bus and one method; leave it out")
         run_demo(
-            scene, seed, corrupt, seconds=seconds, steady=not no_steadiness, view=not no_view, view_port=view_port,
+            scene, seed, keys.corrupt, seconds=seconds, steady=keys.steadiness, view=view, view_port=wanted_view_port,
             no_browser=no_browser, json=json,
         )  # fmt: skip
         return
-    if no_steadiness or corrupt is not None:
-        raise SettingsError("--no-steadiness and --corrupt are of demo silhouettes; leave them out")
-    if what is What.ARM and said is not None:
-        raise SettingsError(not_method(said))
-    take = None if record is None else take_file(record)
-    show_of = _SHOWS[what](Wish(scene, method, detector, seed))
-    bus_port = choose_port(port, DEFAULT_PORT)
-    if port is not None:
-        check_port_free("127.0.0.1", port, "--port")
-    page_port = None if no_view else choose_port(view_port, DEFAULT_VIEW_PORT)
+    if keys != DemoKeys():
+        raise SettingsError("steadiness and corrupt are settings of demo silhouettes; leave them out")
+    if what is What.ARM and named_method is not None:
+        raise SettingsError(not_method(named_method))
+    take = None if record is None else record_file(record)
+    show_of = _SHOWS[what](Wish(scene, method, named_detector, seed))
+    bus_port = choose_port(wanted_port, DEFAULT_PORT)
+    if wanted_port is not None:
+        check_port_free("127.0.0.1", wanted_port, "--port")
+    page_port = choose_port(wanted_view_port, DEFAULT_VIEW_PORT) if view else None
     listen = f"tcp/127.0.0.1:{bus_port}"
-    settings = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
+    served = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
     def show(url: str) -> None:
         say_url(url)
@@ -134,7 +127,7 @@ def demo(
             webbrowser.open(url)
 
     with stop_on_signals() as stop:
-        with live_session(settings, stop, view_port=page_port, on_url=show, view_words=show_of.view) as session:
+        with live_session(served, stop, view_port=page_port, on_url=show, view_words=show_of.view) as session:
             if take is not None:
                 say(session.server.record_to(take))
             start_together(session, [[*words, "--connect", listen] for words in show_of.nodes])
@@ -195,7 +188,7 @@ def _hands_show(wish: Wish) -> Show:
         "base_places_m": base_places(made).tolist(),
         "rays": {"acceleration_density": 8.0},  # a quiet hand, and few frames a second
     }
-    nodes = [["markers", f"rendered:demo/{name}", "--seed", str(wish.seed), "--report", "0"] for name in names]
+    nodes = [["markers", f"rendered:demo/{name}", "--seed", str(wish.seed), "--set", "report=0"] for name in names]
     said = f"rendering a hand: cameras {', '.join(names)}"
     return Show(Setup(method="hands", sensors_expected=len(names)), settings, nodes, said)
 
@@ -220,7 +213,16 @@ def _arm_show(wish: Wish) -> Show:
         finds = make_detector(detector, Camera("arm", made.sensor.size_px, made.lens))
         for k in range(3):
             finds.update(made.at(k / 30).depth * np.float32(shot.unit_m), k / 30)
-    words = ["arm", f"rendered:{scene}/{seed}", "--detector", detector, "--drop-after-ms", "1000", "--report", "0"]
+    words = [
+        "arm",
+        f"rendered:{scene}/{seed}",
+        "--detector",
+        detector,
+        "--set",
+        "drop_after_ms=1000",
+        "--set",
+        "report=0",
+    ]
     said = f"rendering an arm before a depth camera: {scene}"
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 

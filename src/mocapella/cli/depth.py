@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import depth_app
-from mocapella.cli.common import JsonOut, say, write_json
+from mocapella.cli.common import JsonOut, Plot, say, write_json
 
 if TYPE_CHECKING:
     from mocapella.geometry.parallel_pair import DistanceTable
@@ -29,13 +29,13 @@ def fit(
     measured: Annotated[
         Path, typer.Argument(metavar="MEASURED.csv", help="Columns distance_cm and disparity_px, a row a distance.")
     ],
-    baseline_cm: Annotated[float, typer.Option(metavar="CM", help="From one camera to the other.")],
-    width_px: Annotated[float, typer.Option(metavar="PX", help="Width of the pictures.")] = 640.0,
+    baseline_cm: Annotated[float, typer.Option(metavar="CM", help="Distance between the two cameras.")],
+    width_px: Annotated[float, typer.Option(metavar="PX", help="Image width.")] = 640.0,
     view_angle: Annotated[
         float | None,
-        typer.Option(metavar="DEGREES", help="Of the pictures' width; where left out, what fits the rows best."),
+        typer.Option(metavar="DEGREES", help="Horizontal angle of view; by default the one that fits best."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")] = None,
+    plot: Plot = None,
     json: JsonOut = None,
 ) -> None:
     """Fit D = k·x^z to distances measured with a ruler: what the two cameras' depth is corrected by.

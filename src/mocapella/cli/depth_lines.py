@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocapella.cli.app import depth_app
-from mocapella.cli.arm import Intrinsics, Rig, Unit
+from mocapella.cli.arm import Intrinsics, Rig, Stages, Unit
 from mocapella.cli.common import JsonOut, console, need_cameras, say, write_json
+from mocapella.cli.pictures import Fps
 
 if TYPE_CHECKING:
     from mocapella.sensing.body_lines import BodyLinesSettings
@@ -31,15 +32,13 @@ def lines(
     intrinsics: Intrinsics = None,
     unit: Unit = None,
     rig: Rig = None,
-    fps: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Images a second, of files and scenes; 30 if nobody says.")
-    ] = None,
-    near: Annotated[float, typer.Option(metavar="METRES", help="What is nearer is left out.")] = 0.8,
-    far: Annotated[float, typer.Option(metavar="METRES", help="What is farther, such as a wall, is left out.")] = 4.0,
-    keep_floor: Annotated[bool, typer.Option("--keep-floor", help="Do not look for a floor to leave out.")] = False,
-    stages: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write pictures of the stages, a folder for each image.")
-    ] = None,
+    fps: Fps = None,
+    near: Annotated[float, typer.Option(metavar="METRES", help="Ignore depth below this distance.")] = 0.8,
+    far: Annotated[
+        float, typer.Option(metavar="METRES", help="Ignore depth beyond this distance, as of a wall.")
+    ] = 4.0,
+    keep_floor: Annotated[bool, typer.Option("--keep-floor", help="Do not detect and remove the floor.")] = False,
+    stages: Stages = None,
     json: JsonOut = None,
 ) -> None:
     """Thin whole bodies to lines: head, trunk, arms and legs, each depth image by itself.

@@ -22,7 +22,16 @@ from rich.table import Table
 
 from mocapella import __version__
 from mocapella.cli.app import SET_UP, app
-from mocapella.cli.common import DEFAULT_PORT, DEFAULT_VIEW_PORT, JsonOut, console, write_json
+from mocapella.cli.common import (
+    DEFAULT_PORT,
+    DEFAULT_TAKES,
+    DEFAULT_VIEW_PORT,
+    BusPort,
+    JsonOut,
+    ViewPort,
+    console,
+    write_json,
+)
 from mocapella.cli.plugins import plugin_findings
 from mocapella.errors import AddressInUseError, BusError, PluginError
 from mocapella.sources.source import Finding
@@ -36,11 +45,9 @@ _MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "problem":
 
 @app.command(rich_help_panel=SET_UP)
 def doctor(
-    port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Bus port to look at.")] = DEFAULT_PORT,
-    view_port: Annotated[
-        int, typer.Option(metavar="PORT", min=1, max=65535, help="View port to look at.")
-    ] = DEFAULT_VIEW_PORT,
-    takes: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the takes will go.")] = Path("takes"),
+    port: BusPort = DEFAULT_PORT,
+    view_port: ViewPort = DEFAULT_VIEW_PORT,
+    takes: Annotated[Path, typer.Option("--takes", metavar="FOLDER", help="Folder of the takes.")] = DEFAULT_TAKES,
     json: JsonOut = None,
 ) -> None:
     """Look at this machine and say what is missing for which job, and what to do about it.
@@ -164,7 +171,9 @@ def _disk(takes: Path) -> Finding:
     free = shutil.disk_usage(folder).free
     found = f"{free / GIB:.1f} GiB free at {folder}"
     if free < 2 * GIB:
-        advice = "a recording leaves 1 GiB free (serve --reserve-gib); make room, or name another folder with --takes"
+        advice = (
+            "a recording leaves 1 GiB free (serve --set reserve_gib); make room, or name another folder with --takes"
+        )
         return Finding("disk for takes", "problem", found, advice)
     return Finding("disk for takes", "ok", found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -11,10 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
+from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import (
     JsonOut,
-    MethodSettings,
     Participants,
+    Plot,
+    StudyFolder,
     console,
     need_cameras,
     participant_numbers,
@@ -33,16 +36,26 @@ _FUSED = {
     "label_flips_per_min": "label flips /min",
     "lag_ms": "lag ms",
 }
-METHODS_HELP = (
-    "Tracking methods, with commas between them; settings of one after colons, as in default:people.smoothing=kalman."
-)
+Methods = Annotated[
+    str,
+    typer.Option(
+        "--methods",
+        metavar="NAME,NAME,…",
+        help="Tracking methods; settings of one follow a colon, as in default:people.smoothing=kalman.",
+    ),
+]
+Scenes = Annotated[
+    str | None,
+    typer.Option("--scenes", metavar="NAME,NAME,…", help="Simulated scenes; all by default, `help` lists them."),
+]
+Seeds = Annotated[str, typer.Option("--seeds", metavar="N,N,…", help="Seeds of the simulation.")]
 _PLACEMENTS = ("parallel", "45", "90")
 
 
 @evaluate_app.command()
 def kinectmultitrack(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")],
-    methods: Annotated[str, typer.Option(metavar="NAME,NAME,…", help=METHODS_HELP)] = "stand-still",
+    folder: StudyFolder,
+    methods: Methods = "stand-still",
     participants: Participants = None,
     json: JsonOut = None,
 ) -> None:
@@ -98,11 +111,9 @@ _WHO_AND_WHERE = {
 
 @evaluate_app.command()
 def simulation(
-    methods: Annotated[str, typer.Option(metavar="NAME,NAME,…", help=METHODS_HELP)] = "stand-still,default",
-    scenes: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes; all where left out, `help` lists them.")
-    ] = None,
-    seeds: Annotated[str, typer.Option(metavar="N,N,…", help="Of the scenes' noise.")] = "0,1,2",
+    methods: Methods = "stand-still,default",
+    scenes: Scenes = None,
+    seeds: Seeds = "0,1,2",
     json: JsonOut = None,
 ) -> None:
     """Score tracking methods against exact truth, in simulated rooms with sensors as wrong as real ones.
@@ -148,13 +159,18 @@ _HANDS: Final = {
 }
 
 
+def _hands_keys(_context: typer.Context) -> Iterator[str]:
+    from mocapella.tracker.method import METHODS
+
+    yield from lines_of_dataclass(METHODS.find("hands").settings, "Settings of the method hands:")
+
+
 @evaluate_app.command()
 def hands(
-    scenes: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes; all where left out, `help` lists them.")
-    ] = None,
-    seeds: Annotated[str, typer.Option(metavar="N,N,…", help="Of the motion, the light and the noise.")] = "0,1",
-    settings: MethodSettings = None,
+    scenes: Scenes = None,
+    seeds: Seeds = "0,1",
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(NoKeys, _hands_keys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Score the method hands against exact truth: rendered hands before rendered cameras.
@@ -166,7 +182,6 @@ def hands(
     from mocapella.evaluation.hands import evaluate
     from mocapella.evaluation.study_tables import rounded
     from mocapella.evaluation.tagged import evaluate_tag
-    from mocapella.settings import settings_of_pairs
     from mocapella.sources.simulate.hand_scene import hand_scene_names
 
     if scenes == "help":
@@ -176,7 +191,7 @@ def hands(
         result = evaluate(
             None if scenes is None else _names(scenes),
             participant_numbers(seeds, "--seeds") or [],
-            settings_of_pairs(settings),
+            read_settings(NoKeys, settings_file, settings)[1],
             lambda text: status.update(f"rendering {text} …"),
         )
         tell = lambda text: status.update(f"rendering {text} …")  # noqa: E731
@@ -206,12 +221,12 @@ def hands(
 
 @evaluate_app.command("line-skeleton-grid")
 def line_skeleton_grid(
-    scenes: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME,…", help="Which scenes of rendered arms; `help` lists them.")
-    ] = None,
-    seeds: Annotated[str, typer.Option(metavar="N,N,…", help="Of person, motion and noise.")] = "100,101,102,103",
-    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Camera: kinect, sr305, tof or exact.")] = "kinect",
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")] = None,
+    scenes: Scenes = None,
+    seeds: Seeds = "100,101,102,103",
+    depth_sensor: Annotated[
+        str, typer.Option(metavar="MODEL", help="Simulated depth camera: kinect, sr305, tof or exact.")
+    ] = "kinect",
+    plot: Plot = None,
     json: JsonOut = None,
 ) -> None:
     """Measure what the grid of the detector line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
@@ -232,10 +247,10 @@ def line_skeleton_grid(
         typer.echo("\n".join(depth_scene_names()))
         return
     numbers = participant_numbers(seeds, "--seeds") or []
-    camera, frames = rendered_frames(SCENES if scenes is None else _names(scenes), numbers, sensor)
+    camera, frames = rendered_frames(SCENES if scenes is None else _names(scenes), numbers, depth_sensor)
     with console.status("rendering arms, and looking at each with six grids …"):
         rows = grid_table(frames, camera, time.perf_counter)
-    write_json(json, {"sensor": sensor, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
+    write_json(json, {"sensor": depth_sensor, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
     if plot is not None:
         plot_grid(rows, plot)
         say(f"plot in {plot}")
@@ -364,7 +379,7 @@ def _cell(value: float | None) -> str:
 
 @evaluate_app.command()
 def charuco(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the four webcams' recording.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the four webcams' recording.")],
     json: JsonOut = None,
 ) -> None:
     """Calibrate real webcams on the odd frames of a board's videos, and score the even ones by its true distances.

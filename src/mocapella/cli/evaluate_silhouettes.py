@@ -13,21 +13,17 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
-from mocapella.cli.common import JsonOut, console, participant_numbers, say, write_json
+from mocapella.cli.common import JsonOut, Plot, Seconds, console, participant_numbers, say, write_json
+from mocapella.cli.evaluate import Seeds
 
-Seeds = Annotated[str, typer.Option(metavar="N,N,…", help="Of person, clothes, room, cameras and noise.")]
 Bodies = Annotated[
     str,
     typer.Option(
         "--bodies",
         metavar="NAME,NAME,…",
-        help="What is tracked with: the subject's own mesh, or one of the proportions measured in the first frame.",
+        help="Body mesh used for tracking: the subject's own, or one of the proportions measured in the first frame.",
     ),
 ]
-FirstSeconds = Annotated[
-    float | None, typer.Option("--seconds", metavar="SECONDS", min=0, help="Only so much of each scene.")
-]
-Plot = Annotated[Path | None, typer.Option(metavar="FILE", help="Draw it, where matplotlib is installed.")]
 _SEEDS = "100"
 _COMMANDS: Final = {
     "knee-bend": (
@@ -58,7 +54,7 @@ def _command(name: str, usual: str, about: str) -> None:
     """Make an experiment a command."""
 
     def command(
-        seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: FirstSeconds = None, plot: Plot = None,
+        seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: Seconds = None, plot: Plot = None,
         json: JsonOut = None,
     ) -> None:  # fmt: skip
         _experiment(name, seeds, bodies, seconds, plot, json)

@@ -10,7 +10,7 @@ import msgspec
 import typer
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.common import JsonOut, TakeArgument, say, working, write_json
+from mocapella.cli.common import OUT_HELP, AllPoints, Every, JsonOut, Placement, TakeArgument, say, working, write_json
 
 if TYPE_CHECKING:
     from mocapella.model.scene import Scene
@@ -20,19 +20,21 @@ if TYPE_CHECKING:
 def csv(
     take: TakeArgument,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The log to write; by default the take's name with .csv.")
+        Path | None, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} By default the take's name with .csv.")
     ] = None,
-    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
+    every: Every = 1,
     reference: Annotated[
         str | None,
-        typer.Option(metavar="SENSOR", help="In whose camera space the log is; by default each person's first view."),
+        typer.Option(
+            metavar="SENSOR", help="Sensor whose camera frame the log uses; by default each person's first view."
+        ),
     ] = None,
-    participant: Annotated[int | None, typer.Option(metavar="NUMBER", help="Study_Id; by default as set up.")] = None,
-    placement: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Kinect_Config, such as right-90; by default as set up.")
+    participant: Annotated[
+        int | None, typer.Option(metavar="NUMBER", help="Study_Id of the log; by default as recorded.")
     ] = None,
+    placement: Placement = None,
     scenario: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Scenario_Id, such as walk; by default as set up.")
+        str | None, typer.Option(metavar="NAME", help="Scenario_Id of the log, such as walk; by default as recorded.")
     ] = None,
     json: JsonOut = None,
 ) -> None:
@@ -65,12 +67,11 @@ def csv(
 def arms(
     take: TakeArgument,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The table to write; by default the take's name with .arms.csv.")
+        Path | None,
+        typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} By default the take's name with .arms.csv."),
     ] = None,
-    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
-    all_points: Annotated[
-        bool, typer.Option("--all-points", help="All 23 points of an arm instead of its eight joints.")
-    ] = False,
+    every: Every = 1,
+    all_points: AllPoints = False,
     json: JsonOut = None,
 ) -> None:
     """Write the arms of a take's results, in the world: a row for each joint of each arm, with its state.
@@ -98,9 +99,9 @@ def arms(
 def json_lines(
     take: TakeArgument,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The file to write; by default the take's name with .jsonl.")
+        Path | None, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} By default the take's name with .jsonl.")
     ] = None,
-    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write every n-th result only.")] = 1,
+    every: Every = 1,
     json: JsonOut = None,
 ) -> None:
     """Write everything of a take's results: a line of JSON for each, with all fields of its parts, also of a plug-in's.

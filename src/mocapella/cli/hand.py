@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -10,7 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli.app import calibrate_app
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, check_out, console, say, write_json
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    OUT_HELP,
+    RIG_HELP,
+    Connect,
+    JsonOut,
+    check_out,
+    console,
+    say,
+    write_json,
+)
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -24,16 +36,33 @@ _PROPORTIONED: Final = ("thumb",)
 """Digits that the gesture does not measure."""
 
 
+@dataclass(frozen=True)
+class HandKeys:
+    """Settings of `calibrate hand`."""
+
+    base_height_mm: Annotated[
+        float, Key("Height of the base's markers above the joints; negative: on the palm side.", "mm", -50, 50)
+    ] = -12.5
+    hand_length_mm: Annotated[
+        float | None, Key("Approximate length from wrist to tip of the middle finger; average if not given.", "mm")
+    ] = None
+    lasting: Annotated[str, Key("Live: durations of the parts flat, knuckles and hook.", "S,S,S")] = "4,6,6"
+    prepare: Annotated[float, Key("Live: pause before each part.", "s", least=0)] = 3.0
+
+
 @calibrate_app.command("hand")
 def measure(
     out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The hand to write, for serve --hand (JSON).", callback=check_out)
+        Path,
+        typer.Option(
+            "--out", metavar="FILE", help=f"{OUT_HELP} The hand, for serve --file hand=FILE.", callback=check_out
+        ),
     ],
     take: Annotated[
         Path | None, typer.Argument(metavar="TAKE", help="A take of the gesture; without it, live and guided.")
     ] = None,
     left: Annotated[bool, typer.Option("--left/--right", help="Which hand.")] = False,
-    person: Annotated[str, typer.Option(metavar="NAME", help="Whose.")] = "",
+    person: Annotated[str, typer.Option(metavar="NAME", help="Name of the person.")] = "",
     phases: Annotated[
         str | None,
         typer.Option(
@@ -43,31 +72,26 @@ def measure(
     ] = None,
     rig: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Of a take: track its cameras' frames anew, with this rig of cameras."),
+        typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} Of a take: track its marker frames again with it."),
     ] = None,
     tips: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME,…", help="Markers of thumb to little finger.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME,…",
+            help="Markers on the tips of thumb, index, middle, ring and little finger.",
+            show_default=False,
+        ),
     ] = None,
     base: Annotated[
         str | None,
         typer.Option(
             metavar="NAME,NAME,…",
-            help="Three or four markers of the base: wrist, knuckles of index, little "
-            "and middle finger; where left out, those of the take.",
+            help="Three or four markers on the base: wrist, knuckles of index, little and middle finger; by default "
+            "those of the take.",
         ),
     ] = None,
-    base_height_mm: Annotated[
-        float,
-        typer.Option(metavar="MM", min=-50, max=50, help="Of the base's markers over the joints; negative: palm side."),
-    ] = -12.5,
-    hand_length_mm: Annotated[
-        float | None,
-        typer.Option(metavar="MM", help="About, from the wrist to the tip of the middle finger; average if left out."),
-    ] = None,
-    lasting: Annotated[
-        str, typer.Option(metavar="S,S,S", help="Live: seconds for the parts flat, knuckles and hook.")
-    ] = "4,6,6",
-    prepare: Annotated[float, typer.Option(metavar="S", help="Live: seconds to get ready for each part.")] = 3.0,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(HandKeys)] = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -92,14 +116,16 @@ def measure(
     spans = None if phases is None else spans_of_text(phases)
     recorded = None if take is None else _recorded(take)
     gesture = GesturePoints(*_names(recorded, tips, base))
-    model, length = hand_model("thesis"), None if hand_length_mm is None else hand_length_mm / 1000
+    keys = read_keys(HandKeys, settings_file, settings)
+    length_mm = keys.hand_length_mm
+    model, length = hand_model("thesis"), None if length_mm is None else length_mm / 1000
     start = model.shape("left" if left else "right", hand_length_m=length, person=person)
     if len(gesture.base) > 4:
         raise SettingsError(f"--base has {len(gesture.base)} markers; give three or four of them")
-    layout = base_layout(start, len(gesture.base), base_height_mm / 1000)
+    layout = base_layout(start, len(gesture.base), keys.base_height_mm / 1000)
     fit = partial(_fit, model=model, start=start, layout=layout)
     if recorded is None:
-        bones = _guided(gesture, fit, connect, lasting, prepare)
+        bones = _guided(gesture, fit, connect, keys.lasting, keys.prepare)
     else:
         assert spans is not None
         for scene, phase in _shown(recorded, rig, gesture, spans):
@@ -191,7 +217,7 @@ def _guided(gesture: GesturePoints, fit: Any, connect: str, lasting: str, prepar
     try:
         flat, knuckles, hook = (float(part) for part in lasting.split(","))
     except ValueError:
-        raise SettingsError(f"--lasting {lasting!r} cannot be used; write it as 4,6,6") from None
+        raise SettingsError(f"lasting {lasting!r} cannot be used; write it as 4,6,6") from None
     settings = GuideSettings(flat, knuckles, hook, prepare)
     session = open_reader(connect)
     try:
@@ -254,7 +280,7 @@ def _show(bones: Bones, gesture: GesturePoints, out: Path) -> None:
     console.print(printed)
     say(f"fingertips are {1000 * bones.residual_m:.1f} mm from this hand (root mean square)")
     places = ",".join(f"[{','.join(f'{x:.4f}' for x in place)}]" for place in bones.base_markers)
-    say(f"written to {out}; mocapella serve --method hands --hand {out} uses it")
+    say(f"written to {out}; mocapella serve --method hands --file hand={out} uses it")
     names = ",".join(f'"{name}"' for name in gesture.base)
     say(f"with the markers of the base as they are now: --set 'base=[{names}]' --set 'base_places_m=[{places}]'")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,8 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
+    RIG_HELP,
     Connect,
     JsonOut,
     Seed,
@@ -20,17 +22,13 @@ from mocapella.cli.common import (
     say,
     write_json,
 )
-from mocapella.cli.nodes import Epoch, EpochFromInput, read_epoch
+from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, REPORT, Epoch, EpochFromInput, SensorName, read_epoch
 from mocapella.cli.pictures import (
-    Contrast,
-    Exposure,
-    Fourcc,
+    CameraKeys,
     Fps,
-    Gain,
-    Saturation,
+    Profile,
     Size,
     Source,
-    WhiteBalance,
     check_state,
     tell_state,
     wishes,
@@ -44,48 +42,39 @@ if TYPE_CHECKING:
     from mocapella.sources.picture_source import PictureSource
 
 
+@dataclass(frozen=True)
+class MarkerKeys(CameraKeys):
+    """Settings of `node markers`."""
+
+    loop: Annotated[bool, LOOP] = False
+    drop_after_ms: Annotated[float, DROP_AFTER_MS] = 100.0
+    report: Annotated[float, REPORT] = 10.0
+    timing: Annotated[
+        int | None, Key("Time the stages and measure the markers' jitter over this many frames, then stop.", least=2)
+    ] = None
+
+
 def markers(
     source: Source,
-    profile: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="The colours. Without such a file yet, they are learnt in the view and kept there."
-        ),
-    ] = None,
-    name: Annotated[str | None, typer.Option(metavar="SENSOR", help="The camera's name; the profile's.")] = None,
+    profile: Profile = None,
+    name: SensorName = None,
     connect: Connect = DEFAULT_ADDRESS,
     size: Size = None,
     fps: Fps = None,
-    fourcc: Fourcc = None,
-    exposure: Exposure = None,
-    gain: Gain = None,
-    white_balance: WhiteBalance = None,
-    saturation: Saturation = None,
-    contrast: Contrast = None,
     tags: Annotated[
         str | None,
         typer.Option(
             metavar="DICT[:ID,ID,…]",
-            help="Find square tags, too, such as APRILTAG_36h11:7,8 or 4X4_50; their corners are tag7.0 to tag7.3.",
-        ),
-    ] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="A film or folder begins again when it has ended.")] = False,
-    drop_after_ms: Annotated[
-        float, typer.Option(metavar="MS", min=1, help="Markers found so long after the picture was there are not sent.")
-    ] = 100.0,
-    report: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
-    ] = 10.0,
-    timing: Annotated[
-        int | None,
-        typer.Option(
-            metavar="FRAMES", min=2, help="Measure each stage, and how still the markers are, over so many; then end."
+            help="Detect square tags, too, such as APRILTAG_36h11:7,8 or 4X4_50; their corners are tag7.0 to tag7.3.",
         ),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="With --timing, the rig: measure undistorting the points, too.")
+        Path | None,
+        typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} With the setting timing: include undistortion."),
     ] = None,
     seed: Seed = 0,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(MarkerKeys)] = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
     json: JsonOut = None,
@@ -103,26 +92,28 @@ def markers(
     from mocapella.live.marker_work import MarkerWork
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.stage_times import StageTimes
-    from mocapella.sensing.colour_profile import CameraControls
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.open_pictures import RENDERED, open_pictures
     from mocapella.wire.node import NodeLink
 
     known = _profile(profile)
-    given = CameraControls(exposure, gain, white_balance, saturation, contrast)
-    pictures = open_pictures(source, wishes(size, fps, fourcc, given, known), loop=loop, seed=seed)
+    keys = read_keys(MarkerKeys, settings_file, settings)
+    wanted = wishes(size, fps, keys.fourcc, keys.controls, known)
+    pictures = open_pictures(source, wanted, loop=keys.loop, seed=seed)
     if known is None:
         known = _pointed_at(pictures)
     sensor = _name(name, known, profile)
     camera = None if rig is None else _camera(rig, sensor)
-    if timing is not None and known is None:
-        raise SettingsError("--timing wants colours; give --profile FILE (mocapella calibrate colours learn makes one)")
-    settings = CameraNodeSettings(drop_after_ms / 1e3, report)
+    if keys.timing is not None and known is None:
+        raise SettingsError(
+            "the setting timing needs colours; give --profile FILE (mocapella calibrate colours learn makes one)"
+        )
+    node_settings = CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report)
     with Acquisition(pictures, say=say) as acquisition:
         check_state(acquisition.state, known, profile, source)
         tell_state(sensor, pictures, acquisition.state)
         work = MarkerWork(sensor, acquisition, known, tags=None if tags is None else _tags(sensor, tags))
-        times = None if timing is None else StageTimes(timing, len(work.names))
+        times = None if keys.timing is None else StageTimes(keys.timing, len(work.names))
         zero = read_epoch() if epoch_from_input else epoch
         if zero is None and source.startswith(RENDERED):
             zero = 0.0  # cameras of one scene see the same, whenever they are started
@@ -134,7 +125,7 @@ def markers(
             NodeLink(connect, sensor) as link,
         ):
             summary = run_marker_node(
-                link, acquisition, work, service, settings,
+                link, acquisition, work, service, node_settings,
                 epoch=zero, stop=stop, say=say, times=times, camera=camera, wait=wait,
             )  # fmt: skip
     say(f"{sensor}: {summary.published} frames published; {work.words()}")

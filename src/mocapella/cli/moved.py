@@ -27,7 +27,96 @@ COMMANDS: Final[Mapping[str, str]] = {
 CALIBRATIONS: Final = frozenset({"board", "cameras", "colours", "hand", "space"})
 """Verbs of the group `calibrate`, whose name was a command's."""
 
-OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {}
+_NO_VIEW: Final = {"--headless": "--no-view"}
+_CONTROLS: Final = {
+    f"--{name}": f"--set {name.replace('-', '_')}={{}}"
+    for name in ("fourcc", "exposure", "gain", "white-balance", "saturation", "contrast")
+}
+_NODE: Final = {"--loop": "--set loop=true", "--report": "--set report={}"}
+OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
+    "demo": {**_NO_VIEW, "--no-steadiness": "--set steadiness=false", "--corrupt": "--set corrupt={}"},
+    "serve": {
+        **_NO_VIEW,
+        "--interface": "--host {}",
+        "--view-port": "--set view_port={}",
+        "--seconds": "--set seconds={}",
+        "--takes": "--set takes={}",
+        "--wait": "--set wait=true",
+        "--reserve-gib": "--set reserve_gib={}",
+        "--layout": "--set layout={}",
+        "--save-layout": "--set save_layout={}",
+        "--save-rig": "--set save_layout={}",
+        "--hand": "--file hand={}",
+        "--alignment": "--file alignment={}",
+    },
+    "replay": _NO_VIEW,
+    "view": {"--port": "--view-port {}"},
+    "node replay": {"--linger": "--set linger={}"},
+    "node openvr": {"--hz": "--fps {}"},
+    "node datagrams": {
+        "--start": "--set start_to={}",
+        "--start-text": "--set start_text={}",
+        "--delay-ms": "--set delay_ms={}",
+        "--sd-px": "--set sd_px={}",
+        "--zero-is-lost": "--set zero_is_lost=true",
+        "--by-host": "--set by_host=true",
+    },
+    "node arm": {
+        **_NODE,
+        "--publish-depth": "--set publish_depth=true",
+        "--drop-after-ms": "--set drop_after_ms={}",
+    },
+    "node camera": {
+        **_NODE,
+        **{option: now for option, now in _CONTROLS.items() if option not in ("--saturation", "--contrast")},
+        "--format": "--set format={}",
+        "--quality": "--set quality={}",
+        "--delay-ms": "--set delay_ms={}",
+        "--linger": "--set linger={}",
+    },
+    "node markers": {
+        **_NODE,
+        **_CONTROLS,
+        "--drop-after-ms": "--set drop_after_ms={}",
+        "--timing": "--set timing={}",
+    },
+    "calibrate cameras": {"--intrinsics": "--rig {}"},
+    "calibrate colours learn": {**_CONTROLS, "--background": "--empty {}"},
+    "calibrate colours check": _CONTROLS,
+    "calibrate hand": {
+        "--base-height-mm": "--set base_height_mm={}",
+        "--hand-length-mm": "--set hand_length_mm={}",
+        "--lasting": "--set lasting={}",
+        "--prepare": "--set prepare={}",
+    },
+    "calibrate space": {"--thing": "--object {}"},
+    "track points": {
+        "--method": "--solver {}",
+        "--hz": "--fps {}",
+        "--sd-px": "--set sd_px={}",
+        "--least-confidence": "--set least_confidence={}",
+        "--largest-error": "--set largest_error={}",
+        "--order": "--set order={}",
+    },
+    "track silhouettes": {
+        "--points": "--set points={}",
+        "--model": "--set model={}",
+        "--height": "--set height={}",
+        "--hz": "--fps {}",
+        "--other-size": "--set other_size={}",
+        "--order": "--set order={}",
+        "--live": "--set live=true",
+        "--empty-room": "--set empty_room={}",
+        "--late": "--set late={}",
+        "--fourcc": "--set fourcc={}",
+        "--no-steadiness": "--set steadiness=false",
+        "--plot": "--set plot={}",
+        "--beside": "--set beside={}",
+        "--view-port": "--set view_port={}",
+        "--no-browser": "--set browser=false",
+    },
+    "lab evaluate line-skeleton-grid": {"--sensor": "--depth-sensor {}"},
+}
 """What to write for each former option, by present command and option; ``{}`` stands for the option's value."""
 
 
@@ -40,9 +129,8 @@ def moved(arguments: Sequence[str]) -> str:
     path, rest = _former_path(arguments)
     now = COMMANDS.get(path, "")
     notes = [f"`mocapella {path}` is now `mocapella {now}`"] if now else []
-    if not now:
-        now, rest = _present_path(arguments)
-    notes += _moved_options(OPTIONS.get(now, {}), rest)
+    words = [*now.split(), *rest] if now else arguments
+    notes += _moved_options(*_present_path(words))
     return "; ".join(notes)
 
 
@@ -58,13 +146,13 @@ def _former_path(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
     return "", arguments
 
 
-def _present_path(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """Return the longest path in `OPTIONS` that the command line begins with (empty if none), and the rest."""
+def _present_path(arguments: Sequence[str]) -> tuple[Mapping[str, str], Sequence[str]]:
+    """Return the former options of the present command that the command line begins with, and the rest of the line."""
     for length in (3, 2, 1):
         path = " ".join(arguments[:length])
         if path in OPTIONS:
-            return path, arguments[length:]
-    return "", ()
+            return OPTIONS[path], arguments[length:]
+    return {}, ()
 
 
 def _moved_options(table: Mapping[str, str], words: Sequence[str]) -> list[str]:

@@ -4,52 +4,84 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
+    DEFAULT_SCENE,
+    SPACE_HELP,
     Connect,
+    Host,
     JsonOut,
     Placement,
     SceneName,
+    Seconds,
     Seed,
+    check_scene,
     parse_size,
     say,
     warn_if_open,
     write_json,
 )
-from mocapella.cli.nodes import Epoch, EpochFromInput, SensorName, read_epoch, serve_frames
+from mocapella.cli.nodes import (
+    DELAY_MS,
+    LINGER,
+    NAME_HELP,
+    SENSOR_HELP,
+    Epoch,
+    EpochFromInput,
+    Listen,
+    SensorName,
+    read_epoch,
+    serve_frames,
+)
+from mocapella.cli.pictures import Fps, Size
 from mocapella.errors import SettingsError
+from mocapella.settings import check
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
 
-_Linger = Annotated[
-    float,
-    typer.Option(
-        metavar="SECONDS", min=0, help="Stay so many seconds after the last frame, so that a take gets what it missed."
-    ),
-]
+
+@dataclass(frozen=True)
+class ReplayKeys:
+    """Settings of `node replay`."""
+
+    linger: Annotated[float, LINGER] = 2.0
+
+
+@dataclass(frozen=True)
+class DatagramKeys:
+    """Settings of `node datagrams`."""
+
+    start_to: Annotated[
+        str | None,
+        Key("Send the start command there, also to a broadcast address, while a camera is silent.", "ADDRESS:PORT"),
+    ] = None
+    start_text: Annotated[str, Key("Text of the start command.")] = "start"
+    delay_ms: Annotated[float, replace(DELAY_MS, most=1000)] = 0.0
+    sd_px: Annotated[float, Key("Standard deviation of a coordinate; 0: unknown.", "px", 0, 100)] = 0.0
+    zero_is_lost: Annotated[bool, Key("The programs send 0,0 for a marker that they do not detect.")] = False
+    by_host: Annotated[
+        bool, Key("The programs send from another port each time: a sender is a machine, not a port.")
+    ] = False
 
 
 def simulate(
-    scene: SceneName = "obstacle",
-    sensor: Annotated[
-        str, typer.Option(metavar="SENSOR", help="Which of its sensors: a number from 1, or its name.")
-    ] = "1",
+    scene: SceneName = None,
+    sensor: Annotated[str, typer.Option("--sensor", metavar="SENSOR", help=SENSOR_HELP)] = "1",
     connect: Connect = DEFAULT_ADDRESS,
     seed: Seed = 0,
-    bvh: Annotated[Path | None, typer.Option(metavar="FILE", help="A BVH file that the first person moves by.")] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS", min=0, help="End so many seconds after a server is there; without it, at Ctrl-C."
-        ),
+    bvh: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="BVH file with the motion of the first person.")
     ] = None,
+    seconds: Seconds = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
     name: SensorName = None,
@@ -64,7 +96,7 @@ def simulate(
     from mocapella.live.node import DueFrame
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
-    room = load_scene(scene, seed=seed, bvh=bvh)
+    room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
     zero = read_epoch() if epoch_from_input else epoch or 0.0
@@ -79,13 +111,14 @@ def simulate(
 
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
-    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="Which of its sensors, by name.")],
+    sensor: Annotated[str, typer.Option("--sensor", metavar="SENSOR", help=SENSOR_HELP)],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
-    linger: _Linger = 2.0,
     name: SensorName = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(ReplayKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
@@ -95,6 +128,7 @@ def replay(
     from mocapella.cli.recordings import open_recording
     from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of
 
+    linger_s = read_keys(ReplayKeys, settings_file, settings).linger
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
     first = next(frames, None)
@@ -103,14 +137,12 @@ def replay(
     kept = HISTORY_FRAMES if kind is None else kind.history_frames
     zero = read_epoch() if epoch_from_input else epoch
     serve_frames(
-        lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger, history_frames=kept
+        lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger_s, history_frames=kept
     )
 
 
 def bridge(
-    listen: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Where foreign programs connect.")
-    ] = "127.0.0.1:7450",
+    listen: Listen = "127.0.0.1:7450",
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -138,32 +170,12 @@ def datagrams(
         ),
     ],
     markers: Annotated[
-        str, typer.Option(metavar="NAME,NAME,…", help="What the pairs of a datagram are, in their order.")
+        str, typer.Option(metavar="NAME,NAME,…", help="Marker names, in the order of the pairs in a datagram.")
     ] = "red,yellow,green,blue,magenta,cyan",
-    size: Annotated[str, typer.Option(metavar="WxH", help="Of the cameras' pictures.")] = "640x480",
-    host: Annotated[
-        str, typer.Option(metavar="HOST", help="Address of this machine to listen at; 0.0.0.0 is all of them.")
-    ] = "127.0.0.1",
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS:PORT",
-            help="Send the start command there, such as to the network's broadcast address, while a camera is silent.",
-        ),
-    ] = None,
-    start_text: Annotated[str, typer.Option(metavar="TEXT", help="What the start command says.")] = "start",
-    delay_ms: Annotated[
-        float, typer.Option(metavar="MS", min=0, max=1000, help="From a picture's exposure to its datagram's arrival.")
-    ] = 0.0,
-    sd_px: Annotated[
-        float, typer.Option(metavar="PX", min=0, max=100, help="Standard deviation of a coordinate; 0: not known.")
-    ] = 0.0,
-    zero_is_lost: Annotated[
-        bool, typer.Option("--zero-is-lost", help="The programs write 0,0 for a marker that they do not see.")
-    ] = False,
-    by_host: Annotated[
-        bool, typer.Option("--by-host", help="The programs send from another port each time: a machine is a sender.")
-    ] = False,
+    size: Size = None,
+    host: Host = "127.0.0.1",
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(DatagramKeys)] = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -177,34 +189,32 @@ def datagrams(
     from mocapella.live.signals import stop_on_signals
     from mocapella.sources.datagram_settings import DatagramSettings
 
-    settings = DatagramSettings(
+    keys = read_keys(DatagramKeys, settings_file, settings)
+    datagram_settings = DatagramSettings(
         cameras=tuple(_parted(one, "=", "--camera", "left=5001") for one in camera),
         markers=tuple(name.strip() for name in markers.split(",")),
-        size_px=parse_size(size),
+        size_px=parse_size(size or "640x480"),
         host=host,
-        sd_px=sd_px,
-        delay=delay_ms / 1000,
-        zero_is_lost=zero_is_lost,
-        by_host=by_host,
-        start_to=None if start is None else _parted(start, ":", "--start", "192.168.1.255:5000"),
-        start_text=start_text,
+        sd_px=keys.sd_px,
+        delay=keys.delay_ms / 1000,
+        zero_is_lost=keys.zero_is_lost,
+        by_host=keys.by_host,
+        start_to=None if keys.start_to is None else _parted(keys.start_to, ":", "start_to", "192.168.1.255:5000"),
+        start_text=keys.start_text,
     )
-    for _, port in settings.cameras:
+    for _, port in datagram_settings.cameras:
         warn_if_open("the camera's port is", host, port)
     with stop_on_signals() as stop:
-        write_json(json, run_datagrams(settings, connect, stop, say))
+        write_json(json, run_datagrams(datagram_settings, connect, stop, say))
 
 
-_Space = Annotated[str, typer.Option(metavar="NAME", help="What to call the space that its poses are in.")]
+_Space = Annotated[str, typer.Option(metavar="NAME", help=SPACE_HELP)]
 
 
 def osc(
-    listen: Annotated[
-        str,
-        typer.Option(metavar="HOST:PORT", help="Where datagrams come; 127.0.0.1 is this computer alone."),
-    ] = "127.0.0.1:9000",
+    listen: Listen = "127.0.0.1:9000",
     space: _Space = "vr",
-    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help="What to call this tracker.")] = "osc",
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)] = "osc",
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -229,8 +239,8 @@ def osc(
 
 def openvr(
     space: _Space = "vr",
-    hz: Annotated[float, typer.Option(metavar="HZ", min=1, max=1000, help="How often.")] = 90.0,
-    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help="What to call this tracker.")] = "openvr",
+    fps: Fps = None,
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)] = "openvr",
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
@@ -243,8 +253,10 @@ def openvr(
     from mocapella.sources.openvr_poses import OpenVrPoses
     from mocapella.wire.node import NodeLink
 
+    rate_hz = 90.0 if fps is None else fps
+    check(1 <= rate_hz <= 1000, "--fps", rate_hz, "1 to 1000")
     with stop_on_signals() as stop, OpenVrPoses(name, _space(space)) as source, NodeLink(connect, name) as link:
-        summary = run_openvr(link, source, hz, stop, say)
+        summary = run_openvr(link, source, rate_hz, stop, say)
     write_json(json, summary)
 
 

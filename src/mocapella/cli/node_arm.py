@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocapella.cli.arm import DEFAULT_DETECTOR, Detector, DetectorSettings, Intrinsics, RenamedMethod, Rig, Unit
+from mocapella.cli.arm import DEFAULT_DETECTOR, Detector, Intrinsics, RenamedMethod, Rig, Unit, detector_keys
+from mocapella.cli.command_settings import Key, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
@@ -19,10 +20,23 @@ from mocapella.cli.common import (
     telling_of_compiling,
     write_json,
 )
-from mocapella.cli.nodes import Epoch, EpochFromInput, read_epoch
+from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, read_epoch
+from mocapella.cli.pictures import Fps, Size
 
 if TYPE_CHECKING:
     from mocapella.sources.acquisition import Acquisition
+
+
+@dataclass(frozen=True)
+class ArmNodeKeys:
+    """Settings of `node arm`."""
+
+    publish_depth: Annotated[
+        bool, Key("Publish the depth images, too, as the sensor SENSOR.depth, so that a take holds them.")
+    ] = False
+    loop: Annotated[bool, LOOP] = False
+    drop_after_ms: Annotated[float, DROP_AFTER_MS] = 100.0
+    report: Annotated[float, REPORT] = 10.0
 
 
 def node_arm(
@@ -33,29 +47,17 @@ def node_arm(
             help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, rendered:SCENE/SEED, PNGs, a folder, or a take.",
         ),
     ],
-    name: Annotated[str, typer.Option(metavar="SENSOR", help="The camera's name.")] = "arm",
+    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)] = "arm",
     intrinsics: Intrinsics = None,
     unit: Unit = None,
     rig: Rig = None,
-    size: Annotated[str | None, typer.Option("--size", metavar="WxH", help="To ask a camera for.")] = None,
-    fps: Annotated[float | None, typer.Option(metavar="HZ", help="Images a second: to ask for; of files.")] = None,
+    size: Size = None,
+    fps: Fps = None,
     detector: Detector = DEFAULT_DETECTOR,
-    detector_settings: DetectorSettings = None,
     method: RenamedMethod = None,
-    publish_depth: Annotated[
-        bool,
-        typer.Option(
-            "--publish-depth", help="Send the images, too, as the sensor SENSOR.depth, so that a take has them."
-        ),
-    ] = False,
-    loop: Annotated[bool, typer.Option("--loop", help="A recording begins again when it has ended.")] = False,
-    drop_after_ms: Annotated[
-        float, typer.Option(metavar="MS", min=1, help="Arms found so long after the image was there are not sent.")
-    ] = 100.0,
-    report: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0, help="So often it says how it goes; 0: only what is wrong.")
-    ] = 10.0,
     connect: Connect = DEFAULT_ADDRESS,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(ArmNodeKeys, detector_keys)] = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
     json: JsonOut = None,
@@ -76,21 +78,22 @@ def node_arm(
     from mocapella.model.depth import IMAGES_SUFFIX
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.observations import check_sensor_name
-    from mocapella.settings import check, settings_of_pairs
+    from mocapella.settings import check
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_options import complete
     from mocapella.sources.open_depth import open_depth
     from mocapella.wire.node import NodeLink
 
+    keys, detector_settings = read_settings(ArmNodeKeys, settings_file, settings)
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
     depth_name = check_sensor_name(check_sensor_name(name) + IMAGES_SUFFIX)
     options = depth_options(intrinsics, unit, rig, fps, None if size is None else parse_size(size))
-    settings = CameraNodeSettings(drop_after_ms / 1e3, report)
-    images = open_depth(source, options, loop=loop, recorded=lambda text: depth_of_take(text, options))
+    node_settings = CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report)
+    images = open_depth(source, options, loop=keys.loop, recorded=lambda text: depth_of_take(text, options))
     with Acquisition(images, say=say) as acquisition:
         camera = complete(acquisition.state, source)
         _tell_state(name, acquisition)
-        finds = make_detector(detector, camera, settings_of_pairs(detector_settings))
+        finds = make_detector(detector, camera, detector_settings)
         with telling_of_compiling(f"the detector {detector}"):
             work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch
@@ -98,10 +101,10 @@ def node_arm(
         # From here on standard input is watched for the end of who started this process.
         with stop_on_signals() as stop, NodeLink(connect, name) as link, ExitStack() as depth:
             depth_link, kept = None, FRAME_TYPES["depth"].history_frames
-            if publish_depth:
+            if keys.publish_depth:
                 depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=kept))
             summary = run_arm_node(
-                link, acquisition, work, settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
+                link, acquisition, work, node_settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
             )  # fmt: skip
     say(f"{name}: {summary.published} frames published; {work.words()}")
     for problem in summary.report["problems"]:

@@ -9,23 +9,34 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from mocapella.cli.command_settings import Key
 from mocapella.cli.common import say, write_json
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
 
+REPORT: Final = Key("Interval between status lines; 0: problems only.", "s", least=0)
+LOOP: Final = Key("Restart a recording when it ends.")
+LINGER: Final = Key("Stay this long after the last frame, so that a take gets frames it missed.", "s", least=0)
+DROP_AFTER_MS: Final = Key("Drop results older than this after their image was captured.", "ms", least=1)
+DELAY_MS: Final = Key("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
 """What a node that is told its epoch prints when it waits for it."""
 Epoch = Annotated[
     float | None,
     typer.Option(
-        metavar="TIME", help="Unix time of the source's time 0, in seconds. Nodes with one epoch are in step."
+        "--epoch", metavar="TIME", help="Unix time of the source's time 0 [s]; nodes with one epoch are synchronous."
     ),
 ]
 EpochFromInput = Annotated[
     bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
 ]
-SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help="Serve it under another name.")]
+NAME_HELP: Final = "Name of the sensor."
+SENSOR_HELP: Final = "Sensor of the scene or recording: its name, or in a scene its number from 1."
+SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)]
+Listen = Annotated[
+    str, typer.Option("--listen", metavar="HOST:PORT", help="Address to listen on; 127.0.0.1 is this machine only.")
+]
 
 
 def read_epoch() -> float:

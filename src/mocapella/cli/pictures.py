@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from mocapella.cli.command_settings import Key
 from mocapella.cli.common import parse_size, say
 from mocapella.errors import InputError
 
 if TYPE_CHECKING:
-    from mocapella.sensing.colour_profile import ColourProfile
+    from mocapella.sensing.colour_profile import CameraControls, ColourProfile
     from mocapella.sources.camera_controls import CameraWishes
     from mocapella.sources.picture_source import PictureSource, SourceState
 
@@ -23,14 +24,46 @@ Source = Annotated[
         help="camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA.",
     ),
 ]
-Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Of the pictures; the profile's.")]
-Fps = Annotated[float | None, typer.Option("--fps", metavar="HZ", help="Pictures a second to ask for.")]
-Fourcc = Annotated[str | None, typer.Option("--fourcc", metavar="CODE", help="How they come, such as MJPG.")]
-Exposure = Annotated[float | None, typer.Option(metavar="VALUE", help="In the driver's own numbers; the profile's.")]
-Gain = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
-WhiteBalance = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
-Saturation = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
-Contrast = Annotated[float | None, typer.Option(metavar="VALUE", help="As --exposure.")]
+Size = Annotated[
+    str | None,
+    typer.Option("--size", metavar="WxH", help="Image size in pixels; by default the camera's or profile's."),
+]
+Fps = Annotated[
+    float | None,
+    typer.Option("--fps", metavar="HZ", help="Frame rate to request from a camera, or to assume for files [Hz]."),
+]
+Profile = Annotated[
+    Path | None,
+    typer.Option(
+        "--profile",
+        metavar="FILE",
+        help="Colour profile of the markers (JSON) of `mocapella calibrate colours learn`; without it, none are known.",
+    ),
+]
+FOURCC: Final = Key("Pixel format to request from the camera.", "CODE, such as MJPG")
+_CONTROL: Final = "in the driver's units; by default the profile's."
+EXPOSURE: Final = Key(f"Exposure {_CONTROL}")
+GAIN: Final = Key(f"Gain {_CONTROL}")
+WHITE_BALANCE: Final = Key(f"White balance {_CONTROL}")
+
+
+@dataclass(frozen=True)
+class CameraKeys:
+    """Settings of a colour camera."""
+
+    fourcc: Annotated[str | None, FOURCC] = None
+    exposure: Annotated[float | None, EXPOSURE] = None
+    gain: Annotated[float | None, GAIN] = None
+    white_balance: Annotated[float | None, WHITE_BALANCE] = None
+    saturation: Annotated[float | None, Key(f"Saturation {_CONTROL}")] = None
+    contrast: Annotated[float | None, Key(f"Contrast {_CONTROL}")] = None
+
+    @property
+    def controls(self) -> CameraControls:
+        """The camera controls that are given."""
+        from mocapella.sensing.colour_profile import CameraControls
+
+        return CameraControls(self.exposure, self.gain, self.white_balance, self.saturation, self.contrast)
 
 
 def wishes(

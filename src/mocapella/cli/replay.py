@@ -14,27 +14,29 @@ import typer
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import RECORDINGS, app
+from mocapella.cli.command_settings import NoKeys, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
     BusPort,
     JsonOut,
-    MethodSettings,
-    NoView,
+    Method,
     Placement,
     RecordTo,
+    View,
     ViewPort,
+    chosen,
     exit_by,
     get_ready,
+    method_keys,
     most_of,
+    record_file,
     say,
     say_if_never_tracked,
-    take_file,
     working,
     write_json,
 )
 from mocapella.errors import SettingsError
-from mocapella.settings import settings_of_pairs
 
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 @app.command(rich_help_panel=RECORDINGS)
 def replay(
+    context: typer.Context,
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Study logs (.csv, .csv.gz) and takes (.mcap).")
     ],
@@ -49,14 +52,13 @@ def replay(
         bool, typer.Option("--live", help="In real time, with the view, through nodes and the bus.")
     ] = False,
     placement: Placement = None,
-    method: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Tracking method for study logs; a take has its own.")
-    ] = None,
-    settings: MethodSettings = None,
+    method: Method = "default",
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(NoKeys, method_keys)] = None,
     json: JsonOut = None,
     port: BusPort = DEFAULT_PORT,
     view_port: ViewPort = DEFAULT_VIEW_PORT,
-    no_view: NoView = False,
+    view: View = True,
     record: RecordTo = None,
 ) -> None:
     """Track what was recorded: as fast as it goes, or in real time with --live.
@@ -73,15 +75,17 @@ def replay(
 
     if record is not None and (not live or len(files) > 1):
         raise SettingsError("--record wants --live and one file; `mocapella record` records a running server")
-    take = None if record is None else take_file(record)
+    take = None if record is None else record_file(record)
+    named_method = chosen(context, "method", method)
+    _, method_settings = read_settings(NoKeys, settings_file, settings)
     rows: list[dict[str, Any]] = []
     with stop_on_signals() if live else nullcontext() as stop:
         for file in files:
-            open_it = partial(open_to_track, file, placement, method, settings_of_pairs(settings))
+            open_it = partial(open_to_track, file, placement, named_method, method_settings)
             if stop is None:
                 row = _replay_fast(file, open_it)
             elif not stop.is_set():
-                row = _replay_live(file, open_it(), stop, port, None if no_view else view_port, take)
+                row = _replay_live(file, open_it(), stop, port, view_port if view else None, take)
             else:
                 break
             rows.append({"file": str(file), **row})

@@ -15,31 +15,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocapella.cli.app import LIVE, app
+from mocapella.cli.command_settings import Key, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
+    DEFAULT_TAKES,
     DEFAULT_VIEW_PORT,
+    RIG_HELP,
+    START_FORM,
+    START_HELP,
     BusPort,
+    Host,
     JsonOut,
     Method,
-    MethodSettings,
-    NoView,
     RecordTo,
-    Seconds,
-    ViewPort,
+    View,
     console,
     exit_by,
     get_ready,
+    method_keys,
+    method_setting_names,
     most_of,
+    record_file,
     recording_row,
     say,
     say_if_never_tracked,
-    take_file,
     warn_if_open,
     write_json,
 )
 from mocapella.cli.nodes import READY
 from mocapella.errors import InputError, MocapellaError, SettingsError
-from mocapella.settings import merged, settings_of_pairs
+from mocapella.settings import merged
 
 if TYPE_CHECKING:
     from mocapella.calibration.sensor_layout import SensorLayout
@@ -146,7 +151,7 @@ def live_session(
         stack.callback(server.close)
         view = stack.enter_context(Children())
         if view_port is not None:
-            arguments = ["view", "--connect", settings.listen, "--port", str(view_port), "--host", VIEW_HOST]
+            arguments = ["view", "--connect", settings.listen, "--view-port", str(view_port), "--host", VIEW_HOST]
             view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins)
@@ -159,13 +164,44 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
         say(line)
 
 
-def _check_save_layout(path: Path | None) -> Path | None:
-    """Refuse, before anything is done, a file that could not be written at the end."""
-    if path is not None and (path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK)):
-        raise SettingsError(
-            f"--save-layout {path}: cannot be written there; name a file in a folder that you may write to"
-        )
-    return path
+@dataclass(frozen=True)
+class ServeKeys:
+    """Settings of `serve`."""
+
+    seconds: Annotated[float | None, Key("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
+    view_port: Annotated[int, Key("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
+    wait: Annotated[bool, Key("Begin stopped; tracking begins with Start in the view.")] = False
+    takes: Annotated[Path, Key("Folder of the takes.", "folder")] = DEFAULT_TAKES
+    reserve_gib: Annotated[float, Key("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
+    layout: Annotated[
+        Path | None,
+        Key("Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"),
+    ] = None
+    save_layout: Annotated[
+        Path | None,
+        Key("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
+    ] = None
+
+    def check(self, method: str) -> None:
+        """Check that the layout can be saved.
+
+        Raises:
+            SettingsError: the method has no sensor layout, or the file cannot be written.
+        """
+        from mocapella.tracker.method import METHODS
+
+        path = self.save_layout
+        if path is None:
+            return
+        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            raise SettingsError(
+                f"save_layout {path}: cannot be written there; name a file in a folder that you may write to"
+            )
+        if not METHODS.find(method).keeps_layout:
+            keep = [one.name for one in METHODS.values() if one.keeps_layout]
+            raise SettingsError(
+                f"save_layout: the method {method} finds no sensor layout; methods that do: {', '.join(keep)}"
+            )
 
 
 class LayoutKeeper:
@@ -206,92 +242,33 @@ class LayoutKeeper:
 @app.command(rich_help_panel=LIVE)
 def serve(
     port: BusPort = DEFAULT_PORT,
-    view_port: ViewPort = DEFAULT_VIEW_PORT,
-    no_view: NoView = False,
-    interface: Annotated[
-        str,
-        typer.Option(
-            "--interface",
-            "--host",
-            metavar="HOST",
-            help="Interface that sensors connect to; others than 127.0.0.1 are open to your network.",
-        ),
-    ] = "127.0.0.1",
+    host: Host = "127.0.0.1",
     sensors: Annotated[
-        int, typer.Option(metavar="NUMBER", min=1, help="How many sensors to wait for before calibrating.")
+        int, typer.Option(metavar="NUMBER", min=1, help="Number of sensors to wait for before calibrating.")
     ] = 1,
     method: Method = "default",
-    settings: MethodSettings = None,
     record: RecordTo = None,
-    takes: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where the takes go that the view or `mocapella record` begin.")
-    ] = Path("takes"),
-    wait: Annotated[
-        bool, typer.Option("--wait", help="Begin stopped; track when Start is pressed in the view.")
-    ] = False,
-    reserve_gib: Annotated[
-        float, typer.Option(metavar="GIB", min=0, help="Free disk space that a recording leaves, in GiB.")
-    ] = 1.0,
+    view: View = True,
     rig: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Camera rig: lenses and poses of the cameras (TOML), as `mocapella calibrate cameras` found them. For "
-            "--method hands, which needs one, and arms.",
-        ),
+        Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} The method hands needs it.")
     ] = None,
-    layout: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Begin from a sensor layout: poses of the sensors (JSON), as --save-layout saved them. For --method "
-            "default, which checks them against people's motion and finds those anew that do not fit, and arms.",
-        ),
-    ] = None,
-    hand: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Whose hand it is, for --method hands (JSON); an average one where left out."
-        ),
-    ] = None,
-    start: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[PERSON=]FILE[:FRAME]",
-            help="Where people are at first, for --method silhouettes: JSON of named joints in metres, or an earlier "
-            "result of `mocapella track silhouettes`; may be repeated.",
-        ),
-    ] = None,
-    alignment: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Another tracker's space, as `mocapella calibrate space` found it, for --method hands; repeatable.",
-        ),
-    ] = None,
+    start: Annotated[list[str] | None, typer.Option("--start", metavar=START_FORM, help=START_HELP)] = None,
     file: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=PATH", help="Another file that the method wants; may be repeated."),
-    ] = None,
-    save_layout: Annotated[
-        Path | None,
         typer.Option(
-            metavar="FILE",
-            help="Save the sensor layout to this file (JSON) whenever another sensor is placed, and at the end. May be "
-            "the file of --layout. For --method default and arms.",
-            callback=_check_save_layout,
+            metavar="NAME=PATH",
+            help="Another file for the method: hand=FILE of `mocapella calibrate hand`, alignment=FILE of `mocapella "
+            "calibrate space`, or a plug-in's. Repeatable.",
         ),
     ] = None,
-    save_rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", hidden=True, help="Former name of --save-layout.")
-    ] = None,
-    seconds: Seconds = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(ServeKeys, method_keys)] = None,
     json: JsonOut = None,
 ) -> None:
-    """Wait for any number of sensors, track the people, and show them.
+    """Track people live with any number of sensors, and show them.
 
-    Sensors may come before or after the server, and leave and return. Ctrl-C closes a take properly; a take that was
-    cut off (kill -9, power) is continued by the same command.
+    Sensors may start before or after the server, and leave and return. Ctrl-C closes a take. The same command continues
+    a take that was interrupted (kill -9, power failure).
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
@@ -299,43 +276,31 @@ def serve(
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
-    from mocapella.tracker.method import METHODS
 
-    if save_rig is not None:
-        raise SettingsError(f"--save-rig is now called --save-layout: write --save-layout {save_rig}")
-    if save_layout is not None and not METHODS.find(method).keeps_layout:
-        keep = [one.name for one in METHODS.values() if one.keeps_layout]
-        raise SettingsError(
-            f"--save-layout: the method {method} finds no sensor layout; methods that do: {', '.join(keep)}"
-        )
-    files = {
-        "rig": rig,
-        "hand": hand,
-        "alignment": alignment,
-        "start": list(map(Path, start or ())),
-        **_named_files(file),
-    }
-    take = None if record is None else take_file(record)
-    warn_if_open("sensors, results and commands are", interface, port)
+    keys, method_settings = read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
+    keys.check(method)
+    files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
+    take = None if record is None else record_file(record, keys.takes)
+    warn_if_open("sensors, results and commands are", host, port)
     server_settings = ServerSettings(
-        listen=f"tcp/{interface}:{port}",
-        takes=takes,
+        listen=f"tcp/{host}:{port}",
+        takes=keys.takes,
         setup=Setup(method=method, sensors_expected=sensors),
-        running=not wait,
-        method_settings=merged(settings_of_pairs(settings), settings_of_files(method, files)),
-        reserve_bytes=round(reserve_gib * GIB),
-        layout=None if layout is None else load_layout_option(layout),
+        running=not keys.wait,
+        method_settings=merged(method_settings, settings_of_files(method, files)),
+        reserve_bytes=round(keys.reserve_gib * GIB),
+        layout=None if keys.layout is None else load_layout_option(keys.layout),
     )
     with stop_on_signals() as stop:
-        with live_session(server_settings, stop, view_port=None if no_view else view_port) as session:
+        with live_session(server_settings, stop, view_port=keys.view_port if view else None) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            if save_layout is None:
-                wait_while(session, seconds)
+            if keys.save_layout is None:
+                wait_while(session, keys.seconds)
             else:
-                keeper = LayoutKeeper(session.server, save_layout)
-                wait_while(session, seconds, until=keeper.watch)
+                keeper = LayoutKeeper(session.server, keys.save_layout)
+                wait_while(session, keys.seconds, until=keeper.watch)
                 keeper.save()
             summary = finish(session.server)
         write_json(json, summary)
@@ -343,7 +308,7 @@ def serve(
 
 
 def load_layout_option(path: Path) -> SensorLayout:
-    """Read the sensor layout of ``--layout``.
+    """Read the sensor layout of the setting ``layout``.
 
     Raises:
         InputError: the file cannot be read, or is no layout; of a camera rig, it names ``--rig``.
@@ -392,7 +357,8 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
             for other in able[:1]:
                 load(METHODS[other].files[option])(paths)  # a fault of the file itself is raised first
             wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
-            raise SettingsError(f"--{option} {paths[0]}: the method {method} wants no such file; {wanted}")
+            name = f"--{option} {paths[0]}" if option in ("rig", "start") else f"--file {option}={paths[0]}"
+            raise SettingsError(f"{name}: the method {method} wants no such file; {wanted}")
         told = merged(told, load(readers[option])(paths))
     return told
 

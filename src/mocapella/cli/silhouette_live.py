@@ -66,18 +66,22 @@ class LiveWishes:
         if self.live and self.frames is not None:
             raise SettingsError("--frames is of videos; live cameras go on until Ctrl-C, or for --seconds")
         if not self.live and self.empty_room_s is not None:
-            raise SettingsError("--empty-room is of live cameras; of videos give --background, or --live")
+            raise SettingsError("empty_room is of live cameras; of videos give --background, or --set live=true")
         if not self.live and self.seconds is not None:
-            raise SettingsError("--seconds is of live cameras; of videos --frames says which are used, or give --live")
+            raise SettingsError(
+                "--seconds is of live cameras; of videos --frames says which are used, or give --set live=true"
+            )
         if not self.live and self.fourcc is not None:
-            raise SettingsError("--fourcc is of live cameras; leave it out")
+            raise SettingsError("fourcc is of live cameras; leave it out")
         if not self.live and self.late:
-            raise SettingsError("--late is of live cameras; of videos cut off what one begins earlier, or give --live")
+            raise SettingsError(
+                "late is of live cameras; of videos cut off what one begins earlier, or give --set live=true"
+            )
         if self.empty_room_s is not None:
             within = 0 < self.empty_room_s <= LONGEST_EMPTY_S
-            check(within, "--empty-room", self.empty_room_s, f"above 0, at most {LONGEST_EMPTY_S:g} s")
+            check(within, "empty_room", self.empty_room_s, f"above 0, at most {LONGEST_EMPTY_S:g} s")
             if self.background:
-                raise SettingsError("--empty-room and --background are both given; choose one of them")
+                raise SettingsError("empty_room and --background are both given; choose one of them")
 
 
 def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
@@ -96,12 +100,12 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
     for name, text in wishes.sources.items():
         (called,) = match_cameras([name], rig.cameras, file=text)
         size = rig.cameras[called].camera.size_px if wishes.other_size is None else None
-        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc), rate_option="--hz")
+        sources[name] = open_pictures(text, CameraWishes(size, wishes.hz, wishes.fourcc), rate_option="--fps")
     return LiveSet(sources, rig, other_size=wishes.other_size, late_s=late_s)
 
 
 def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRig) -> dict[str, float]:
-    """How late [s] the pictures of each source are, by its name, of what ``--late`` was given.
+    """How late [s] the pictures of each source are, by its name, of what the setting ``late`` says.
 
     Raises:
         SettingsError: it is no camera of these, is given twice, or not from 0 to `LATEST_S`.
@@ -117,13 +121,13 @@ def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRi
         try:
             late_ms = float(number)
         except ValueError:
-            raise SettingsError(f"--late {text!r} cannot be used; write NAME=MILLISECONDS, such as back=120") from None
-        (camera,) = match_cameras([name], rig.cameras, file=f"--late {text}")
+            raise SettingsError(f"late {text!r} cannot be used; write NAME=MILLISECONDS, such as back=120") from None
+        (camera,) = match_cameras([name], rig.cameras, file=f"late {text}")
         if camera not in called:
-            raise SettingsError(f"--late {text}: no source is of {camera}; there are {', '.join(called)}")
+            raise SettingsError(f"late {text}: no source is of {camera}; there are {', '.join(called)}")
         if called[camera] in found:
-            raise SettingsError(f"--late is given twice of {camera}; give it once")
-        check(0 <= late_ms <= 1e3 * LATEST_S, f"--late {name}", late_ms, f"0 to {1e3 * LATEST_S:g} ms")
+            raise SettingsError(f"late is given twice of {camera}; give it once")
+        check(0 <= late_ms <= 1e3 * LATEST_S, f"late {name}", late_ms, f"0 to {1e3 * LATEST_S:g} ms")
         found[called[camera]] = late_ms / 1e3
     return found
 

@@ -86,22 +86,22 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
     from mocapella.tracker.silhouette_start import check_apart
 
     if wishes.starts and wishes.points:
-        raise SettingsError("--start and --points are both given; choose one of them")
+        raise SettingsError("--start and points are both given; choose one of them")
     if wishes.points:
         sources = _of_points(wishes, rig, frames)
     elif wishes.starts:
         sources = _of_files(wishes, frames)
     else:
         raise SettingsError(
-            "nothing says where the body is at first; give --start joints.json, an earlier result, or --points with "
-            "the first frame's keypoints"
+            "nothing says where the body is at first; give --start joints.json, an earlier result, or --set "
+            "points=POINTS with the first frame's keypoints"
         )
     if ALONE in sources and len(sources) > 1:
-        option = "--points" if wishes.points else "--start"
+        option = "--set points" if wishes.points else "--start"
         raise SettingsError(
             f"{option} is given for somebody without a name, and for others: write {option} anna=FILE for each"
         )
-    models, heights = _by_person("--model", wishes.models, sources), _by_person("--height", wishes.heights, sources)
+    models, heights = _by_person("model", wishes.models, sources), _by_person("height", wishes.heights, sources)
     found = {}
     for name, source in sources.items():
         wish = _Wish(models.get(name), None if name not in heights else _metres(heights[name]))
@@ -264,8 +264,8 @@ def _metres(text: str) -> float:
     try:
         height = float(text)
     except ValueError:
-        raise SettingsError(f"--height is {text!r}; it must be metres, such as 1.75 or anna=1.75") from None
-    check(LEAST_M <= height <= MOST_M, "--height", height, f"{LEAST_M} to {MOST_M} m")
+        raise SettingsError(f"height is {text!r}; it must be metres, such as 1.75 or anna=1.75") from None
+    check(LEAST_M <= height <= MOST_M, "height", height, f"{LEAST_M} to {MOST_M} m")
     return height
 
 
@@ -304,7 +304,7 @@ def _of_file(model: str, height_m: float | None) -> Body:
     from mocapella.tracker.silhouette_start import Body
 
     if height_m is not None:
-        raise SettingsError(f"--height {height_m:g}: the model of {model} has its own size; leave it out")
+        raise SettingsError(f"height {height_m:g}: the model of {model} has its own size; leave it out")
     mesh = load_rigged_mesh(Path(model))
     return Body(model, None, AVERAGE, mesh, sha256(Path(model).read_bytes()).hexdigest())
 
@@ -324,7 +324,7 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
         frame = earlier.frames[-1]
         say(f"{path} has no frame {number}: starting as in its last one, {last}")
     if wish.model is not None and wish.model != earlier.model:
-        raise SettingsError(f"--model {wish.model}: {path} is of the model {earlier.model}; leave --model out")
+        raise SettingsError(f"model {wish.model}: {path} is of the model {earlier.model}; leave model out")
     if earlier.model.lower().endswith(MESH_FILES):
         body = _of_file(earlier.model, wish.height_m)
     elif wish.height_m is None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from mocapella.cli.common import say, take_file
+from mocapella.cli.common import record_file, say
 from mocapella.errors import SettingsError
 from mocapella.live.file_take import FileTake
 from mocapella.live.silhouette_run import SilhouetteRun
@@ -59,7 +59,7 @@ class RecordedRun:
 
 
 def recorded(
-    record: Path, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
+    record: str, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
     *, steady: bool,
 ) -> RecordedRun:  # fmt: skip
     """The run of videos, which a take is made of.
@@ -82,7 +82,7 @@ def recorded(
         "sync": {"period_s": wanted.step / shown.rate_hz},
         **({} if steady else {"steadiness": None}),
     }
-    run = RecordedRun(take_file(record), settings, cast("VideoSet", shown))
+    run = RecordedRun(record_file(record), settings, cast("VideoSet", shown))
     for note in shown.notes:
         run.run.note(note)
     return run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,23 +15,34 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import track_app
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
+    ORDER,
+    PLOT_HELP,
+    RIG_HELP,
+    START_FORM,
+    START_HELP,
+    FrameChoice,
     JsonOut,
+    RecordTo,
     Seconds,
+    View,
+    chosen,
     console,
     need_cameras,
     say,
     telling_of_compiling,
     working,
 )
-from mocapella.cli.pictures import Fourcc
+from mocapella.cli.pictures import FOURCC, Fps
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from threading import Event
 
     from mocapella.cli.silhouette_live import LiveWishes
+    from mocapella.cli.silhouette_start import StartWishes
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.live.silhouette_view import SilhouetteView
     from mocapella.model.camera import CameraRig
@@ -39,188 +51,178 @@ if TYPE_CHECKING:
     from mocapella.tracker.initial_body import InitialBody
 
 
+@dataclass(frozen=True)
+class SilhouetteKeys:
+    """Settings of `track silhouettes`."""
+
+    points: Annotated[
+        tuple[str, ...],
+        Key("In place of --start: 2D keypoints of the first frame, as of `track points`.", "[PERSON=]POINTS"),
+    ] = ()
+    model: Annotated[
+        tuple[str, ...], Key("Body model: male (default), female, legs, or a rigged .glb or .gltf.", "[PERSON=]NAME")
+    ] = ()
+    height: Annotated[
+        tuple[str, ...], Key("Body height [m]; by default as the joints of --start say.", "[PERSON=]METRES")
+    ] = ()
+    other_size: Annotated[
+        str | None, Key("Fit images of another size than the calibration's.", choices=("crop", "scale"))
+    ] = None
+    order: Annotated[str, ORDER] = "BODY_25B"
+    live: Annotated[bool, Key("Treat videos as live cameras: in real time; frames that come too soon are dropped.")] = (
+        False
+    )
+    empty_room: Annotated[
+        float | None, Key("Live: learn the background for this time, with nobody in the images.", "s")
+    ] = None
+    late: Annotated[tuple[str, ...], Key("Live: latency of a camera, as of network cameras.", "NAME=MS")] = ()
+    fourcc: Annotated[str | None, FOURCC] = None
+    steadiness: Annotated[bool, Key("Penalise jitter; false fits every frame independently.")] = True
+    plot: Annotated[Path | None, Key(f"{PLOT_HELP} Joint angles over time.", "file")] = None
+    beside: Annotated[Path | None, Key("In the plot, compare with this earlier result.", "file")] = None
+    view_port: Annotated[
+        int | None, Key("TCP port of the live view; by default 7448, or a free one.", "port", 1, 65535)
+    ] = None
+    browser: Annotated[bool, Key("Open the live view in the browser.")] = True
+
+
 @track_app.command()
-def silhouettes(  # noqa: PLR0915 - every option is passed on
+def silhouettes(
+    context: typer.Context,
     sources: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[NAME=]SOURCE…",
             help="A video or a folder of images of each camera, or live: camera:0, /dev/video0, http://… or rtsp://…; "
-            "in any order, called as in the rig.",
+            "in any order, named as in the rig.",
         ),
     ] = None,
-    rig: Annotated[Path, typer.Option(metavar="FILE", help="The calibrated cameras, a TOML.")] = Path("rig.toml"),
-    start: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[PERSON=]FILE[:FRAME]",
-            help="Where the bodies are at first: JSON of named joints in metres, of one or of several people by name, "
-            "or what this command wrote before; may be repeated.",
-        ),
-    ] = None,
-    points: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[PERSON=]POINTS",
-            help="Instead of --start: the first frame's 2D keypoints, as triangulate takes them; may be repeated, or "
-            "a folder of OpenPose's folders.",
-        ),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[PERSON=]NAME",
-            help="male, female, legs, or a rigged .glb or .gltf file; male. May be repeated, one a person.",
-        ),
-    ] = None,
-    height: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[PERSON=]METRES",
-            help="Of the person; without it, as large as the start's joints say. May be repeated, one a person.",
-        ),
-    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} By default rig.toml.")] = None,
+    start: Annotated[list[str] | None, typer.Option("--start", metavar=START_FORM, help=START_HELP)] = None,
     background: Annotated[
         list[str] | None,
-        typer.Option(metavar="[NAME=]VIDEO", help="The empty room, as a camera sees it; may be repeated."),
+        typer.Option(metavar="[NAME=]VIDEO", help="Images of the empty room, of one camera. Repeatable."),
     ] = None,
-    frames: Annotated[str | None, typer.Option(metavar="odd|even|FROM:TO:STEP", help="Which frames to use.")] = None,
-    hz: Annotated[
-        float | None,
-        typer.Option(
-            metavar="HZ",
-            help="Frames a second, where the files do not say it, or not rightly; what to ask cameras for.",
-        ),
-    ] = None,
-    other_size: Annotated[
-        str | None,
-        typer.Option(
-            metavar="crop|scale", help="Images of another size than the calibration's: border cut off, or all scaled."
-        ),
-    ] = None,
-    order: Annotated[str, typer.Option(metavar="NAME", help="OpenPose's order of points: BODY_25B or BODY_25.")] = (
-        "BODY_25B"
-    ),
-    live: Annotated[
-        bool,
-        typer.Option(
-            "--live", help="Take videos as if they were cameras: at their own pace; what it has no time for is dropped."
-        ),
-    ] = False,
-    empty_room: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS", help="Live: for so long nobody is in the images; then somebody may come to the start."
-        ),
-    ] = None,
-    late: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=MS",
-            help="Live: a camera whose pictures show what was so many milliseconds ago when they come, as of network "
-            "cameras; may be repeated.",
-        ),
-    ] = None,
+    frames: FrameChoice = None,
+    fps: Fps = None,
     seconds: Seconds = None,
-    fourcc: Fourcc = None,
-    no_steadiness: Annotated[
-        bool, typer.Option("--no-steadiness", help="Fit every frame for itself: without the penalty on jitter.")
-    ] = False,
-    json: JsonOut = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Draw the joints' angles over time, where matplotlib is installed."),
-    ] = None,
-    beside: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="In the plot, beside an earlier result of this command.")
-    ] = None,
     overlay: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR|FILE.mp4",
-            help="Write the images with the models' outlines, and the images' where they are outside (red) or inside "
-            "(blue) of them.",
+            metavar="FOLDER|FILE.mp4",
+            help="Write the images with the models' outlines; image contours outside them are red, inside blue.",
         ),
     ] = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TAKE",
-            help="Record a take that refers to the videos; `mocapella replay` tracks it again.",
-        ),
-    ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the browser meanwhile, and until Ctrl-C.")] = False,
-    view_port: Annotated[
-        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="View port; by default 7448, or a free one.")
-    ] = None,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the view's URL, open no browser.")] = False,
+    record: RecordTo = None,
+    view: View = True,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(SilhouetteKeys)] = None,
+    json: JsonOut = None,
 ) -> None:
-    """Fit body models to the silhouettes of one or several people in videos of calibrated cameras, or live.
+    """Fit body models to the silhouettes of one or several people, in videos of calibrated cameras or live.
 
-    docs/silhouettes.md describes how to film, what a start is, the results, and what the messages mean.
+    docs/silhouettes.md describes filming, the start, the results and the messages.
 
     Example:  mocapella track silhouettes cam1.mp4 cam2.mp4 --rig rig.toml --start joints.json --json out.json
 
-    Live:  mocapella track silhouettes a=camera:0 b=camera:2 --start joints.json --empty-room 3 --view --json out.json
+    Live:  mocapella track silhouettes a=camera:0 b=camera:2 --start joints.json --set empty_room=3 --json out.json
     """
     need_cameras("track silhouettes")
-    from mocapella.cli.silhouette_live import LiveWishes, wait_for_people
+    from mocapella.cli.silhouette_live import LiveWishes
+    from mocapella.cli.silhouette_start import StartWishes
+    from mocapella.sources.video import parse_frames
+
+    keys = read_keys(SilhouetteKeys, settings_file, settings)
+    live_wishes = LiveWishes(
+        _inputs(sources, fps), keys.live, fps, keys.other_size, keys.fourcc, keys.empty_room, seconds, frames,
+        background or (), keys.late,
+    )  # fmt: skip
+    live_wishes.verify()
+    named_view = chosen(context, "view", view)
+    page = None if named_view is False or not (named_view or live_wishes.live) else _Page(keys.view_port, keys.browser)
+    files = _Files(rig or Path("rig.toml"), json, keys.plot, keys.beside, overlay, record)
+    starts = StartWishes(start or (), keys.points, keys.model, keys.height, keys.order)
+    whole = _track(live_wishes, starts, parse_frames(frames), files, page, steady=keys.steadiness)
+    if not whole:
+        say("stopped before the end: what there is by now was written")
+        raise typer.Exit(INTERRUPTED)
+
+
+@dataclass(frozen=True)
+class _Page:
+    """How to show the live view."""
+
+    port: int | None
+    browser: bool
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Files of a run; None where none is wished."""
+
+    rig: Path
+    json: str | None
+    plot: Path | None
+    beside: Path | None
+    overlay: Path | None
+    record: str | None
+
+
+def _track(
+    live_wishes: LiveWishes, starts: StartWishes, wanted: Frames, files: _Files, page: _Page | None, *, steady: bool
+) -> bool:
+    """Track until the end; return False if it is interrupted before."""
+    from mocapella.cli.silhouette_live import wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
-    from mocapella.cli.silhouette_start import StartWishes, check_seen, find_start, learn
+    from mocapella.cli.silhouette_start import check_seen, find_start, learn
     from mocapella.cli.silhouette_take import recorded
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.bodies_file import read_followed_people
-    from mocapella.sources.video import parse_frames
 
-    live_wishes = LiveWishes(
-        _inputs(sources, hz), live, hz, other_size, fourcc, empty_room, seconds, frames, background or (), late or ()
-    )
-    live_wishes.verify()
-    wanted = parse_frames(frames)
-    earlier = None if beside is None else read_followed_people(beside)
-    wishes = StartWishes(start or (), points or (), model or (), height or (), order)
+    seconds, background = live_wishes.seconds, live_wishes.background
+    earlier = None if files.beside is None else read_followed_people(files.beside)
     with ExitStack() as closing:
         with working("reading …", status=INTERRUPTED), telling_of_compiling("the method silhouettes"):
-            cameras = load_camera_rig(rig)
+            cameras = load_camera_rig(files.rig)
             shown = _opened(live_wishes, cameras, wanted, closing)
-            tell: list[Callable[[Step], None]] = []
-            if overlay is not None:
-                writer = _Overlays(overlay, shown, wanted.step)
+            on_step: list[Callable[[Step], None]] = []
+            if files.overlay is not None:
+                writer = _Overlays(files.overlay, shown, wanted.step)
                 closing.callback(writer.close)
-                tell.append(writer.write)
-            found = find_start(wishes, cameras, wanted)
+                on_step.append(writer.write)
+            found = find_start(starts, cameras, wanted)
             bodies = {name: body.starting(pose) for name, (body, pose) in found.items()}
-            check_seen(bodies, shown.rig, ", ".join(start or ["--points"]))
-            if record is None:
-                run = _started(bodies, shown, live_wishes, wanted, steady=not no_steadiness)
+            check_seen(bodies, shown.rig, ", ".join(starts.starts or ["points"]))
+            if files.record is None:
+                run = _started(bodies, shown, live_wishes, wanted, steady=steady)
             else:
-                take = recorded(record, found, shown, live_wishes, wanted, steady=not no_steadiness)
+                take = recorded(files.record, found, shown, live_wishes, wanted, steady=steady)
                 closing.callback(take.close)
                 run = take.run
             if background:
-                learn(run, background, cameras, shown, other_size)
-        if live_wishes.live and (background or empty_room is not None):
-            wait_for_people(run, shown, empty_room, view=view)
+                learn(run, background, cameras, shown, live_wishes.other_size)
+        if live_wishes.live and (background or live_wishes.empty_room_s is not None):
+            wait_for_people(run, shown, live_wishes.empty_room_s, view=page is not None)
         with stop_on_signals() as stop, telling_of_compiling("the method silhouettes"):
-            page = None
-            if view:
-                page = open_view(run, view_port, no_browser=no_browser)
-                closing.callback(page.close)
-                tell.append(page.tell)
+            opened = None
+            if page is not None:
+                opened = open_view(run, page.port, no_browser=not page.browser)
+                closing.callback(opened.close)
+                on_step.append(opened.tell)
             whose = {name: body for name, (body, _) in found.items()}
-            result = closing.enter_context(SilhouetteResult(json, plot, whose, shown, rig, steady=not no_steadiness))
-            whole = _follow(run, shown, stop, seconds, [result.keep, *tell])
+            result = closing.enter_context(
+                SilhouetteResult(files.json, files.plot, whose, shown, files.rig, steady=steady)
+            )
+            whole = _follow(run, shown, stop, seconds, [result.keep, *on_step])
             result.finish(run, shown)
-            if json != "-":
+            if files.json != "-":
                 show(run, Console(highlight=False), shown.summary())
-            result.draw(earlier, str(beside))
-            if page is not None and whole and not (stop.is_set() or seconds is not None):
+            result.draw(earlier, str(files.beside))
+            if opened is not None and whole and not (stop.is_set() or seconds is not None):
                 say("the view stays until Ctrl-C")
-                page.stay(stop)
-    if not whole:
-        say("stopped before the end: what there is by now was written")
-        raise typer.Exit(INTERRUPTED)
+                opened.stay(stop)
+    return whole
 
 
 def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: ExitStack) -> FrameSource:
@@ -262,7 +264,7 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
     from mocapella.cli.calibrate import named_inputs
     from mocapella.settings import check
 
-    check(hz is None or 0 < hz <= 1000, "--hz", hz, "above 0, at most 1000")
+    check(hz is None or 0 < hz <= 1000, "--fps", hz, "above 0, at most 1000")
     if not sources:
         raise SettingsError(
             "no videos are named; name one for each camera: mocapella track silhouettes cam1.mp4 cam2.mp4 …"

@@ -13,13 +13,19 @@ from rich.table import Table
 
 from mocapella import __version__
 from mocapella.cli.app import train_app
-from mocapella.cli.common import JsonOut, Participants, console, participant_numbers, say, write_json
+from mocapella.cli.common import (
+    OUT_HELP,
+    JsonOut,
+    Participants,
+    StudyFolder,
+    console,
+    participant_numbers,
+    say,
+    write_json,
+)
 from mocapella.errors import SettingsError
 
-StudyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the KinectMultiTrack study logs.")]
-ModelFile = Annotated[
-    Path, typer.Option("--out", metavar="FILE", help="The model to write; a file of that name is replaced.")
-]
+ModelFile = Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The trained model (JSON).")]
 
 _COLUMNS = {
     "against_motion_percent": "against",
@@ -43,7 +49,7 @@ def facing(
     folds: Annotated[
         int | None,
         typer.Option(
-            metavar="N", min=2, help="Print figures of people left out: train on all but every n-th, test on those."
+            metavar="N", min=2, help="Cross-validate with this number of folds of participants, and print the scores."
         ),
     ] = None,
     json: JsonOut = None,
@@ -91,7 +97,9 @@ def bias(
     folds: Annotated[
         int | None,
         typer.Option(
-            metavar="N", min=2, help="Keep what is learnt without every n-th person too, and print figures of those."
+            metavar="N",
+            min=2,
+            help="Cross-validate with this number of folds of participants, and print the scores; keep the models.",
         ),
     ] = None,
     json: JsonOut = None,
@@ -160,7 +168,7 @@ def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> No
 @train_app.command("sensor-errors")
 def sensor_errors(
     folder: StudyFolder,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write; a file of that name is replaced.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The table (JSON).")],
     json: JsonOut = None,
 ) -> None:
     """Measure how wrong a Kinect v2's skeletons are, for simulated sensors that are as wrong.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +13,22 @@ from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import track_app
-from mocapella.cli.common import JsonOut, console, say, working, write_json
+from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.common import ORDER, OUT_HELP, RIG_HELP, JsonOut, console, say, working, write_json
+from mocapella.cli.pictures import Fps
 
 if TYPE_CHECKING:
     from mocapella.fusion.point_tracks import TracksReport
+
+
+@dataclass(frozen=True)
+class PointsKeys:
+    """Settings of `track points`."""
+
+    sd_px: Annotated[float, Key("Standard deviation of a certain detection; robust.", "px")] = 3.0
+    least_confidence: Annotated[float, Key("Use detections above this confidence.", "0 to 1")] = 0.3
+    largest_error: Annotated[float, Key("Largest mean reprojection error of a point; linear solvers.", "px")] = 15.0
+    order: Annotated[str, ORDER] = "BODY_25B"
 
 
 @track_app.command("points")
@@ -24,62 +37,52 @@ def triangulate(
         list[Path],
         typer.Argument(metavar="POINTS…", help="A folder of OpenPose JSON for each camera, or one CSV of all."),
     ],
-    rig: Annotated[Path, typer.Option(metavar="FILE", help="The calibrated cameras, a TOML.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="What to write: its name ends with .csv or .trc.")],
-    method: Annotated[str, typer.Option(metavar="NAME", help="robust, weighted-linear or linear.")] = "robust",
-    sd_px: Annotated[
-        float, typer.Option(metavar="PX", help="How far off a sure detection usually is; of the method robust.")
-    ] = 3.0,
-    least_confidence: Annotated[
-        float, typer.Option(metavar="SHARE", help="Detections are used whose confidence is above that.")
-    ] = 0.3,
-    largest_error: Annotated[
-        float, typer.Option(metavar="PX", help="Mean error of a point at most; of the linear methods.")
-    ] = 15.0,
-    order: Annotated[str, typer.Option(metavar="NAME", help="OpenPose's order of points: BODY_25B or BODY_25.")] = (
-        "BODY_25B"
-    ),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} A .csv or .trc.")],
+    rig: Annotated[Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} By default rig.toml.")] = None,
+    solver: Annotated[
+        str, typer.Option(metavar="NAME", help="Triangulation: robust, weighted-linear or linear.")
+    ] = "robust",
     up: Annotated[
-        str, typer.Option(metavar="AXIS", help="Which axis of the rig's world is up: y, z or -y; a TRC has Y up.")
+        str, typer.Option(metavar="AXIS", help="Up axis of the rig's world: y, z or -y; a TRC has y up.")
     ] = "y",
-    hz: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Frames a second, where the points have no times.")
-    ] = None,
+    fps: Fps = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(PointsKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Make points in space of the 2D points that any program found in the pictures of calibrated cameras.
 
     Reads OpenPose's JSON, Caliscope's CSV and our own; docs/triangulation.md describes files, methods and axes.
 
-    Example:  mocapella track points cam1_json cam2_json --rig rig.toml --hz 60 --out walk.trc
+    Example:  mocapella track points cam1_json cam2_json --rig rig.toml --fps 60 --out walk.trc
     """
     import msgspec
 
-    from mocapella.errors import InputError, SettingsError, one_of
+    from mocapella.errors import InputError, SettingsError
     from mocapella.exports.space_tracks import write_space_tracks
     from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
     from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.recording.image_tracks_file import OPENPOSE_ORDERS, read_image_tracks
+    from mocapella.recording.image_tracks_file import read_image_tracks
 
-    settings = TracksSettings(method, sd_px, 4.0, least_confidence, largest_error)
-    if order not in OPENPOSE_ORDERS:
-        raise SettingsError(f"--order is {order!r}; it must be one of {one_of(order, OPENPOSE_ORDERS)}")
+    keys = read_keys(PointsKeys, settings_file, settings)
+    tracks_settings = TracksSettings(solver, keys.sd_px, 4.0, keys.least_confidence, keys.largest_error)
     if out.suffix.lower() not in (".csv", ".trc"):
         raise SettingsError(f"--out {out}: end its name with .csv or .trc")
+    rig = rig or Path("rig.toml")
     cameras = load_camera_rig(rig)
     if len(cameras.cameras) < 2:
         raise InputError(f"has {len(cameras.cameras)} camera", file=rig, fix="give a rig of two cameras or more")
     with working("reading …", status=INTERRUPTED), console.status("reading …") as status:
         tracks = read_image_tracks(
-            points, order=order, progress=lambda text: status.update(f"reading {text.replace('[', '(')} …")
+            points, order=keys.order, progress=lambda text: status.update(f"reading {text.replace('[', '(')} …")
         )
         status.update(f"triangulating {len(tracks.frames)} frames …")
-        space, report = triangulate_tracks(tracks, cameras, settings)
+        space, report = triangulate_tracks(tracks, cameras, tracks_settings)
         status.update(f"writing {out} …")
-        write_space_tracks(space, out, up=up, hz=hz)
+        write_space_tracks(space, out, up=up, hz=fps)
     for note in tracks.notes:
         say(note)
-    write_json(json, {"out": str(out), "method": method, **msgspec.to_builtins(report), "notes": list(tracks.notes)})
+    write_json(json, {"out": str(out), "method": solver, **msgspec.to_builtins(report), "notes": list(tracks.notes)})
     if json != "-":
         show(report, Console(highlight=False))
     say(f"{report.counted['seen']} points of {report.frames} frames in {out}")

@@ -20,15 +20,17 @@ def _tune() -> None:
 
 @tune_app.command("one-euro")
 def one_euro(
-    still: Annotated[Path, typer.Argument(metavar="STILL.csv", help="Markers that do not move, for two seconds.")],
-    fast: Annotated[Path, typer.Argument(metavar="FAST.csv", help="Markers that move as fast as they ever will.")],
+    still: Annotated[
+        Path, typer.Argument(metavar="STILL.csv", help="Recording of markers at rest, two seconds or more.")
+    ],
+    fast: Annotated[Path, typer.Argument(metavar="FAST.csv", help="Recording of markers at their fastest.")],
     jitter: Annotated[
         float,
-        typer.Option(metavar="MM|PX", help="Goal of step 1: root mean square at rest; mm in space, px in pictures."),
+        typer.Option(metavar="MM|PX", help="Goal of step 1: RMS jitter at rest, in mm for 3D points, in px for 2D."),
     ],
-    lag_ms: Annotated[float, typer.Option(metavar="MS", help="Goal of step 2: how late fast motion may be.")],
+    lag_ms: Annotated[float, typer.Option(metavar="MS", help="Goal of step 2: largest lag of fast motion.")],
     by_point: Annotated[
-        bool, typer.Option("--by-point", help="Filter by the speed of the point; otherwise each coordinate by its own.")
+        bool, typer.Option("--by-point", help="Adapt the cut-off to the point's speed, not to each coordinate's.")
     ] = False,
     json: JsonOut = None,
 ) -> None:

@@ -7,37 +7,37 @@ from typing import Annotated
 import typer
 
 from mocapella.cli.app import LIVE, app
-from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, say, warn_if_open
+from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, Host, ViewPort, say, warn_if_open
 
 
 @app.command(rich_help_panel=LIVE)
 def view(
     connect: Connect = DEFAULT_ADDRESS,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = DEFAULT_VIEW_PORT,
-    host: Annotated[
-        str, typer.Option(help="Interface of the page; others than 127.0.0.1 are open to your network.")
-    ] = "127.0.0.1",
-    cloth: Annotated[bool, typer.Option("--cloth", help="Hang a cloth before the first hand that is tracked.")] = False,
+    view_port: ViewPort = DEFAULT_VIEW_PORT,
+    host: Host = "127.0.0.1",
+    cloth: Annotated[
+        bool, typer.Option("--cloth", help="Hang a simulated cloth in front of the first tracked hand.")
+    ] = False,
     scenery: Annotated[
         str | None,
         typer.Option("--scenery", metavar="SCENE", help="Draw the obstacles of this simulated scene."),
     ] = None,
 ) -> None:
-    """Show a server's session in the browser, and wait for the server if none is there yet.
+    """Show a server's session in the browser; wait for the server if it is not running yet.
 
     `serve` and `demo` start a view by themselves.
 
-    Example:  mocapella view --connect tcp/127.0.0.1:7447 --port 7449
+    Example:  mocapella view --connect tcp/127.0.0.1:7447 --view-port 7449
     """
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.view import run_view
 
-    warn_if_open("the view is", host, port)
+    warn_if_open("the view is", host, view_port)
     with stop_on_signals() as stop:
         run_view(
             connect,
             host,
-            port,
+            view_port,
             stop,
             cloth=cloth,
             scenery=scenery,

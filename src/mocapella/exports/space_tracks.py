@@ -89,7 +89,7 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
     """
     at_s = times(tracks, hz)
     if not np.isfinite(at_s).all() or len(at_s) < 1:
-        raise InputError("a TRC needs times, and the points have none", fix="give the rate of their frames with --hz")
+        raise InputError("a TRC needs times, and the points have none", fix="give the rate of their frames with --fps")
     rate = hz or (1.0 / float(np.median(np.diff(at_s))) if len(at_s) > 1 else 1.0)
     count, points = len(at_s), len(tracks.points)
     rate_text = f"{rate:.6g}"

@@ -72,7 +72,7 @@ class AcquisitionReport:
         """Message that the frame rate is too low; empty if it is not, or not yet known."""
         if not self.asked_fps or not self.fps or self.fps >= TOO_FEW * self.asked_fps:
             return ""
-        camera = "shorten the exposure, make the pictures smaller, or try --fourcc MJPG"
+        camera = "shorten the exposure, make the pictures smaller, or try --set fourcc=MJPG"
         advice = camera if self.live else "this computer is too busy"
         return f"gives {self.fps:.1f} frames a second, not {self.asked_fps:g}; {advice}"
 

@@ -84,7 +84,7 @@ def check_other_size(other_size: str | None) -> None:
         SettingsError: it is not.
     """
     if other_size is not None and other_size not in OTHER_SIZES:
-        raise SettingsError(f"--other-size is {other_size!r}; it must be one of {one_of(other_size, OTHER_SIZES)}")
+        raise SettingsError(f"other_size is {other_size!r}; it must be one of {one_of(other_size, OTHER_SIZES)}")
 
 
 def fitted(
@@ -111,8 +111,8 @@ def fitted(
     if other_size is None:
         turned = size == wanted[::-1]
         fix = "turn the video: it lies on its side" if turned else (
-            "--other-size crop where pixels are as calibrated and only the right and lower border is missing, "
-            "--other-size scale where the whole picture was scaled"
+            "--set other_size=crop where pixels are as calibrated and only the right and lower border is missing, "
+            "--set other_size=scale where the whole picture was scaled"
         )  # fmt: skip
         raise InputError(f"has {mismatch}", file=source, field="size", value=size, fix=fix)
     lens, factors = placed.camera.lens.copy(), np.array(size) / wanted
@@ -120,9 +120,9 @@ def fitted(
         if abs(factors[0] / factors[1] - 1) > RATIO_WITHIN:
             raise InputError(
                 f"has {mismatch}: no scale of the whole picture makes one of the other", file=source, field="size",
-                value=size, fix="try --other-size crop",
+                value=size, fix="try --set other_size=crop",
             )  # fmt: skip
         lens[:2] *= factors
         lens[2:4] = (lens[2:4] + 0.5) * factors - 0.5  # the centre of the first pixel is (0, 0)
     camera = msgspec.structs.replace(placed.camera, size_px=size, lens=lens)
-    return msgspec.structs.replace(placed, camera=camera), f"{source}: {mismatch}; --other-size {other_size}"
+    return msgspec.structs.replace(placed, camera=camera), f"{source}: {mismatch}; --set other_size={other_size}"

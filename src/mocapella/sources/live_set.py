@@ -304,7 +304,7 @@ class LiveSet:
             steady = abs(lag - before.get(name, float("inf"))) <= SAME_LAG_S
             if steady and lag > self._set.period_ns / NS_PER_S / 2:
                 self._say_once(say, name, "lag", f"motion appears {_ms(lag)} ms later in its images than in the "
-                               f"others': --late {name}={_ms(lag + self._late_s[name])} corrects it")  # fmt: skip
+                               f"others': --set late={name}={_ms(lag + self._late_s[name])} corrects it")  # fmt: skip
 
     def _say_once(self, say: Callable[[str], None], name: str, topic: str, text: str) -> None:
         if (name, topic) not in self._reported:

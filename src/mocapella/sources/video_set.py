@@ -156,14 +156,14 @@ class VideoSet:
         rates = {name: video.rate_hz for name, video in self.videos.items() if video.rate_hz is not None}
         if not rates:
             path = next(iter(self.videos.values())).path
-            raise InputError("the frame rate is unknown", file=path, fix="give it with --hz")
+            raise InputError("the frame rate is unknown", file=path, fix="give it with --fps")
         (first, rate), *others = rates.items()
         for name, other in others:
             if abs(other - rate) > RATES_WITHIN * rate:
                 raise InputError(
                     f"has {other:g} frames a second, and {self.videos[first].path} {rate:g}",
                     file=self.videos[name].path, field="frame rate", value=other,
-                    fix="convert all videos to one rate, such as with ffmpeg -r, or give their common rate with --hz",
+                    fix="convert all videos to one rate, such as with ffmpeg -r, or give their common rate with --fps",
                 )  # fmt: skip
         return rate
 

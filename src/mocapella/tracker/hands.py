@@ -254,7 +254,7 @@ class HandsTracker:
 
     def _bodies_problem(self, frame: PoseFrame) -> str:
         if frame.space not in self._spaces:
-            fix = "mocapella calibrate space, then mocapella serve --alignment FILE"
+            fix = "mocapella calibrate space, then mocapella serve --file alignment=FILE"
             return f"its space {frame.space!r} is not aligned with the cameras: {fix}"
         wanted = {one.body for one in self.settings.objects if one.space == frame.space}
         if frame.names and not set(frame.names) & wanted:

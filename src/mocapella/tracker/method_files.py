@@ -17,7 +17,7 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
     """Read the poses of calibrated cameras.
 
     Raises:
-        InputError: the file cannot be used; for a sensor layout, the message names ``--layout``.
+        InputError: the file cannot be used; for a sensor layout, the message names the setting ``layout``.
         SettingsError: more than one is given.
     """
     path = _one(paths, "--rig")
@@ -25,7 +25,7 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
         return {"rig": encode_camera_rig(load_camera_rig(path))}
     except InputError:
         if path.is_file() and is_layout(path.read_bytes()):
-            raise InputError("is a sensor layout", file=path, fix="use --layout") from None
+            raise InputError("is a sensor layout", file=path, fix="use --set layout=FILE") from None
         raise
 
 
@@ -45,7 +45,7 @@ def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
         InputError: the file cannot be used.
         SettingsError: more than one is given.
     """
-    return {"hand": encode_hand_shape(load_hand_shape(_one(paths, "--hand"))).decode()}
+    return {"hand": encode_hand_shape(load_hand_shape(_one(paths, "--file hand"))).decode()}
 
 
 def spaces(paths: Sequence[Path]) -> dict[str, Any]:

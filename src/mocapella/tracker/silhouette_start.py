@@ -147,7 +147,7 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
         CalibrationError: the joints do not fit a person.
     """
     if model not in MODELS:
-        raise SettingsError(f"--model is {model!r}; it must be one of {one_of(model, MODELS)}, or a .glb or .gltf file")
+        raise SettingsError(f"model is {model!r}; it must be one of {one_of(model, MODELS)}, or a .glb or .gltf file")
     if height_m is not None:
         return _made(model, height_m, AVERAGE)
     try:
@@ -156,7 +156,7 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
         if missing:
             raise InputError(
                 f"the joints do not say how long {' and '.join(missing)} are", field="--start",
-                fix="say how tall the person is with --height, or give hips, knees, ankles and shoulders",
+                fix="say how tall the person is with --set height=METRES, or give hips, knees, ankles and shoulders",
             )  # fmt: skip
         return _made(model, None, measured)
     except SettingsError as error:

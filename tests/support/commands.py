@@ -1,0 +1,39 @@
+"""The commands of the command line and their options."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from mocapella.cli import import_commands
+
+__all__ = ["child", "command_at", "commands_below", "import_commands", "visible_options"]
+import_commands()
+
+
+def child(group: Any, name: str) -> Any:
+    """A group's command, also of a group whose commands packages register."""
+    return group.commands[name] if name in group.commands else group.verb(name)
+
+
+def command_at(root: Any, path: str) -> Any:
+    """The command or group of that path."""
+    for name in path.split():
+        root = child(root, name)
+    return root
+
+
+def commands_below(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command below a group, with its path."""
+    for name in group.list_commands(None):
+        one = child(group, name)
+        whole = f"{path} {name}".strip()
+        if hasattr(one, "list_commands"):
+            yield from commands_below(one, whole)
+        else:
+            yield whole, one
+
+
+def visible_options(command: Any) -> list[Any]:
+    """The options that a command's help shows, without ``--help``."""
+    return [one for one in command.params if one.param_type_name == "option" and not one.hidden]
