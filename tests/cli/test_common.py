@@ -6,7 +6,6 @@ import ctypes
 import inspect
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -127,14 +126,22 @@ def test_who_waits_for_a_method_to_be_compiled_is_told(
 ) -> None:
     made: list[str] = []
 
-    def make(method: str, on_compiling: Callable[[], None]) -> None:
-        made.append(method)
-        if compiles:
-            on_compiling()
+    class FakeCompilation:
+        def __init__(self, method: str) -> None:
+            made.append(method)
 
-    monkeypatch.setattr("mocapella.tracker.warm_up", make)
+        def __enter__(self) -> FakeCompilation:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def wait(self) -> None: ...
+
+    monkeypatch.setattr("mocapella.tracker.is_compiled", lambda method: not compiles)
+    monkeypatch.setattr("mocapella.live.compilation.Compilation", FakeCompilation)
+    monkeypatch.setattr("mocapella.tracker.warm_up", made.append)
     get_ready("default")
-    assert made == ["default"]
+    assert made == ["default", "default"] * compiles
     assert ("compiling the method default for this machine" in capsys.readouterr().err) == compiles
 
 

@@ -61,7 +61,7 @@ def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
     assert "a rig of two cameras or more" in " ".join(alone.stderr.split())
     for arguments, said in (
         (["points.csv", "--out", "o.c3d"], "end its name with .csv or .trc"),
-        (["points.csv", "--out", "o.csv", "--method", "magic"], "method is 'magic'"),
+        (["points.csv", "--out", "o.csv", "--solver", "magic"], "--solver is 'magic'"),
         (["points.csv", "--out", "o.csv", "--set", "order=COCO"], "setting order is 'COCO'"),
         (["rig.toml", "--out", "o.csv"], "columns of 2D points are missing"),
     ):

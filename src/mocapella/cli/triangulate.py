@@ -58,13 +58,15 @@ def triangulate(
     """
     import msgspec
 
-    from mocapella.errors import InputError, SettingsError
+    from mocapella.errors import InputError, SettingsError, one_of
     from mocapella.exports.space_tracks import write_space_tracks
-    from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
+    from mocapella.fusion.point_tracks import METHODS, TracksSettings, triangulate_tracks
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.image_tracks_file import read_image_tracks
+    from mocapella.settings import check
 
     keys = read_keys(PointsKeys, settings_file, settings)
+    check(solver in METHODS, "--solver", solver, f"one of {one_of(solver, METHODS)}")
     tracks_settings = TracksSettings(solver, keys.sd_px, 4.0, keys.least_confidence, keys.largest_error)
     if out.suffix.lower() not in (".csv", ".trc"):
         raise SettingsError(f"--out {out}: end its name with .csv or .trc")
