@@ -294,7 +294,7 @@ def test_a_take_that_cannot_be_used_is_said(folder: Path) -> None:
     for text, named in (
         ("two.mcap", "several depth cameras; write two.mcap:NAME with one of arm, other"),
         ("two.mcap:front", "no depth images of 'front'; it has those of arm, other"),
-        ("none.mcap", "has no depth images; record one with mocapella node arm --publish-depth"),
+        ("none.mcap", "has no depth images; record one with mocapella node arm --set publish_depth=true"),
         ("changed.mcap", "has another size, unit or lens than the first"),
     ):
         assert named in refusal(text)

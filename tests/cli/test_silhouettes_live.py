@@ -282,7 +282,9 @@ def test_films_as_if_they_were_cameras_end_by_themselves(films):
 
 
 def test_somebody_in_the_empty_room_is_said(films):
-    found, said = ran(films, *(f"walked/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), "--set", "empty_room=0.8")
+    found, said = ran(
+        films, *(f"walked/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), "--set", "empty_room=0.8"
+    )
     assert "something moved in the images of c1, c2, c3 while the empty room was learnt: was a person there?" in said
     assert found["summary"]["notes"][0].startswith("something moved")
 

@@ -154,7 +154,10 @@ def test_people_who_cannot_be_are_one_line(folder, found):
         (("--start", "=anna.json"), "'' cannot be a person's name"),
         (("--start", "both.json", "--set", "model=bne=male"), "model bne=male: nobody is called 'bne'; anna, ben"),
         (("--start", "anna.json", "--set", "model=anna=male"), "the start names nobody: write --start NAME=FILE"),
-        (("--start", "both.json", "--set", "model=male", "--set", "model=female"), "model is given twice: male and female"),
+        (
+            ("--start", "both.json", "--set", "model=male", "--set", "model=female"),
+            "model is given twice: male and female",
+        ),
         (("--start", "both.json", "--set", "height=ben=tall"), "height is 'tall'; it must be metres"),
         (("--start", "both.json", "--set", "height=ben=0.1"), "height is 0.1; it must be 0.5 to 2.5 m"),
         (("--start", "both.json", "--set", "model=ben=mail"), "did you mean male"),

@@ -59,7 +59,7 @@ def test_without_times_a_rate_gives_them() -> None:
     assert as_csv(timeless).splitlines()[1].split(",")[1] == ""
     assert as_csv(timeless, hz=10).splitlines()[1].split(",")[1] == "0.300000"
     assert places(as_trc(timeless, "x.trc", hz=10))[1][1] == "0.200000"
-    with pytest.raises(InputError, match=r"needs times.*--hz"):
+    with pytest.raises(InputError, match=r"needs times.*--fps"):
         as_trc(timeless, "x.trc")
 
 

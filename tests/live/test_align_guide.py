@@ -91,7 +91,7 @@ def test_what_is_missing_is_told_meanwhile_and_at_the_end(motion: Motion, noise_
 @pytest.mark.parametrize(
     ("how", "what", "kind", "said"),
     [
-        ({}, {"thing": "wnd"}, SettingsError, "--thing 'wnd': there are wand"),
+        ({}, {"thing": "wnd"}, SettingsError, "--object 'wnd': there are wand"),
         ({}, {"thing": "", "marker": "red"}, SettingsError, "--marker 'red': there are cyan"),
         ({}, {"space": "stage"}, InputError, "--space is one of vr"),
         ({"frames": False}, {}, InputError, "no poses of another tracker came; start"),

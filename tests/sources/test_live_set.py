@@ -216,13 +216,13 @@ def test_what_cannot_be_used_together_is_named(tmp_path):
         LiveSet({"c1": Scripted(), "c2": film}, RIG)
     with pytest.raises(InputError, match=r"scripted: field camera: 'c9'.*the rig's are c1, c2, c3"):
         LiveSet({"c9": Scripted()}, RIG)
-    with pytest.raises(SettingsError, match=r"--other-size is 'crob'.*did you mean crop"):
+    with pytest.raises(SettingsError, match=r"other_size is 'crob'.*did you mean crop"):
         LiveSet({"c1": Scripted()}, RIG, other_size="crob")
     with pytest.raises(InputError, match=r"scripted: field size: \(64, 48\): has images of 64 × 48 px"):
         LiveSet({"c1": Scripted()}, ring(3, (80, 60)))
     with LiveSet({"c1": Scripted()}, ring(3, (80, 60)), other_size="scale") as live:
         assert live.rig.cameras["c1"].camera.size_px == SIZE
-        assert "--other-size scale" in live.notes[0]
+        assert "--set other_size=scale" in live.notes[0]
 
 
 def test_films_begin_with_the_first_frame_and_end_together(tmp_path):
@@ -368,4 +368,4 @@ def test_what_moves_later_in_one_cameras_pictures_is_measured_and_the_option_nam
     else:
         (line,) = lags
         assert line.startswith("c2: motion appears ")
-        assert abs(int(line.split("--late c2=")[1].split()[0]) - 100) <= 10
+        assert abs(int(line.split("--set late=c2=")[1].split()[0]) - 100) <= 10

@@ -79,7 +79,7 @@ class TakeDepth:
         self._take = read_take(path)
         first = {name: frame for name in self._take.sensors if (frame := _first(self._take, name)) is not None}
         if not first:
-            fix = "record one with mocapella node arm --publish-depth"
+            fix = "record one with mocapella node arm --set publish_depth=true"
             raise InputError("has no depth images", file=path, fix=fix)
         if sensor is None and len(first) > 1:
             raise SettingsError(f"{path} has several depth cameras; write {path}:NAME with one of {', '.join(first)}")

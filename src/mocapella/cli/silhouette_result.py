@@ -189,7 +189,7 @@ def draw_angles(
         runs.append((f"C{k}" if name else "tab:blue", "-", name or "this run", points))
     missing = [name for name in earlier or {} if name not in people]
     if missing:
-        say(f"--beside {beside}: not drawn, for it is of {', '.join(missing) or 'a body without a name'}")
+        say(f"beside {beside}: not drawn, for it is of {', '.join(missing) or 'a body without a name'}")
     names = list(dict.fromkeys(key for *_, points in runs for _, angles in points[:1] for key in angles))
     if not names:
         say(f"--plot {path}: no plot, because the model has no joints, or there is no frame")

@@ -99,7 +99,7 @@ def _corruption(corrupt: str | None, seed: int) -> Corruption | None:
     if corrupt is None:
         return None
     if corrupt not in CORRUPTIONS:
-        raise SettingsError(f"--corrupt is {corrupt!r}; it must be one of {one_of(corrupt, CORRUPTIONS)}")
+        raise SettingsError(f"corrupt is {corrupt!r}; it must be one of {one_of(corrupt, CORRUPTIONS)}")
     return {
         "noise": Corruption(noise=0.15, seed=seed),
         "rectangles": Corruption(rectangles=6, seed=seed),

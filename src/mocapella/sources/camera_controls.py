@@ -98,9 +98,7 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
 def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
     problems = []
     if wishes.fourcc is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != cv2.VideoWriter.fourcc(*wishes.fourcc):
-        problems.append(
-            f"it does not support the pixel format {wishes.fourcc}; leave fourcc out, or try YUYV or MJPG"
-        )
+        problems.append(f"it does not support the pixel format {wishes.fourcc}; leave fourcc out, or try YUYV or MJPG")
     stated = float(capture.get(cv2.CAP_PROP_FPS))
     if wishes.fps is not None and stated > 0 and not math.isclose(stated, wishes.fps, rel_tol=0.02):
         problems.append(

@@ -189,7 +189,9 @@ class DatagramPort:
         if count:
             self._counts["other_senders"] += count
             text = f"{self.name}: others send to its port, too; it belongs to {address_text(self.sender)}"
-            self._say_once("other", f"{text} (a program that opens a socket for each datagram wants --by-host)")
+            self._say_once(
+                "other", f"{text} (a program that opens a socket for each datagram needs --set by_host=true)"
+            )
 
     def _say_once(self, topic: str, text: str) -> None:
         if topic not in self._said:
