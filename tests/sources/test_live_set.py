@@ -252,7 +252,7 @@ def test_of_films_without_a_rate_the_command_names_its_own_option(tmp_path, monk
     write_video(tmp_path / "c1.avi", [np.full((48, 64, 3), 20 * k, np.uint8) for k in range(3)])
     monkeypatch.setattr(paced_pictures.cv2, "VideoCapture", FilmWithoutRate)
     with open_live(LiveWishes({"c1": str(tmp_path / "c1.avi")}, as_live=True), RIG) as live:
-        assert live.notes == ["c1: does not state its frame rate; 30 Hz is assumed (--hz sets it)"]
+        assert live.notes == ["c1: does not state its frame rate; 30 Hz is assumed (--fps sets it)"]
 
 
 class Clocked(Scripted):
