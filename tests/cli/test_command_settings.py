@@ -8,7 +8,7 @@ from typing import Annotated
 
 import pytest
 
-from mocapella.cli.command_settings import Key, read_keys, read_settings, rows_of_keys
+from mocapella.cli.command_settings import KeySpec, read_keys, read_settings, rows_of_keys
 from mocapella.errors import InputError, SettingsError
 
 
@@ -16,12 +16,12 @@ from mocapella.errors import InputError, SettingsError
 class Keys:
     """Settings of a command."""
 
-    reserve_gib: Annotated[float, Key("Free space.", "GiB", least=0)] = 1.0
-    every: Annotated[int | None, Key("Every n-th frame.", least=1, most=9)] = None
-    wait: Annotated[bool, Key("Begin stopped.")] = False
-    takes: Annotated[Path, Key("Folder.", "folder")] = Path("takes")
-    model: Annotated[tuple[str, ...], Key("Models.", "[PERSON=]NAME")] = ()
-    size: Annotated[str | None, Key("How to fit.", choices=("crop", "scale"))] = None
+    reserve_gib: Annotated[float, KeySpec("Free space.", "GiB", least=0)] = 1.0
+    every: Annotated[int | None, KeySpec("Every n-th frame.", least=1, most=9)] = None
+    wait: Annotated[bool, KeySpec("Begin stopped.")] = False
+    takes: Annotated[Path, KeySpec("Folder.", "folder")] = Path("takes")
+    model: Annotated[tuple[str, ...], KeySpec("Models.", "[PERSON=]NAME")] = ()
+    size: Annotated[str | None, KeySpec("How to fit.", choices=("crop", "scale"))] = None
 
 
 def test_pairs_become_typed_values() -> None:

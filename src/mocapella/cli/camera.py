@@ -7,7 +7,7 @@ from typing import Annotated, Literal, cast
 
 import typer
 
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
 from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, read_epoch
 from mocapella.cli.pictures import EXPOSURE, FOURCC, GAIN, WHITE_BALANCE, Fps, Size, tell_state, wishes
@@ -23,8 +23,8 @@ class CameraNodeKeys:
     exposure: Annotated[float | None, EXPOSURE] = None
     gain: Annotated[float | None, GAIN] = None
     white_balance: Annotated[float | None, WHITE_BALANCE] = None
-    format: Annotated[str, Key("Encoding of the published images; png is lossless.", choices=FORMATS)] = "jpeg"
-    quality: Annotated[int, Key("Quality of JPEG images.", "%", 1, 100)] = 90
+    format: Annotated[str, KeySpec("Encoding of the published images; png is lossless.", choices=FORMATS)] = "jpeg"
+    quality: Annotated[int, KeySpec("Quality of JPEG images.", "%", 1, 100)] = 90
     delay_ms: Annotated[float, replace(DELAY_MS, most=10_000)] = 0.0
     loop: Annotated[bool, LOOP] = False
     linger: Annotated[float, LINGER] = 2.0

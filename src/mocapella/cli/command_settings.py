@@ -1,7 +1,7 @@
 """Rarely used options of a command: keys of a settings file (``--settings FILE``) or of ``--set KEY=VALUE``.
 
-A command declares its keys as a frozen dataclass whose fields are annotated with `Key`. `read_settings` parses the file
-and the pairs into that dataclass once; keys of the command's tracking method or detector pass through.
+A command declares its keys as a frozen dataclass whose fields are annotated with `KeySpec`. `read_settings` parses the
+file and the pairs into that dataclass once; keys of the tracking method or detector pass through.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SettingsFile = Annotated[
 
 
 @dataclasses.dataclass(frozen=True)
-class Key:
+class KeySpec:
     """Annotation of a settings field.
 
     Attributes:
@@ -69,7 +69,7 @@ class KeyRow:
 class _Field:
     name: str
     type: Any
-    key: Key
+    key: KeySpec
     default: Any
 
     @property

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 import typer
 from rich.console import Console
 
-from mocapella.cli.command_settings import Key, lines_of_dataclass
+from mocapella.cli.command_settings import KeySpec, lines_of_dataclass
 from mocapella.errors import SettingsError, one_of
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ SPACE_HELP: Final = "Name of the other tracker's coordinate space."
 PLOT_HELP: Final = "Draw a plot; needs matplotlib."
 Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help=PLOT_HELP)]
 StudyFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the KinectMultiTrack study logs.")]
-ORDER: Final = Key("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
+ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
 FrameChoice = Annotated[
     str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")
 ]

@@ -12,7 +12,7 @@ import typer
 
 from mocapella.cli.app import LIVE, app
 from mocapella.cli.arm import DEFAULT_DETECTOR, Detector, not_method
-from mocapella.cli.command_settings import Key, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
@@ -53,8 +53,10 @@ class What(StrEnum):
 class DemoKeys:
     """Settings of `demo`."""
 
-    steadiness: Annotated[bool, Key("Of silhouettes: penalise jitter; false fits every frame independently.")] = True
-    corrupt: Annotated[str | None, Key("Of silhouettes: corrupt the images.", "noise|rectangles|wrong")] = None
+    steadiness: Annotated[bool, KeySpec("Of silhouettes: penalise jitter; false fits every frame independently.")] = (
+        True
+    )
+    corrupt: Annotated[str | None, KeySpec("Of silhouettes: corrupt the images.", "noise|rectangles|wrong")] = None
 
 
 @app.command(rich_help_panel=LIVE)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli.app import calibrate_app
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     OUT_HELP,
@@ -41,13 +41,13 @@ class HandKeys:
     """Settings of `calibrate hand`."""
 
     base_height_mm: Annotated[
-        float, Key("Height of the base's markers above the joints; negative: on the palm side.", "mm", -50, 50)
+        float, KeySpec("Height of the base's markers above the joints; negative: on the palm side.", "mm", -50, 50)
     ] = -12.5
     hand_length_mm: Annotated[
-        float | None, Key("Approximate length from wrist to tip of the middle finger; average if not given.", "mm")
+        float | None, KeySpec("Approximate length from wrist to tip of the middle finger; average if not given.", "mm")
     ] = None
-    lasting: Annotated[str, Key("Live: durations of the parts flat, knuckles and hook.", "S,S,S")] = "4,6,6"
-    prepare: Annotated[float, Key("Live: pause before each part.", "s", least=0)] = 3.0
+    lasting: Annotated[str, KeySpec("Live: durations of the parts flat, knuckles and hook.", "S,S,S")] = "4,6,6"
+    prepare: Annotated[float, KeySpec("Live: pause before each part.", "s", least=0)] = 3.0
 
 
 @calibrate_app.command("hand")

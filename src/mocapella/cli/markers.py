@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     RIG_HELP,
@@ -50,7 +50,8 @@ class MarkerKeys(CameraKeys):
     drop_after_ms: Annotated[float, DROP_AFTER_MS] = 100.0
     report: Annotated[float, REPORT] = 10.0
     timing: Annotated[
-        int | None, Key("Time the stages and measure the markers' jitter over this many frames, then stop.", least=2)
+        int | None,
+        KeySpec("Time the stages and measure the markers' jitter over this many frames, then stop.", least=2),
     ] = None
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     DEFAULT_SCENE,
@@ -62,14 +62,14 @@ class DatagramKeys:
 
     start_to: Annotated[
         str | None,
-        Key("Send the start command there, also to a broadcast address, while a camera is silent.", "ADDRESS:PORT"),
+        KeySpec("Send the start command there, also to a broadcast address, while a camera is silent.", "ADDRESS:PORT"),
     ] = None
-    start_text: Annotated[str, Key("Text of the start command.")] = "start"
+    start_text: Annotated[str, KeySpec("Text of the start command.")] = "start"
     delay_ms: Annotated[float, replace(DELAY_MS, most=1000)] = 0.0
-    sd_px: Annotated[float, Key("Standard deviation of a coordinate; 0: unknown.", "px", 0, 100)] = 0.0
-    zero_is_lost: Annotated[bool, Key("The programs send 0,0 for a marker that they do not detect.")] = False
+    sd_px: Annotated[float, KeySpec("Standard deviation of a coordinate; 0: unknown.", "px", 0, 100)] = 0.0
+    zero_is_lost: Annotated[bool, KeySpec("The programs send 0,0 for a marker that they do not detect.")] = False
     by_host: Annotated[
-        bool, Key("The programs send from another port each time: a sender is a machine, not a port.")
+        bool, KeySpec("The programs send from another port each time: a sender is a machine, not a port.")
     ] = False
 
 

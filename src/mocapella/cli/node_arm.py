@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocapella.cli.arm import DEFAULT_DETECTOR, Detector, Intrinsics, RenamedMethod, Rig, Unit, detector_keys
-from mocapella.cli.command_settings import Key, SettingsFile, read_settings, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Connect,
@@ -32,7 +32,7 @@ class ArmNodeKeys:
     """Settings of `node arm`."""
 
     publish_depth: Annotated[
-        bool, Key("Publish the depth images, too, as the sensor SENSOR.depth, so that a take holds them.")
+        bool, KeySpec("Publish the depth images, too, as the sensor SENSOR.depth, so that a take holds them.")
     ] = False
     loop: Annotated[bool, LOOP] = False
     drop_after_ms: Annotated[float, DROP_AFTER_MS] = 100.0

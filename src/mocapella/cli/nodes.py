@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from mocapella.cli.command_settings import Key
+from mocapella.cli.command_settings import KeySpec
 from mocapella.cli.common import say, write_json
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
 
-REPORT: Final = Key("Interval between status lines; 0: problems only.", "s", least=0)
-LOOP: Final = Key("Restart a recording when it ends.")
-LINGER: Final = Key("Stay this long after the last frame, so that a take gets frames it missed.", "s", least=0)
-DROP_AFTER_MS: Final = Key("Drop results older than this after their image was captured.", "ms", least=1)
-DELAY_MS: Final = Key("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
+REPORT: Final = KeySpec("Interval between status lines; 0: problems only.", "s", least=0)
+LOOP: Final = KeySpec("Restart a recording when it ends.")
+LINGER: Final = KeySpec("Stay this long after the last frame, so that a take gets frames it missed.", "s", least=0)
+DROP_AFTER_MS: Final = KeySpec("Drop results older than this after their image was captured.", "ms", least=1)
+DELAY_MS: Final = KeySpec("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
 """What a node that is told its epoch prints when it waits for it."""
 Epoch = Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli.command_settings import Key
+from mocapella.cli.command_settings import KeySpec
 from mocapella.cli.common import parse_size, say
 from mocapella.errors import InputError
 
@@ -40,11 +40,11 @@ Profile = Annotated[
         help="Colour profile of the markers (JSON) of `mocapella calibrate colours learn`; without it, none are known.",
     ),
 ]
-FOURCC: Final = Key("Pixel format to request from the camera.", "CODE, such as MJPG")
+FOURCC: Final = KeySpec("Pixel format to request from the camera.", "CODE, such as MJPG")
 _CONTROL: Final = "in the driver's units; by default the profile's."
-EXPOSURE: Final = Key(f"Exposure {_CONTROL}")
-GAIN: Final = Key(f"Gain {_CONTROL}")
-WHITE_BALANCE: Final = Key(f"White balance {_CONTROL}")
+EXPOSURE: Final = KeySpec(f"Exposure {_CONTROL}")
+GAIN: Final = KeySpec(f"Gain {_CONTROL}")
+WHITE_BALANCE: Final = KeySpec(f"White balance {_CONTROL}")
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class CameraKeys:
     exposure: Annotated[float | None, EXPOSURE] = None
     gain: Annotated[float | None, GAIN] = None
     white_balance: Annotated[float | None, WHITE_BALANCE] = None
-    saturation: Annotated[float | None, Key(f"Saturation {_CONTROL}")] = None
-    contrast: Annotated[float | None, Key(f"Contrast {_CONTROL}")] = None
+    saturation: Annotated[float | None, KeySpec(f"Saturation {_CONTROL}")] = None
+    contrast: Annotated[float | None, KeySpec(f"Contrast {_CONTROL}")] = None
 
     @property
     def controls(self) -> CameraControls:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocapella.cli.app import LIVE, app
-from mocapella.cli.command_settings import Key, SettingsFile, read_settings, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_TAKES,
@@ -168,18 +168,20 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
 class ServeKeys:
     """Settings of `serve`."""
 
-    seconds: Annotated[float | None, Key("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
-    view_port: Annotated[int, Key("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
-    wait: Annotated[bool, Key("Begin stopped; tracking begins with Start in the view.")] = False
-    takes: Annotated[Path, Key("Folder of the takes.", "folder")] = DEFAULT_TAKES
-    reserve_gib: Annotated[float, Key("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
+    seconds: Annotated[float | None, KeySpec("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
+    view_port: Annotated[int, KeySpec("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
+    wait: Annotated[bool, KeySpec("Begin stopped; tracking begins with Start in the view.")] = False
+    takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
+    reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
     layout: Annotated[
         Path | None,
-        Key("Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"),
+        KeySpec(
+            "Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"
+        ),
     ] = None
     save_layout: Annotated[
         Path | None,
-        Key("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
+        KeySpec("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
     ] = None
 
     def check(self, method: str) -> None:

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import track_app
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
     ORDER,
@@ -57,33 +57,34 @@ class SilhouetteKeys:
 
     points: Annotated[
         tuple[str, ...],
-        Key("In place of --start: 2D keypoints of the first frame, as of `track points`.", "[PERSON=]POINTS"),
+        KeySpec("In place of --start: 2D keypoints of the first frame, as of `track points`.", "[PERSON=]POINTS"),
     ] = ()
     model: Annotated[
-        tuple[str, ...], Key("Body model: male (default), female, legs, or a rigged .glb or .gltf.", "[PERSON=]NAME")
+        tuple[str, ...],
+        KeySpec("Body model: male (default), female, legs, or a rigged .glb or .gltf.", "[PERSON=]NAME"),
     ] = ()
     height: Annotated[
-        tuple[str, ...], Key("Body height [m]; by default as the joints of --start say.", "[PERSON=]METRES")
+        tuple[str, ...], KeySpec("Body height [m]; by default as the joints of --start say.", "[PERSON=]METRES")
     ] = ()
     other_size: Annotated[
-        str | None, Key("Fit images of another size than the calibration's.", choices=("crop", "scale"))
+        str | None, KeySpec("Fit images of another size than the calibration's.", choices=("crop", "scale"))
     ] = None
     order: Annotated[str, ORDER] = "BODY_25B"
-    live: Annotated[bool, Key("Treat videos as live cameras: in real time; frames that come too soon are dropped.")] = (
-        False
-    )
+    live: Annotated[
+        bool, KeySpec("Treat videos as live cameras: in real time; frames that come too soon are dropped.")
+    ] = False
     empty_room: Annotated[
-        float | None, Key("Live: learn the background for this time, with nobody in the images.", "s")
+        float | None, KeySpec("Live: learn the background for this time, with nobody in the images.", "s")
     ] = None
-    late: Annotated[tuple[str, ...], Key("Live: latency of a camera, as of network cameras.", "NAME=MS")] = ()
+    late: Annotated[tuple[str, ...], KeySpec("Live: latency of a camera, as of network cameras.", "NAME=MS")] = ()
     fourcc: Annotated[str | None, FOURCC] = None
-    steadiness: Annotated[bool, Key("Penalise jitter; false fits every frame independently.")] = True
-    plot: Annotated[Path | None, Key(f"{PLOT_HELP} Joint angles over time.", "file")] = None
-    beside: Annotated[Path | None, Key("In the plot, compare with this earlier result.", "file")] = None
+    steadiness: Annotated[bool, KeySpec("Penalise jitter; false fits every frame independently.")] = True
+    plot: Annotated[Path | None, KeySpec(f"{PLOT_HELP} Joint angles over time.", "file")] = None
+    beside: Annotated[Path | None, KeySpec("In the plot, compare with this earlier result.", "file")] = None
     view_port: Annotated[
-        int | None, Key("TCP port of the live view; by default 7448, or a free one.", "port", 1, 65535)
+        int | None, KeySpec("TCP port of the live view; by default 7448, or a free one.", "port", 1, 65535)
     ] = None
-    browser: Annotated[bool, Key("Open the live view in the browser.")] = True
+    browser: Annotated[bool, KeySpec("Open the live view in the browser.")] = True
 
 
 @track_app.command()

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import track_app
-from mocapella.cli.command_settings import Key, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import ORDER, OUT_HELP, RIG_HELP, JsonOut, console, say, working, write_json
 from mocapella.cli.pictures import Fps
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 class PointsKeys:
     """Settings of `track points`."""
 
-    sd_px: Annotated[float, Key("Standard deviation of a certain detection; robust.", "px")] = 3.0
-    least_confidence: Annotated[float, Key("Use detections above this confidence.", "0 to 1")] = 0.3
-    largest_error: Annotated[float, Key("Largest mean reprojection error of a point; linear solvers.", "px")] = 15.0
+    sd_px: Annotated[float, KeySpec("Standard deviation of a certain detection; robust.", "px")] = 3.0
+    least_confidence: Annotated[float, KeySpec("Use detections above this confidence.", "0 to 1")] = 0.3
+    largest_error: Annotated[float, KeySpec("Largest mean reprojection error of a point; linear solvers.", "px")] = 15.0
     order: Annotated[str, ORDER] = "BODY_25B"
 
 
