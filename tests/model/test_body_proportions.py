@@ -118,7 +118,7 @@ def test_both_sides_count_alike() -> None:
         (lambda: lengths_of("male", 1.8, BodyProportions(forearm=0.05)), "forearm is 0.05; it must be 0.158 to 0.42"),
         (
             lambda: lengths_of("male", 2.0, BodyProportions(0.07, 0.43, 0.43, 0.5, 0.3)),
-            "height_m is 2.0; it must be 1.7300, what ankle_height, shank, thigh, trunk, head add up to",
+            "height_m is 2.0; it must be 1.7300, the sum of ankle_height, shank, thigh, trunk, head",
         ),
         (lambda: lengths_of("male", None, BodyProportions(thigh=0.1)), "height_m is 0.408.* it must be 0.5 to 2.5 m"),
         (lambda: proportions_of({}), "both ends of a segment"),

@@ -51,7 +51,7 @@ class ArmFinder:
         lens: (4,) or (9,) of the camera.
         settings: of the region.
         believe: cost above which a fit is rejected.
-        gain: expected reduction of the cost from which another posture of a digit is tried.
+        gain: least expected reduction of the cost for trying another posture of a digit.
     """
 
     models: Mapping[Handedness, ArmModel]
@@ -356,7 +356,7 @@ _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 SUREST: Final = 0.95
 """Largest certainty of a hand's side."""
 _CLEAR: Final = 0.75
-"""Certainty from which a side is clear."""
+"""Least certainty of a clear side."""
 _BESIDE_M: Final = 0.04
 _TRIES: Final = 2
 """Number of candidates that are tried within that distance."""

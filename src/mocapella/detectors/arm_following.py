@@ -343,7 +343,7 @@ class KinematicArmDetector:
 
     @staticmethod
     def _hand(arm: CameraArmTrack) -> Float64:
-        """Return balls (k, 4) around a hand [m] in which no other hand is searched."""
+        """Return balls (k, 4) around a hand [m]; no other hand is searched in them."""
         balls = arm.model.spheres(arm.fitted.pose)
         balls = balls[balls[:, 4] > 0, :4]
         balls[:, 3] += _ABOUT_HAND_M
@@ -414,7 +414,7 @@ _LONGEST_WAIT: Final = 240
 """Most images between two new searches for a hand in doubt."""
 
 _JUMP: Final = 1.25
-"""Factor between the costs of successive images from which the prediction counts as wrong."""
+"""Least ratio of the costs of successive images after a wrong prediction."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """Offsets from the prediction that are tried for a hand that turned, camera [m]."""
 _POSTURE_SD: Final = np.radians(1)
@@ -428,12 +428,12 @@ _FEW: Final = 250
 _FEWER: Final = 100
 """Points used to fit another posture, and to rank postures by cost."""
 _AT_ONCE: Final = 5
-"""Images in doubt in which all kinds of postures are tried; later they alternate."""
+"""Number of images in doubt that try all kinds of postures; later they alternate."""
 _TRIED: Final = 2
 """Postures of the whole hand that are fitted."""
 
 _VISIBLE: Final = 0.1
-"""Visible share of a landmark's surface from which it is tracked, not inferred."""
+"""Least visible share of a tracked landmark's surface; below, it is inferred."""
 _HIDDEN_SD_M: Final = np.full(23, 0.011)
 _HIDDEN_SD_M[[*TIPS]] = 0.024
 """Standard deviation of a coordinate of an occluded landmark [m]."""

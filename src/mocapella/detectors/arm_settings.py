@@ -19,7 +19,7 @@ class KinematicArmSettings:
         believe: cost above which a new fit is rejected.
         keep: cost above which the fit of a tracked arm is doubtful.
         digits: number of digits tested in each image for a better posture; all are tested while an arm is in doubt.
-        gain: expected reduction of the cost from which a posture is fitted.
+        gain: least expected reduction of the cost for fitting another posture.
         doubt: cost above which an arm is in doubt.
         better: share of the present pose's cost below which another pose replaces it.
         look_again_after: images in doubt before a hand is searched anew where it is; doubled each time nothing better

@@ -89,6 +89,6 @@ _SIZE_SD: Final = 0.002
 """Standard deviation of relative sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
-"""Factor by which a velocity may grow from image to image …"""
+"""Greatest growth factor of a velocity from image to image …"""
 _STILL: Final = 0.1
 """… and the share of its limit that it may reach from rest; this steadies a still hand."""

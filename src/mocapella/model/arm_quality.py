@@ -23,7 +23,7 @@ class Misdetections(msgspec.Struct, frozen=True):
         jumped: joints that moved too far.
         appeared, vanished: fingertips that became known, and unknown, while their arm was tracked.
         swapped: pairs of fingertips that exchanged positions, and arms that changed their side.
-        lost: arms that were lost, including those that left the image.
+        lost: lost arms, including arms that left the image.
     """
 
     jumped: int = 0

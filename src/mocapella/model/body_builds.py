@@ -56,7 +56,7 @@ def built_mesh(model: str, height_m: float | None, proportions: BodyProportions)
     """Return the mesh of one of `MODELS`.
 
     Raises:
-        SettingsError: nobody's height or proportions.
+        SettingsError: implausible height or proportions.
     """
     if model == "legs":
         return legs_mesh("male", height_m, proportions)

@@ -75,7 +75,7 @@ class BodyProportions:
     """The known lengths of a person's segments [m]; None: average for the height. See `Lengths`.
 
     Attributes:
-        girth: breadths, depths and girths over those of an average person of the same height.
+        girth: breadths, depths and girths over the average for the height.
     """
 
     ankle_height: float | None = None
@@ -155,7 +155,7 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
         proportions: the known segments.
 
     Raises:
-        SettingsError: a height of nobody, neither a height nor a segment, or segments that cannot be of that height.
+        SettingsError: an implausible height, neither a height nor a segment, or segments that do not fit the height.
     """
     table, known = dataclasses.asdict(body_shape(sex).lengths), proportions.known
     if height_m is None:

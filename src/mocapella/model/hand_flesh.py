@@ -39,7 +39,7 @@ FINGER_RADII_MM: Final = (
 """At the joints and the tip, of a hand of the reference's length; breadths of index finger and thumb as of T. Greiner,
 *Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
 THENAR, CORE, GROUPS = 5, 6, 7
-"""Groups of limbs after the digits: those that move with the thumb, and the rest."""
+"""Groups of limbs after the digits: limbs moving with the thumb, and the rest."""
 WITHIN_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
 BETWEEN_M: Final = 0.006
 """Blending radii between limbs of a group, and between groups, for any size of hand."""

@@ -341,7 +341,7 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def points(self) -> TrackedPoints | None:
-        """Points from which hands and objects are estimated; None if the method makes none."""
+        """The points behind hands and objects; None if the method makes none."""
         return next(iter(self.of("points")), None)
 
     def with_parts(self, **parts: tuple[Any, ...]) -> Scene:

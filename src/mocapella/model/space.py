@@ -81,7 +81,7 @@ def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
 
 
 def as_settings(alignment: SpaceAlignment) -> dict[str, Any]:
-    """Return plain values, from which `parse` rebuilds the alignment."""
+    """Return plain values; `parse` rebuilds the alignment from them."""
     values = dataclasses.asdict(alignment)
     return values | {"rows": [list(row) for row in alignment.rows]}
 

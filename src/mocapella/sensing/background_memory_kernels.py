@@ -68,7 +68,7 @@ class ForegroundBounds(NamedTuple):
         most: least squared deviation of a changed sample, in variances.
         least: variance [grey levels²].
         darkest: least share of its light for a sample in shadow.
-        chroma2: squared distance from its darkened colour up to which a sample is in shadow [grey levels²].
+        chroma2: greatest squared distance of a sample in shadow from its darkened colour [grey levels²].
     """
 
     most: float
@@ -79,7 +79,7 @@ class ForegroundBounds(NamedTuple):
 
 @njit(cache=True)
 def _mean(image: UInt8, step: int, i: int, j: int, out: Float64) -> None:
-    """Write the mean of an odd square of pixels about a sample [grey levels], as far as it is in the image."""
+    """Write the mean of an odd square of pixels about a sample [grey levels], clipped to the image."""
     half, channels = step // 2, image.shape[2]
     top, bottom = max(i * step - half, 0), min(i * step + half + 1, image.shape[0])
     left, right = max(j * step - half, 0), min(j * step + half + 1, image.shape[1])

@@ -46,7 +46,7 @@ class BodyLinesSettings:
         near_m, far_m: the range along the optical axis; a wall beyond it is left out.
         floor: whether the floor is detected and removed: the plane with most inliers among planes at most tilt_deg
             from level that have almost no points below them.
-        floor_clear_m: height up to which points are removed with the floor.
+        floor_clear_m: points below this height are removed with the floor.
         tilt_deg: greatest tilt of the camera.
         least_m2: least area of a body's outline, at its distance.
         image: settings of the later stages; its range and reach are replaced by the above.

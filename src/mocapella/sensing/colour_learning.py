@@ -63,7 +63,7 @@ def learn_colours(
     backgrounds: Sequence[UInt8] = (),
     controls: CameraControls | None = None,
 ) -> ColourProfile:
-    """Return a profile of the clicked colours; labels follow the order in which names first occur.
+    """Return a profile of the clicked colours; labels follow the first occurrences of the names.
 
     Args:
         camera: its name.

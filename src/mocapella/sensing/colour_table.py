@@ -44,7 +44,7 @@ class TableSettings:
         margin_of_others: least likelihood ratio to any other colour.
         light_sd: standard deviation of u and v by changes of the light.
         value_sd: noise of a pixel's 8-bit values, including a cell's width.
-        brightness_range: factor by which a colour may be darker or brighter than learnt, in 8-bit values.
+        brightness_range: greatest factor between a colour's brightness and the learnt one, in 8-bit values.
     """
 
     margin: float = 3.0
@@ -92,7 +92,7 @@ def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
-    """Return (...) labels of pixels (..., 3) blue, green, red, 0 … 255; the table holds those of its cells' centres."""
+    """Return (...) labels of pixels (..., 3) blue, green, red, 0 … 255."""
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
     at, luma, noise = chromaticity(values), brightness(values), _noise(values, s)

@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Each camera's image of the empty room, composed of images in which people were elsewhere."""
+    """Each camera's image of the empty room, composed of images with people elsewhere."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}

@@ -43,12 +43,12 @@ class MarkerSettings:
 
     Attributes:
         window_px: side of the search window around a prediction; 40 as in the thesis.
-        acceleration_px_s2: by which a prediction may be wrong; the window grows by half of it times the age squared.
+        acceleration_px_s2: unmodelled acceleration; the window grows by half of it times the age squared.
         forget_s: a marker unseen for longer has no prediction.
         whole_image_s: interval between searches of the whole image while no marker is lost.
         light_s: interval between measurements of the light.
         least_px, largest_share: limits of a marker's area, in pixels and as a share of the image.
-        area_range: factor by which its area may differ from the learnt one; 10 is three times as far or near.
+        area_range: greatest factor between its area and the learnt one; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
         sd_floor_px, sd_scale: of a centre's standard deviation: the floor and, in squares, times the edge's roughness.
@@ -97,7 +97,7 @@ class MarkerReport:
         whole_images: searched as a whole.
         overflows: images with more runs than capacity, whose end was not read.
         found: images with the marker.
-        ambiguous: images with more than one candidate, of which the likeliest was taken.
+        ambiguous: images with more than one candidate; the likeliest was taken.
         merged, too_small, too_big, wrong_shape: pieces of its colour that were joined, and rejected, by reason.
         brightness: the image's over the profile's when last measured; 1 is as learnt.
         chroma_shift: difference of u or v between image and profile.
