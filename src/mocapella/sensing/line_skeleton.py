@@ -118,7 +118,7 @@ class LineSkeleton:
         if second is None:
             return Looked(first, reason=f"no outline is larger than {s.least_area_px:g} px²: no arm, or it is too far")
         if np.count_nonzero(second.arm) > s.fills_most * second.arm.size:
-            return Looked(first, second, reason=f"the nearest object takes up more than {s.fills_most:.0%} of the image: "
+            return Looked(first, second, reason=f"the near part takes up more than {s.fills_most:.0%} of the image: "
                           "the arm is too near, or it is a wall")  # fmt: skip
         third, points = lines(second, s), grid(second, self._rays, s)
         if not len(third.segments):

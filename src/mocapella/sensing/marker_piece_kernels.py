@@ -59,8 +59,7 @@ def pieces(image: UInt8, table: UInt8, x0: int, y0: int, x1: int, y1: int, only:
     """Write the connected pieces of every label in image[y0:y1, x0:x1] to the buffers; return their number.
 
     Args:
-        image: (h, w, 3) uint8.
-        table: (32768,) uint8 label of a cell, 0 for none.
+        image, table: (h, w, 3) uint8, and (32768,) uint8 label of a cell, 0 for none.
         x0, y0, x1, y1: the part of the image that is searched.
         only: a label, or 0 for all.
         buffers: their ``found`` gets the pieces, with sums from (x0, y0).
@@ -124,7 +123,6 @@ def pieces(image: UInt8, table: UInt8, x0: int, y0: int, x1: int, y1: int, only:
             p = number
             number += 1
             runs[i, 3] = -1 - p  # from here on: the number of the piece
-            found[p, LABEL] = 0.0
             for k in range(1, 7):
                 found[p, k] = 0.0
             found[p, X0], found[p, Y0], found[p, X1], found[p, Y1] = 1e9, 1e9, -1.0, -1.0

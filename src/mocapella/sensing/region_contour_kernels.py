@@ -148,8 +148,7 @@ def segment(
         odd: (size,) int32 1, 3, 5 …: a sample's distance along its block [1 / (2 size)].
         outside_costs: (blocks, size) float32 −log p2 [nats] of a background model, NaN where it is learnt; or (0, 0).
         w: weights and limits.
-        field: (rows, padded) float32, above 0 inside; in the band it becomes every sample's gain by being inside
-            [nats].
+        field: (rows, padded) float32, above 0 inside; in the band it becomes every sample's gain [nats].
         contrast: (rows, padded) float32, becomes log p1 − log p2 [nats] in the band; 0 where unknown.
         energies: (iterations + 1,) float64 [nats × samples] at the start and after every move; not computed where (0,).
     """
