@@ -24,7 +24,15 @@ from benchmarks.harness import Row, at_least, at_most, measured, median_seconds
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.kinematics.hand_bones import measure_bones
 from mocapella.kinematics.hand_chain import hand_chain, landmarks, palm_landmarks
-from mocapella.kinematics.hand_solvers import SOLVERS, ClosedForm, IterativeSettings, digit_rows, hand_solver, kernels
+from mocapella.kinematics.hand_solvers import (
+    SOLVERS,
+    ClosedForm,
+    IterativeSettings,
+    digit_rows,
+    hand_solver,
+    iterative_kernels,
+    kernels,
+)
 from mocapella.kinematics.hand_tracker import HandTracker, base_layout
 from mocapella.model.hand import (
     ANGLES,
@@ -166,7 +174,7 @@ def table(quick: bool) -> Iterator[Row]:
 
 def one_by_one(name: str, digits: Float64, natural: Float64, tips: Float64) -> Callable[[], None]:
     """What solves hand after hand from the natural pose."""
-    k, stop = kernels(), IterativeSettings()
+    k, other, stop = iterative_kernels(), kernels(), IterativeSettings()
     angles, errors = natural.copy(), np.empty(5)
     reached, iterations = np.empty(5, dtype=np.bool_), np.empty(5, dtype=np.int64)
     kind = {"FABRIK": k.FABRIK, "Jacobian transpose": k.TRANSPOSE, "pseudo-inverse": k.PSEUDO_INVERSE}.get(
@@ -177,7 +185,7 @@ def one_by_one(name: str, digits: Float64, natural: Float64, tips: Float64) -> C
         for target in tips:
             angles[:] = natural
             if name == ClosedForm.name:
-                k.hand_closed_form(digits, target, angles, errors, reached)
+                other.hand_closed_form(digits, target, angles, errors, reached)
             else:
                 k.hand_iterative(
                     digits, target, angles, errors, iterations, kind, stop.tolerance_m, stop.most_iterations,

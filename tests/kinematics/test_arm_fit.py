@@ -17,7 +17,8 @@ from mocapella.geometry.turn_kernels import turned
 from mocapella.kinematics import arm_fit_kernels as k
 from mocapella.kinematics import arm_flesh_kernels as fk
 from mocapella.kinematics import arm_residual_kernels as rk
-from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose, FitParameters
+from mocapella.kinematics.arm_arrays import FitParameters
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmFitSettings, ArmModel, ArmPose
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import ANGLES, BASES, TIPS, WRIST, Handedness, hand_model
 from mocapella.sensing import arm_region_kernels as region

@@ -24,7 +24,7 @@ from mocapella.kinematics.twist_fit import (
     fit,
     normal_equations,
 )
-from mocapella.kinematics.twist_fit_kernels import factorise, path, step, substitute
+from mocapella.kinematics.twist_step_kernels import factorise, path, step, substitute
 from mocapella.model.twist_tree import TreePose, TwistTree, twist_tree
 
 Float64 = NDArray[np.float64]

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from mocapella.compiled import njit
 from mocapella.geometry.cholesky_kernels import factorise, substitute
 from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
-from mocapella.kinematics.arm_fit import ArmArrays, ArmEvidence, ArmPose, ArmPrior, FitParameters
+from mocapella.kinematics.arm_arrays import ArmArrays, FitParameters
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmPose, ArmPrior
 from mocapella.kinematics.arm_flesh_kernels import (
     ARM_THICK,
     BODY_DOFS,

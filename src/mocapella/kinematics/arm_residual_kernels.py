@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
-from mocapella.kinematics.arm_fit import ArmEvidence, FitParameters
+from mocapella.kinematics.arm_arrays import FitParameters
+from mocapella.kinematics.arm_fit import ArmEvidence
 from mocapella.kinematics.arm_flesh_kernels import (
     D_ARM_THICK,
     D_DIGITS,

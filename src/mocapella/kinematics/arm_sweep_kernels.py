@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.geometry.turn_kernels import FIRST
-from mocapella.kinematics.arm_fit import ArmArrays, ArmEvidence, ArmPose, FitParameters
+from mocapella.kinematics.arm_arrays import ArmArrays, FitParameters
+from mocapella.kinematics.arm_fit import ArmEvidence, ArmPose
 from mocapella.kinematics.arm_flesh_kernels import (
     FROM,
     LENGTH,

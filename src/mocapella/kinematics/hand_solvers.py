@@ -165,7 +165,7 @@ class _Iterative(_Solver):
         self.settings = settings or IterativeSettings()
 
     def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
-        s, k = self.settings, kernels()
+        s, k = self.settings, iterative_kernels()
         kind = getattr(k, self.kind)
         k.hand_iterative(
             self.digits, targets, angles, errors, iterations, kind, s.tolerance_m, s.most_iterations, s.damping_m
@@ -202,6 +202,14 @@ def kernels() -> ModuleType:
     from mocapella.kinematics import hand_kernels
 
     return hand_kernels
+
+
+@cache
+def iterative_kernels() -> ModuleType:
+    """Import the compiled iterative kernels, and with them numba, on first use."""
+    from mocapella.kinematics import hand_iterative_kernels
+
+    return hand_iterative_kernels
 
 
 SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
