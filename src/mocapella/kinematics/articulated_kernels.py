@@ -96,7 +96,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
     """Compute joints, frames and twists of a memory row about its root, whose position is written into origin (3,)."""
     for k in range(3):
@@ -160,7 +160,7 @@ def correct(
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _fit(
     model: BodyArrays, row: Float64, frame: Measurements, known: bool, dt: float, origin: Float64, positions: Float64,
     variances: Float64, R: Float64, total: Float64, posterior: Float64,
@@ -219,7 +219,7 @@ def _fit(
     return surprise, seen
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _weigh(
     model: BodyArrays, row: Float64, frame: Measurements, j: int, step: int, known: bool, dt: float, origin: Float64,
     positions: Float64, variances: Float64,
