@@ -159,7 +159,17 @@ def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, fold
     with stage.streams() as streams:
         sources = [f"{name}={streams.address(name)}" for name in stage.scene.rig.cameras]
         with Program(
-            folder, "run", "track", "silhouettes", *sources, *GIVEN, "--json", "out.json", "--overlay", "seen"
+            folder,
+            "run",
+            "track",
+            "silhouettes",
+            *sources,
+            *GIVEN,
+            "--json",
+            "out.json",
+            "--overlay",
+            "seen",
+            "--no-view",
         ) as program:
             wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 3, COMPILED)
             stage.off.add("camera2")
@@ -193,6 +203,7 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
             "out.json",
             "--overlay",
             "seen",
+            "--no-view",
         )
         with Program(folder, "run", *given) as program:
             wait_until("it follows", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
@@ -206,7 +217,7 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
         done = run_here(
             folder, "track", "silhouettes", *sources, "--rig", "rig.toml", "--start", "out.part.json:2",
             "--json", "out.json",
-            "--seconds", "1",
+            "--seconds", "1", "--no-view",
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "out.part.json is there, of a run that still goes on or was killed" in " ".join(done.stderr.split())
@@ -216,6 +227,7 @@ def test_a_run_that_is_killed_leaves_its_frames_which_are_read_as_any_result(sta
 
 MESH, RIG, HZ = somebody(), ring(3), 10.0
 FILMS = [f"c{k}" for k in (3, 1, 2)]
+LIVE = ("--set", "live=true", "--fps", str(HZ), "--no-view")
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +246,17 @@ def films(tmp_path_factory):
 
 def ran(folder, *arguments):
     done = run_here(
-        folder, "track", "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json", "--json", "-"
+        folder,
+        "track",
+        "silhouettes",
+        *arguments,
+        "--no-view",
+        "--rig",
+        "rig.toml",
+        "--start",
+        "joints.json",
+        "--json",
+        "-",
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), " ".join(done.stderr.split())
@@ -242,12 +264,8 @@ def ran(folder, *arguments):
 
 def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_are(films, tmp_path, monkeypatch):
     before = sorted(films.iterdir())
-    assert (
-        run_here(films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN).returncode == 0
-    )
-    done = run_here(
-        films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN, "--json", os.devnull
-    )
+    assert run_here(films, "track", "silhouettes", *FILMS, *LIVE, *GIVEN).returncode == 0
+    done = run_here(films, "track", "silhouettes", *FILMS, *LIVE, *GIVEN, "--json", os.devnull)
     assert done.returncode == 0, done.stderr
     assert Path(os.devnull).is_char_device()  # it is no file to be replaced
     assert sorted(films.iterdir()) == before
@@ -257,9 +275,7 @@ def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_
 
     monkeypatch.setattr(SilhouetteResult, "finish", refuse)
     out = tmp_path / "out.json"
-    done = run_here(
-        films, "track", "silhouettes", *FILMS, "--set", "live=true", "--fps", str(HZ), *GIVEN, "--json", str(out)
-    )
+    done = run_here(films, "track", "silhouettes", *FILMS, *LIVE, *GIVEN, "--json", str(out))
     assert done.returncode == 1
     (body,) = read_followed_people(tmp_path / "out.part.json").values()
     assert f"the {len(body.frames)} frames until then are in" in " ".join(done.stderr.split())
@@ -312,7 +328,9 @@ def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films
 
 
 def failed(folder, *arguments):
-    done = run_here(folder, "track", "silhouettes", *arguments, "--rig", "rig.toml", "--start", "joints.json")
+    done = run_here(
+        folder, "track", "silhouettes", *arguments, "--no-view", "--rig", "rig.toml", "--start", "joints.json"
+    )
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return " ".join(done.stderr.split())
@@ -369,7 +387,8 @@ def test_a_camera_of_another_size_is_refused_as_a_video_is(films, tmp_path):
         "other_size=scale",
         "--fps",
         "10",
+        "--no-view",
         *GIVEN,
     )
     assert done.returncode == 0, done.stderr
-    assert "other_size scale" in done.stderr
+    assert "--set other_size=scale" in " ".join(done.stderr.split())
