@@ -16,5 +16,7 @@ from __future__ import annotations
 from typing import Final
 
 NS_PER_S: Final = 1_000_000_000
+SCHEMA_VERSION: Final = 1
+"""Version of the message schema (`mocapella.schema`); here, so that ``--version`` imports no codec."""
 NOT_AVAILABLE: Final = -9999
 """Code of a missing value in the study log."""

@@ -104,7 +104,7 @@ lab_app.add_typer(depth_app, name="depth")
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from mocapella.schema import SCHEMA_VERSION
+        from mocapella.conventions import SCHEMA_VERSION
 
         typer.echo(f"mocapella {__version__} (schema {SCHEMA_VERSION})")
         raise typer.Exit

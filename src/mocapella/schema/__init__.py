@@ -3,7 +3,8 @@
 It is a package of its own because the bus and the recording need it, and neither may import the other.
 """
 
-from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
+from mocapella.conventions import SCHEMA_VERSION
+from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES
 from mocapella.schema.frames import decode_frame, encode_frame, format_of
 from mocapella.schema.scenes import decode_scene, decode_truth, encode_scene, encode_truth
 

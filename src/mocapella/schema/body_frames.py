@@ -14,6 +14,7 @@ import numpy as np
 from numpy import frombuffer, logical_not, vdot
 from numpy.typing import NDArray
 
+from mocapella.conventions import SCHEMA_VERSION
 from mocapella.errors import WireError
 from mocapella.model.observations import BodyFrame
 from mocapella.model.topology import Topology
@@ -24,7 +25,6 @@ from mocapella.schema.checks import (
     MAX_BODIES,
     MAX_COORDINATE,
     MAX_MESSAGE_BYTES,
-    SCHEMA_VERSION,
     STATES,
     U1,
     U8,

@@ -14,12 +14,12 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
+from mocapella.conventions import SCHEMA_VERSION
 from mocapella.errors import SchemaVersionError, SettingsError, WireError, one_of
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology, topology_names
 
-SCHEMA_VERSION: Final = 1
 MAX_BODIES: Final = 1024
 """Largest number of bodies; a frame with more is refused before memory is allocated for it."""
 MAX_POINTS: Final = 1024

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mocapella.conventions import SCHEMA_VERSION
 from mocapella.errors import WireError, one_of
 from mocapella.model.part_types import PART_TYPES, PartType
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState, UnknownPart
@@ -22,7 +23,6 @@ from mocapella.schema.checks import (
     I8,
     MAX_NAME,
     MAX_SCENE_BYTES,
-    SCHEMA_VERSION,
     array,
     choices,
     known_topology,
