@@ -36,9 +36,10 @@ if TYPE_CHECKING:
     from mocapella.model.board import Board, BoardView
     from mocapella.model.camera import Camera
     from mocapella.model.session import SensorHealth
+    from mocapella.sources.video import Frames
 
 ALONE_FROM = 1_000_000
-"""Numbers of the frames that only their own camera saw."""
+"""First number of the frames of ``--alone``, which only one camera saw."""
 FILMED_S: Final = 60.0
 """How long live cameras are filmed if --seconds is not given."""
 NODE = "node:"
@@ -52,7 +53,7 @@ def calibrate(
         typer.Argument(
             metavar="[NAME=]VIDEO…",
             help="A video, image or folder of images for each camera, or camera:0, camera:1 … for live ones, or "
-            "node:left, node:right … for those of running nodes. A camera is called as its file, or NAME.",
+            "node:left, node:right … for the cameras of running nodes. A camera is called as its file, or NAME.",
         ),
     ],
     board: Annotated[Path, typer.Option(metavar="BOARD.toml", help="The board: docs/cameras.md says how to write it.")],
@@ -94,7 +95,7 @@ def calibrate(
     from mocapella.calibration.rig_report import as_result
     from mocapella.model.board import load_board
     from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
-    from mocapella.sources.video import LIVE, parse_frames
+    from mocapella.sources.video import parse_frames
 
     if not out.parent.is_dir():
         raise SettingsError(f"--out {out}: there is no folder {out.parent}; name a file in one that exists")
@@ -102,23 +103,14 @@ def calibrate(
     inputs = named_inputs(videos)
     wanted = parse_frames(frames)
     known = {} if rig is None else _lenses(load_camera_rig(rig).cameras, inputs, rig)
-    live = {path.startswith((LIVE, NODE)) and path.partition(":")[0] for path in inputs.values()}
-    if len(live) > 1:
-        raise SettingsError(
-            "live cameras, nodes and videos cannot be calibrated together; film with all, or give videos of all"
-        )
+    live = _are_live(inputs)
     with working("looking for the board …", status=INTERRUPTED):
-        if live != {False}:
+        if live:
             views, instants = _films(inputs, chosen, FILMED_S if seconds is None else seconds, known, connect)
         else:
             views, counts = look(inputs, chosen, wanted, str(board))
             instants = _instants(views, timestamps, tolerance_ms, counts)
-        extra = []
-        for name, path in [_named(text) for text in alone or []]:
-            if name not in inputs:
-                raise SettingsError(f"--alone {name}: no such camera; there are {one_of(name, inputs)}")
-            seen, _ = look({name: path}, chosen, wanted, str(board))
-            extra += [msgspec.structs.replace(view, frame=ALONE_FROM + len(extra) + k) for k, view in enumerate(seen)]
+        extra = _views_alone(alone or [], inputs, chosen, wanted, str(board))
         instants |= {(view.camera, view.frame): view.frame for view in extra}
         paired = [view for view in views if (view.camera, view.frame) in instants]
     place = None if origin is None else Origin(_instant_of(origin, instants), upright)
@@ -132,6 +124,39 @@ def calibrate(
     for hint in found.hints:
         say(hint.text)
     say(f"{out}: {len(found.rig.cameras)} cameras")
+
+
+def _are_live(inputs: Mapping[str, str]) -> bool:
+    """Return whether the inputs are live cameras or running nodes.
+
+    Raises:
+        SettingsError: cameras, nodes and videos are mixed.
+    """
+    from mocapella.sources.video import LIVE
+
+    kinds = {path.startswith((LIVE, NODE)) and path.partition(":")[0] for path in inputs.values()}
+    if len(kinds) > 1:
+        raise SettingsError(
+            "live cameras, nodes and videos cannot be calibrated together; film with all, or give videos of all"
+        )
+    return kinds != {False}
+
+
+def _views_alone(
+    texts: Sequence[str], inputs: Mapping[str, str], board: Board, frames: Frames, label: str
+) -> list[BoardView]:
+    """Return the board's views of ``--alone``, for one camera's lens each, under frame numbers of their own.
+
+    Raises:
+        SettingsError: a name is not one of the cameras.
+    """
+    extra: list[BoardView] = []
+    for name, path in [_named(text) for text in texts]:
+        if name not in inputs:
+            raise SettingsError(f"--alone {name}: no such camera; there are {one_of(name, inputs)}")
+        seen, _ = look({name: path}, board, frames, label)
+        extra += [msgspec.structs.replace(view, frame=ALONE_FROM + len(extra) + k) for k, view in enumerate(seen)]
+    return extra
 
 
 @calibrate_app.command("board")

@@ -1,4 +1,4 @@
-"""``mocapella hand``: a person's hand, measured."""
+"""``mocapella calibrate hand``: measure a person's hand from a gesture."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def measure(
         typer.Option(
             metavar="NAME,NAME,…",
             help="Three or four markers on the base: wrist, knuckles of index, little and middle finger; by default "
-            "those of the take.",
+            "as in the take.",
         ),
     ] = None,
     settings_file: SettingsFile = None,
@@ -108,11 +108,7 @@ def measure(
     from mocapella.model.hand import hand_model
     from mocapella.model.hand_file import save_hand_shape
 
-    if (take is None) != (phases is None):
-        said = "a take wants --phases flat=0:4,knuckles=4:10,hook=10:16" if phases is None else "--phases is of a take"
-        raise SettingsError(f"{said}; live, leave both out")
-    if take is None and rig is not None:
-        raise SettingsError("--rig is of a take; live, the server knows its cameras: mocapella serve --rig")
+    _check_inputs(take, phases, rig)
     spans = None if phases is None else spans_of_text(phases)
     recorded = None if take is None else _recorded(take)
     gesture = GesturePoints(*_names(recorded, tips, base))
@@ -124,10 +120,9 @@ def measure(
         raise SettingsError(f"--base has {len(gesture.base)} markers; give three or four of them")
     layout = base_layout(start, len(gesture.base), keys.base_height_mm / 1000)
     fit = partial(_fit, model=model, start=start, layout=layout)
-    if recorded is None:
+    if recorded is None or spans is None:
         bones = _guided(gesture, fit, connect, keys.lasting, keys.prepare)
     else:
-        assert spans is not None
         for scene, phase in _shown(recorded, rig, gesture, spans):
             gesture.update(scene, phase)
         bones = fit(gesture)
@@ -135,6 +130,19 @@ def measure(
     write_json(json, _row(bones, gesture, out))
     if json != "-":
         _show(bones, gesture, out)
+
+
+def _check_inputs(take: Path | None, phases: str | None, rig: Path | None) -> None:
+    """Check that a take comes with its phases, and a live measurement with neither these nor a rig.
+
+    Raises:
+        SettingsError: one is missing or too much.
+    """
+    if (take is None) != (phases is None):
+        said = "a take wants --phases flat=0:4,knuckles=4:10,hook=10:16" if phases is None else "--phases is of a take"
+        raise SettingsError(f"{said}; live, leave both out")
+    if take is None and rig is not None:
+        raise SettingsError("--rig is of a take; live, the server knows its cameras: mocapella serve --rig")
 
 
 def _fit(gesture: GesturePoints, model: HandModel, start: HandShape, layout: Any) -> Bones:
