@@ -122,7 +122,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
             "--set", "empty_room=1", "--json", "out.json", "--overlay", "seen",
             "--view", "--set", "browser=false", "--set", f"view_port={free_port()}",
         ) as program:  # fmt: skip
-            wait_until("the room is learnt", program.said("somebody may come now"), COMPILED)
+            wait_until("the room is learnt", program.said("the person may come now"), COMPILED)
             wait_until("it waits", lambda: program.said("until Ctrl-C")() and seen(folder) >= 5, COMPILED)
             assert "the body is there" not in program.output
             stage.at = 0
@@ -315,7 +315,7 @@ def test_it_ends_after_so_many_seconds(films):
 def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films):
     empty = [argument for name in FILMS for argument in ("--background", f"empty/{name}")]
     found, said = ran(films, *(f"first_empty/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), *empty)
-    assert "somebody may come now" in said
+    assert "the person may come now" in said
     lost = [row["lost"] for row in found["frames"]]
     assert lost[0]
     assert not lost[-1]

@@ -1,7 +1,7 @@
-"""The command line: one module a verb. What a verb needs is imported when it runs, so that ``--help`` is quick.
+"""The command line: one module for each command. A command imports its packages when it runs: ``--help`` stays quick.
 
 Exit status: 0, also when Ctrl-C ends a verb that runs until then; 1 for an error of ours; 2 for a command line that
-cannot be read; 130 when Ctrl-C ends a verb before it has made what it was to make.
+cannot be read; 130 when Ctrl-C ends a command before its result is complete.
 """
 
 from __future__ import annotations

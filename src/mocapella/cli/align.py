@@ -59,12 +59,12 @@ def align(
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
-    """Find how the space of another tracker (OSC, OpenVR) lies in the world of the cameras, and how late its poses are.
+    """Calibrate the pose of another tracker's space (OSC, OpenVR) in the world of the cameras, and its latency.
 
-    Fix a tag or a marker of ours on the thing that the other tracker follows, and run `serve --method hands` with both.
-    Then move it for 20 s through all of the space that the cameras see, tilting and turning it about every axis. Live,
-    every second it says what is missing, and ends when the space is known well. Of a take that was recorded so, it says
-    afterwards what was missing.
+    Fix a tag or a marker on the object that the other tracker follows, and run `serve --method hands` with both.
+    Move the object for 20 s through all of the space that the cameras see, tilting and turning it about every axis.
+    Live, the command prints every second which motion is missing, and ends when the estimate is good. For a take of
+    such a motion, it prints at the end which motion was missing.
 
     Example:  mocapella calibrate space --body LHR-1 --object wand --out vr.toml
     """

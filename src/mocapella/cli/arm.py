@@ -267,7 +267,7 @@ class _Run:
         write_stages(self._stages, self.counts["images"] - 1, file, self.detector.stages(metres))
 
     def _problems(self) -> list[str]:
-        """What is wrong with the recording, and what may be with what was said of it."""
+        """Return problems of the recording, and doubts about its intrinsics and unit."""
         doubt = self._sizes.problem if self.counts["with_arms"] else self._check.doubt(self.camera)
         return [*self.recording.state.problems, *([doubt] if doubt else [])]
 

@@ -109,7 +109,7 @@ def check(
     settings: Annotated[list[str] | None, set_option(CameraKeys)] = None,
     json: JsonOut = None,
 ) -> None:
-    """Draw what is taken for each colour in a picture, and where the markers are.
+    """Draw the regions of each marker colour in an image, and the detected markers.
 
     Example:  mocapella calibrate colours check camera:0 --profile left.json --out mask.png
     """

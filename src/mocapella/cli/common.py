@@ -52,7 +52,7 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Refuse, before anybody has shown anything, a file that could not be written at the end.
+    """Refuse an output file that cannot be written, before any work is done.
 
     Raises:
         SettingsError: it is a folder, or in none.

@@ -80,10 +80,10 @@ def demo(
 ) -> None:
     """Simulate a room with three sensors, two people and an obstacle, track the people live, and open the view.
 
-    `demo hands` renders a hand with painted fingertips before two cameras, finds the paint in their pictures, and makes
-    a hand of it. `demo arm` renders an arm before a depth camera, finds it and its fingers in the images, and lets it
-    grab a cloth; --scene is one of the arm's scenes there (cloth), and --detector what finds it. `demo silhouettes`
-    renders somebody who runs before four cameras (or does what --scene says), and fits a body model to the outlines.
+    `demo hands` renders a hand with painted fingertips before two cameras, detects the paint in their images, and fits
+    a hand model. `demo arm` renders an arm before a depth camera, detects it and its fingers in the images, and lets it
+    grab a cloth; --scene is one of the arm's scenes there (cloth), and --detector the detector. `demo silhouettes`
+    renders a running person before four cameras (or another --scene), and fits a body model to the silhouettes.
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 

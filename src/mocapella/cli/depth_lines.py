@@ -67,7 +67,7 @@ def lines(
 
 
 def _looked(recording: DepthRecording, settings: BodyLinesSettings, stages: Path | None) -> dict[str, Any]:
-    """A recording's part of the JSON; what a person wants to know of it is said."""
+    """Return a recording's part of the JSON, and print its summary."""
     from mocapella.sources.depth_options import UnitCheck, complete
 
     camera, unit_m = complete(recording.state, recording.name), recording.state.unit_m

@@ -31,13 +31,13 @@ def depth_options(
     fps: float | None = None,
     size_px: tuple[int, int] | None = None,
 ) -> DepthOptions:
-    """What the command line says of a depth camera.
+    """Return the depth camera's options on the command line.
 
     Args:
-        rig: FILE or FILE:CAMERA, of which the lens is taken.
+        rig: FILE or FILE:CAMERA, for the intrinsics.
 
     Raises:
-        SettingsError: something of it cannot be read, or the lens is said twice.
+        SettingsError: an option cannot be read, or the intrinsics are given twice.
         InputError: the rig's file cannot be read, or has no such camera.
     """
     if rig is not None and intrinsics is not None:

@@ -1,4 +1,4 @@
-"""``mocapella doctor``: what is installed, which ports and devices are free, and what to do about what is not."""
+"""``mocapella doctor``: check installed packages, ports and devices, and advise on each problem."""
 
 from __future__ import annotations
 

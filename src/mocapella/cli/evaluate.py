@@ -208,7 +208,9 @@ def hands(
         table.add_row(name, *(f"{scores['all'][key]:.2f}" for key in _HANDS))
     out = Console()
     out.print(table)
-    out.print("tips: the painted fingertips in space; of hand: those of the fitted hand; jitter: of its tips' error")
+    out.print(
+        "tips: the painted fingertips in space; of hand: of the fitted hand; jitter: of its tips' error"
+    )
     out.print("about its mean; all with one marker on the hand's base")
     if result["tag"]:
         table = Table(title="a tag of 40 mm", title_justify="left", box=SIMPLE_HEAD, padding=0)

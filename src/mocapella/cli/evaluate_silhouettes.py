@@ -36,7 +36,7 @@ _COMMANDS: Final = {
     ),
     "acrobatics": (
         "own,measured",
-        "Follow a cartwheel and a flick-flack of which some frames are stored completely wrong.",
+        "Track a cartwheel and a flick-flack with some completely wrong frames.",
     ),
     "weight": (
         "own",

@@ -76,8 +76,8 @@ def arms(
 ) -> None:
     """Write the arms of a take's results, in the world: a row for each joint of each arm, with its state.
 
-    docs/arms/fusion.md describes the columns. A take of arms of which no method made anything has none in its results:
-    `mocapella replay` says what could not be used.
+    docs/arms/fusion.md describes the columns. If a take's results contain no arms, `mocapella replay` prints which
+    frames could not be used.
 
     Example:  mocapella export arms grab-1 --out grab-1.csv
     """

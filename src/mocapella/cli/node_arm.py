@@ -62,9 +62,9 @@ def node_arm(
     epoch_from_input: EpochFromInput = False,
     json: JsonOut = None,
 ) -> None:
-    """Serve a depth camera: find the arms in its images, and send them.
+    """Serve a depth camera: detect the arms in its images, and send them.
 
-    docs/arms/recordings.md has the cameras, and what they need installed.
+    docs/arms/recordings.md lists the cameras and the packages they need.
 
     Example:  mocapella node arm openni:0 --name arm
     """

@@ -21,7 +21,7 @@ LINGER: Final = KeySpec("Stay this long after the last frame, so that a take get
 DROP_AFTER_MS: Final = KeySpec("Drop results older than this after their image was captured.", "ms", least=1)
 DELAY_MS: Final = KeySpec("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
-"""What a node that is told its epoch prints when it waits for it."""
+"""Printed by a node when it waits for its epoch on standard input."""
 Epoch = Annotated[
     float | None,
     typer.Option(

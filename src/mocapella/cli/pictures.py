@@ -1,4 +1,4 @@
-"""What verbs share that read a camera's pictures: its options, and what they say of its state."""
+"""Options of the commands that read a camera's images, and their messages about its state."""
 
 from __future__ import annotations
 

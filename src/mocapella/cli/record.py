@@ -71,7 +71,7 @@ def record(
 def _record(
     session: zenoh.Session, name: str, seconds: float | None, interrupted: threading.Event
 ) -> RecordingHealth | None:
-    """Begin the take and show how it goes, until it is to be ended; returns how it ended if somebody else did that."""
+    """Start the take and show its progress until its end; return its health if another program ended it."""
     from mocapella.wire.reader import send_command
 
     began = send_command(session, "record", {"name": name})

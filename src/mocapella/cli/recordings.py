@@ -36,7 +36,7 @@ from mocapella.sources.study_replay import ReplayReport, StudyReplay
 from mocapella.tracker import METHODS
 
 TAKES = Path("takes")
-"""Where a server that was told of no other folder keeps its takes."""
+"""Default folder of a server's takes."""
 _ENDINGS = (SUFFIX, ".csv", ".csv.gz")
 _MOST_NAMED = 10
 LATE_NS = 100_000_000

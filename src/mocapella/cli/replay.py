@@ -61,7 +61,7 @@ def replay(
     view: View = True,
     record: RecordTo = None,
 ) -> None:
-    """Track what was recorded: as fast as it goes, or in real time with --live.
+    """Track a recording again: as fast as possible, or in real time with --live.
 
     The ports, the view and --record go with --live.
 

@@ -456,6 +456,6 @@ def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], 
             view_is_there = False
             say("the live view has ended; the session goes on, and `mocapella view` shows it again")
         if session.server.failed.is_set():
-            raise MocapellaError("the server failed (see above); what was recorded is safe")
+            raise MocapellaError("the server failed (see above); the take so far is safe")
         if until() or (deadline is not None and time.monotonic() >= deadline):
             return

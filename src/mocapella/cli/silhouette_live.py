@@ -141,7 +141,7 @@ def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float 
         learn_room(run, shown, empty_room_s)
     where = "where the outlines are in the view's pictures" if view else "at the start (--view shows the outlines)"
     for name, body in run.tracker.bodies.items():
-        run.note(f"{name or 'somebody'} may come now, in the start's pose and best {where}: {_place(body)}")
+        run.note(f"{name or 'the person'} may come now, in the start's pose and best {where}: {_place(body)}")
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:

@@ -38,7 +38,7 @@ class SilhouetteResult:
 
     Args:
         json, plot: as the options.
-        bodies: who is followed, by name.
+        bodies: the tracked bodies by person's name.
         shown: the images.
         rig: its file.
         steady: whether there is the penalty on jitter.

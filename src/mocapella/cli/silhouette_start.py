@@ -98,9 +98,7 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
         )
     if ALONE in sources and len(sources) > 1:
         option = "--set points" if wishes.points else "--start"
-        raise SettingsError(
-            f"{option} is given for somebody without a name, and for others: write {option} anna=FILE for each"
-        )
+        raise SettingsError(f"{option} is given both with and without a name: write {option} anna=FILE for each")
     models, heights = _by_person("model", wishes.models, sources), _by_person("height", wishes.heights, sources)
     found = {}
     for name, source in sources.items():
@@ -168,7 +166,7 @@ def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlie
         for name, one in people.items():
             if name in found:
                 called = f"are both of {name}; name each person once" if name else (
-                    "are of somebody without a name; write --start anna=FILE for each"
+                    "have no person's name; write --start anna=FILE for each"
                 )  # fmt: skip
                 raise SettingsError(f"--start: {found[name].path} and {path} {called}")
             found[name] = one

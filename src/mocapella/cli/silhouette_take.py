@@ -55,7 +55,7 @@ class RecordedRun:
         report = self._take.close()
         frames = sum(report.frames.values())
         size = f"{report.size_bytes / 1e6:.1f} MB"
-        say(f"recorded {frames} images in {report.path} ({size}); those of videos stay there")
+        say(f"recorded {frames} images in {report.path} ({size}); the images of videos stay in their files")
 
 
 def recorded(

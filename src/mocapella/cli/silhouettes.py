@@ -74,7 +74,7 @@ class SilhouetteKeys:
         bool, KeySpec("Treat videos as live cameras: in real time; frames that come too soon are dropped.")
     ] = False
     empty_room: Annotated[
-        float | None, KeySpec("Live: learn the background for this time, with nobody in the images.", "s")
+        float | None, KeySpec("Live: learn the background for this time, while the images are empty.", "s")
     ] = None
     late: Annotated[tuple[str, ...], KeySpec("Live: latency of a camera, as of network cameras.", "NAME=MS")] = ()
     fourcc: Annotated[str | None, FOURCC] = None

@@ -129,7 +129,7 @@ def bias(
         write_text(out, to_json(msgspec.structs.replace(model, trained_on=statement)))
         figures = {}
         if parts:
-            model = read_model(out)  # what is tried is what was written, to its last digit
+            model = read_model(out)  # evaluate the model exactly as written, to its last digit
             figures = rounded(left_out(sessions, model, lambda name: status.update(f"tracking {name} with it …")))
     say(f"{out}: {out.stat().st_size} bytes, of {len(sessions)} sessions of {len(statement['participants'])} people")
     write_json(json, {"out": str(out), "trained_on": statement, "left_out": figures})
