@@ -60,7 +60,7 @@ calibrate_app = typer.Typer(
 )
 colours_app = typer.Typer(
     no_args_is_help=True,
-    help="""Learn the colours of markers from clicks in an image, and check what is detected.
+    help="""Learn the colours of markers from clicks in an image, and check the detection.
 
     Example:  mocapella calibrate colours check camera:0 --out shot.png
     """,

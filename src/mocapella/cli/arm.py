@@ -286,7 +286,7 @@ class _Run:
         }
 
     def _arms_in_words(self) -> str:
-        """How many arms were followed, of which sides, and in how many images each gesture was seen."""
+        """Describe the tracked arms by side, and the images of each gesture."""
         sides: dict[int, Counter[str]] = {}
         gestures: Counter[str] = Counter()
         for arm in (arm for row in self._rows for arm in row["arms"]):

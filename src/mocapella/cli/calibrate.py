@@ -257,7 +257,7 @@ def look(
 def _films(
     inputs: Mapping[str, str], board: Board, seconds: float, known: Mapping[str, Camera], connect: str
 ) -> tuple[list[BoardView], dict[tuple[str, int], int]]:
-    """Look at cameras of this machine, or at running nodes, for a while, and say meanwhile what is missing."""
+    """Film with local cameras or running nodes for some time; report missing views meanwhile."""
     import time
     from functools import partial
 

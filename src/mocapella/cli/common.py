@@ -215,7 +215,7 @@ def chosen(context: typer.Context, name: str, value: T) -> T | None:
 
 
 def participant_numbers(text: str | None, option: str = "--participants") -> list[int] | None:
-    """``"0,1,20"`` as numbers; None where nothing was said.
+    """Parse ``"0,1,20"`` as numbers; None if the option is not given.
 
     Raises:
         SettingsError: it is something else.

@@ -153,7 +153,7 @@ class Show:
 
 @dataclass(frozen=True)
 class Wish:
-    """What is wished of a demo; None where nothing was said."""
+    """Options of a demo; None where the command line gives no value."""
 
     scene: str | None
     method: str

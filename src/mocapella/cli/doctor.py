@@ -50,7 +50,7 @@ def doctor(
     takes: Annotated[Path, typer.Option("--takes", metavar="FOLDER", help="Folder of the takes.")] = DEFAULT_TAKES,
     json: JsonOut = None,
 ) -> None:
-    """Look at this machine and say what is missing for which job, and what to do about it.
+    """Check this machine: report missing packages and devices for each task, with advice.
 
     The table is on standard output, or with --json - on standard error. Exit status 1 when something that the main job
     needs is wrong.

@@ -208,9 +208,7 @@ def hands(
         table.add_row(name, *(f"{scores['all'][key]:.2f}" for key in _HANDS))
     out = Console()
     out.print(table)
-    out.print(
-        "tips: the painted fingertips in space; of hand: of the fitted hand; jitter: of its tips' error"
-    )
+    out.print("tips: the painted fingertips in space; of hand: of the fitted hand; jitter: of its tips' error")
     out.print("about its mean; all with one marker on the hand's base")
     if result["tag"]:
         table = Table(title="a tag of 40 mm", title_justify="left", box=SIMPLE_HEAD, padding=0)
@@ -233,7 +231,7 @@ def line_skeleton_grid(
 ) -> None:
     """Measure what the grid of the detector line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
 
-    docs/arms/line-skeleton.md says what is counted.
+    docs/arms/line-skeleton.md defines the counts.
 
     Example:  mocapella lab evaluate line-skeleton-grid --plot grid.png --json grid.json
     """

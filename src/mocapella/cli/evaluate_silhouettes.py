@@ -44,10 +44,10 @@ _COMMANDS: Final = {
     ),
     "one-camera": (
         "own",
-        "Follow people with one camera alone, with the penalty on jitter and without, and tell what is uncertain then.",
+        "Follow people with one camera alone, with the penalty on jitter and without, and report the uncertain angles.",
     ),
 }
-"""What each experiment is about, and with which bodies it is done."""
+"""Bodies and purpose of each experiment."""
 
 
 def _command(name: str, usual: str, about: str) -> None:
@@ -124,7 +124,7 @@ def show_one_camera(rows: Any, out: Console) -> None:
 
 
 def _table(rows: Any, headings: Sequence[str], out: Console, digits: int = 1) -> None:
-    """A row for each run, whose name is said once for all its weights."""
+    """Print a row for each run; the first row of its weights names it."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in ("", "penalty", *headings):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)

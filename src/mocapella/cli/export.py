@@ -106,7 +106,7 @@ def json_lines(
 ) -> None:
     """Write everything of a take's results: a line of JSON for each, with all fields of its parts, also of a plug-in's.
 
-    Arrays are lists, and null is what is not known. Parts whose package is not installed are named with their size.
+    Arrays are lists, and null marks unknown values. Parts whose package is not installed are named with their size.
 
     Example:  mocapella export json walk-1 --out walk-1.jsonl
     """

@@ -98,7 +98,7 @@ def measure(
     """Measure a person's finger bones from a short gesture, with three markers or more on the base of the hand.
 
     Three parts: the flat hand; straight fingers that bend at the knuckles; knuckles straight and fingers that curl.
-    Live, it says what to do and what is missing. The server runs with the same markers:
+    Live, it prints the instructions and the missing parts. The server runs with the same markers:
     mocapella serve --method hands --rig RIG.toml --set 'base=["cyan","white","orange"]'
 
     Example:  mocapella calibrate hand --base cyan,white,orange --right --person Ada --out ada.json

@@ -59,7 +59,7 @@ def serve_frames(
     linger_s: float = 0.0,
     history_frames: int | None = None,
 ) -> None:
-    """Serve a sensor's frames, each when it is due, until they end or Ctrl-C; says at the end what came of it.
+    """Serve a sensor's frames, each when it is due, until they end or Ctrl-C; report the result at the end.
 
     Args:
         frames: makes them, in the order of their time; called when the run begins.

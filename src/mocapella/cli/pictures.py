@@ -73,7 +73,7 @@ def wishes(
     given: Any,
     profile: ColourProfile | None,
 ) -> CameraWishes:
-    """How a camera is to be set: as was said, else as the profile says.
+    """Return the camera's controls: from the options, else from the profile.
 
     Raises:
         SettingsError: something that no camera has.

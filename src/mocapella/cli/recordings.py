@@ -263,7 +263,7 @@ class RecordedTake:
         return missing_of(self._take)
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """See `Recording`; frames are due as they were stored, or `due_times`."""
+        """See `Recording`; frames are due at their storage times, or at `due_times`."""
         if sensor not in self.sensors:
             raise SettingsError(f"{self._take.path} has no sensor {sensor!r}; it has {one_of(sensor, self.sensors)}")
         due = {name: self._due_times(name) for name in self.sensors}
@@ -286,7 +286,7 @@ class RecordedTake:
             yield DueFrame((due - zero) / NS_PER_S, msgspec.structs.replace(whole, time_ns=last_time))
 
     def _resolved(self, frame: SensorFrame) -> Any:
-        """The frame with what it refers to, such as the image of a video."""
+        """Return the frame with the referenced data, such as the image of a video."""
         kind = frame_type_of(frame)
         if kind is None or not kind.resolver:
             return frame

@@ -74,13 +74,13 @@ class SilhouetteResult:
         """The next frame.
 
         Raises:
-            RecordingError: it cannot be written; what was before is there.
+            RecordingError: it cannot be written; an earlier file stays unchanged.
         """
         if self._kept is not None:
             self._kept.add({name: one.row for name, one in step.people.items()})
 
     def finish(self, run: SilhouetteRun, shown: FrameSource) -> None:
-        """All frames have been: write what they came to.
+        """Write the result after the last frame.
 
         Raises:
             SettingsError, RecordingError: it cannot be written.
@@ -122,7 +122,7 @@ class SilhouetteResult:
 
 
 def _angles(kept: BodiesWriter) -> dict[str, list[AnglesAt]]:
-    """Of everybody, by name."""
+    """Values of each person, by name."""
     import msgspec
 
     class Row(msgspec.Struct):

@@ -173,7 +173,7 @@ def sensor_errors(
 ) -> None:
     """Measure how wrong a Kinect v2's skeletons are, for simulated sensors that are as wrong.
 
-    docs/simulation.md says what is measured and how.
+    docs/simulation.md describes the measurement.
 
     Example:  mocapella lab train sensor-errors shared/data/kinectmultitrack --out kinect_v2_measured.json
     """
