@@ -54,7 +54,7 @@ def test_nothing_is_said_of_an_address_that_only_this_machine_reaches(
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.7", "kinect-pc", "127.evil.example"])
 def test_an_open_interface_is_warned_of(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     warn_if_open("the view is", host, 7448)
-    assert f"WARNING: the view is open to everybody who can reach {host}:7448" in capsys.readouterr().err
+    assert f"WARNING: the view is open to everyone who can reach {host}:7448" in capsys.readouterr().err
 
 
 def test_a_take_with_a_problem_is_an_exit_status_and_any_other_is_none() -> None:

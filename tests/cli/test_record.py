@@ -51,7 +51,7 @@ def test_a_client_whose_take_somebody_else_ends_says_so_and_has_its_result(
         wait_until("it records", client.said("recording "))
         assert run(tmp_path, "record", "--stop", "--connect", address).returncode == 0
         assert client.process.wait(60.0) == 0, client.output
-    assert "ended by somebody else" in client.output
+    assert "ended by another program" in client.output
     assert json.loads((tmp_path / "row.json").read_text())["path"] == "takes/walk.mcap"
 
 

@@ -150,9 +150,9 @@ def test_people_who_cannot_be_are_one_line(folder, found):
         (("--start", "anna.json", "--start", "ben=ben.json"), "is given both with and without a name: write --start"),
         (("--start", "anna.json", "--start", "ben.json"), "have no person's name; write --start anna=FILE"),
         (("--start", "both.json", "--start", "ben=ben.json"), "both.json and ben.json are both of ben"),
-        (("--start", "bne=both.json"), "both.json has nobody called 'bne'; anna, ben (did you mean ben?)"),
+        (("--start", "bne=both.json"), "both.json has no person called 'bne'; anna, ben (did you mean ben?)"),
         (("--start", "=anna.json"), "'' cannot be a person's name"),
-        (("--start", "both.json", "--set", "model=bne=male"), "model bne=male: nobody is called 'bne'; anna, ben"),
+        (("--start", "both.json", "--set", "model=bne=male"), "model bne=male: no person is called 'bne'; anna, ben"),
         (("--start", "anna.json", "--set", "model=anna=male"), "the start names nobody: write --start NAME=FILE"),
         (
             ("--start", "both.json", "--set", "model=male", "--set", "model=female"),

@@ -329,7 +329,7 @@ def _instants(
 def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
     found = [instant for (_, number), instant in instants.items() if number == frame]
     if not found:
-        raise SettingsError(f"--origin {frame}: no camera has that frame; take one in which the board was seen")
+        raise SettingsError(f"--origin {frame}: no camera has that frame; take a frame that shows the board")
     return found[0]
 
 

@@ -243,7 +243,7 @@ def warn_if_open(what: str, host: str, port: int) -> None:
     from mocapella.wire.session import is_loopback
 
     if not is_loopback(f"tcp/{host}:{port}"):
-        say(f"WARNING: {what} open to everybody who can reach {host}:{port}")
+        say(f"WARNING: {what} open to everyone who can reach {host}:{port}")
 
 
 def recording_row(take: RecordingHealth) -> dict[str, Any] | None:

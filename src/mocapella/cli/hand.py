@@ -290,7 +290,7 @@ def _show(bones: Bones, gesture: GesturePoints, out: Path) -> None:
     places = ",".join(f"[{','.join(f'{x:.4f}' for x in place)}]" for place in bones.base_markers)
     say(f"written to {out}; mocapella serve --method hands --file hand={out} uses it")
     names = ",".join(f'"{name}"' for name in gesture.base)
-    say(f"with the markers of the base as they are now: --set 'base=[{names}]' --set 'base_places_m=[{places}]'")
+    say(f"with the present markers of the base: --set 'base=[{names}]' --set 'base_places_m=[{places}]'")
 
 
 def _with_sd(value: float, sd: float) -> str:

@@ -88,7 +88,7 @@ def _record(
             if not take.active:
                 if take.problem:
                     raise RecordingError(take.problem)
-                say(f"the take was ended by somebody else: {take.frames} frames in {take.path}")
+                say(f"the take was ended by another program: {take.frames} frames in {take.path}")
                 return take
             line.update(f"{take.seconds:.0f} s, {take.frames} frames, {take.size_bytes / 1e6:.1f} MB")
     return None

@@ -152,8 +152,8 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
     """
     from mocapella.live.signals import stop_on_signals
 
-    say(f"learning the empty room for {seconds:g} s: nobody may be in the images")
-    columns = (TextColumn("nobody may be in the images"), BarColumn(), TimeRemainingColumn())
+    say(f"learning the empty room for {seconds:g} s: keep the images empty of people")
+    columns = (TextColumn("keep the images empty of people"), BarColumn(), TimeRemainingColumn())
     with (
         telling_of_compiling("the method silhouettes"),
         stop_on_signals() as stop,

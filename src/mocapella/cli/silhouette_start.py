@@ -159,7 +159,7 @@ def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlie
             }
         if whose != ALONE and ALONE not in people:
             if whose not in people:
-                raise SettingsError(f"--start {text}: {path} has nobody called {whose!r}; {one_of(whose, people)}")
+                raise SettingsError(f"--start {text}: {path} has no person called {whose!r}; {one_of(whose, people)}")
             people = {whose: people[whose]}
         elif whose != ALONE:
             people = {whose: people[ALONE]}
@@ -248,7 +248,7 @@ def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) 
             raise SettingsError(f"{option} is given twice{f' for {name}' if name else ''}: {said[name]} and {value}")
         if name != ALONE and name not in people:
             known = "the start names nobody: write --start NAME=FILE" if ALONE in people else one_of(name, people)
-            raise SettingsError(f"{option} {text}: nobody is called {name!r}; {known}")
+            raise SettingsError(f"{option} {text}: no person is called {name!r}; {known}")
         said[name] = value
     return {name: said.get(name, said.get(ALONE, "")) for name in people if name in said or ALONE in said}
 
@@ -352,7 +352,7 @@ def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) ->
             raise InputError(
                 f"{name or 'the body'} would start at ({x:.2f}, {y:.2f}, {z:.2f}) m, which is outside of all images",
                 field="start", value=words,
-                fix="give joints in the rig's world, in metres, of the frame with which the videos begin",
+                fix="give joints in the rig's world, in metres, of the first frame of the videos",
             )  # fmt: skip
 
 
