@@ -227,8 +227,8 @@ def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: P
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
     (tmp_path / "walk.mcap").touch()
     for arguments, words in (
-        (["walk.mcap", "--set", "frames=30"], "is a take, which is tracked with its recorded settings"),
-        (["walk.mcap", "--placement", "parallel"], "is a take, which is tracked with its recorded settings"),
+        (["walk.mcap", "--set", "frames=30"], "is a take, tracked with its recorded settings"),
+        (["walk.mcap", "--placement", "parallel"], "is a take, tracked with its recorded settings"),
         ([log, "--record", "copy.mcap"], "--record wants --live and one file"),
         ([log, log, "--live", "--record", "copy.mcap"], "--record wants --live and one file"),
     ):

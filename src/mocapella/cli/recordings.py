@@ -125,7 +125,7 @@ def open_recording(
     if is_take(file):
         if placement or method or method_settings:
             raise SettingsError(
-                f"{file} is a take, which is tracked with its recorded settings; leave --placement, --method and --set out"
+                f"{file} is a take, tracked with its recorded settings; leave --placement, --method and --set out"
             )
         take = RecordedTake(file)
         if not take.sensors:
