@@ -12,7 +12,7 @@ from support.walkers import Room, health, status
 
 from mocapella.model.scene import Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, Setup
-from mocapella.viewer.palette import SensorColours
+from mocapella.viewer.palette import AMBER, BLUE, SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
     notices_html,
@@ -122,7 +122,13 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
             "Calibrating: stand still (40 of 120 frames to go)",
         ),
         (
-            status(phase="calibrating", frames_remaining=120, frames_wanted=120, reason="no person is in view yet"),
+            status(
+                phase="calibrating",
+                frames_remaining=120,
+                frames_wanted=120,
+                reason="no person is in view yet",
+                sensors=(health("front", bodies=0), health("left", bodies=1, silent=True)),
+            ),
             "Calibrating: no person is in view yet",
         ),
         (
@@ -137,6 +143,17 @@ def test_while_stopped_a_silent_sensor_is_no_matter_of_the_headline():
 )
 def test_an_empty_stage_says_why_it_is_empty(session, words):
     assert stage_text(session) == words
+
+
+def test_a_stop_with_a_reason_is_shown_as_getting_ready():
+    reason = "compiling the tracking method; tracking begins by itself"
+    session = status(running=False, phase="stopped", reason=reason)
+    assert stage_text(session) == "Getting ready: compiling the tracking method · tracking begins by itself"
+    html = status_html(session)
+    assert "Getting readycompiling the tracking method" in Reader(html).text
+    assert "Stopped" not in Reader(html).text
+    assert BLUE.css in html
+    assert AMBER.css not in html
 
 
 CALIBRATING = "; ".join(f"{name}: with front: walk a few steps" for name in ("front", "left", "right"))

@@ -17,7 +17,7 @@ from mocapella.viewer.part_panel import PanelPlace, PanelState
 EVERY_S: Final = 0.25
 """Figures that change faster cannot be read."""
 _MANY: Final = 6.0
-"""Misdetections a minute from which on they are marked."""
+"""Misdetections a minute from which the panel marks them."""
 
 
 class ArmPanel:

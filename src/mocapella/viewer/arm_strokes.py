@@ -34,7 +34,7 @@ def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[St
     Args:
         p: (8, 3) of `mocapella.model.arms.ARM_JOINTS` where they are drawn [m].
         states: (8,) `JointState`.
-        scale: how many times as large as it is.
+        scale: factor of enlargement.
     """
     known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
     paints = np.array([colour.paint for colour in COLOURS], np.uint8)

@@ -1,4 +1,4 @@
-"""The folder in which cameras are calibrated, in one browser: what it shows comes from the view's process alone."""
+"""The folder for camera calibration in one browser. All its content comes from the view's process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS: Final = (CHARUCO, CHESSBOARD, FILE)
 _USUAL: Final = Board("charuco", 5, 7, 0.0352, dictionary="DICT_4X4_50")
 _MM: Final = 1e3
 _TYPED_S: Final = 0.3
-"""A browser sends what is typed a little later, also after a click that followed it; a wrong size would spoil all."""
+"""Delay before a click counts [s]: a browser may send typed text after a later click, and a wrong size spoils all."""
 
 Send = Callable[[str, dict[str, Any]], None]
 
@@ -52,7 +52,7 @@ class BoardFields:
         """Of ``calibrate``.
 
         Raises:
-            SettingsError: a field that cannot be used; names it and what it may be.
+            SettingsError: an invalid field; the message names it and the valid values.
         """
         if self.kind == FILE:
             if not self.file.strip():
@@ -169,7 +169,7 @@ class BoardPlace:
     """Where the panel comes, as soon as there is a camera, and a view that can calibrate.
 
     Args:
-        make: makes the panel; is told whether it is unfolded.
+        make: makes the panel; its argument is whether the panel is unfolded.
     """
 
     def __init__(self, make: Callable[[bool], BoardPanel]) -> None:

@@ -1,4 +1,4 @@
-"""Boards over the stage with the cameras' pictures, and the outlines of what was fitted to them drawn in."""
+"""Boards over the stage with the cameras' images and the outlines of the fitted bodies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mocapella.viewer.room import ImageLines, called, drawing_of
 Float64 = NDArray[np.float64]
 
 BOARDS: Final = "/board"
-"""Where boards are; what is in it goes along with what the camera goes along with."""
+"""Scene node of the boards; its children move with the camera's target."""
 EMPTY: Final = Rgb(106, 114, 129)
 """Of a board without a picture; seen from before, where little light is, it is a dark slate."""
 _RIM_M: Final = 0.015
@@ -37,7 +37,7 @@ _LINES_LIFT: Final = 0.003
 """So far lines are before a picture, over its width."""
 _LINE_M: Final = 0.014
 _DEEPER: Final = 0.55
-"""Lines are as bright as what is lit most: without this, bright colours would be nearly white."""
+"""Factor of the lines' brightness: unlit lines look fully lit, so bright colours would be nearly white."""
 _NEAR_M: Final = 1e-4
 """Boards that are so near to where they are to be stay."""
 
@@ -128,7 +128,7 @@ class BoardNodes:
 
 
 class _BoardNode:
-    """One board: what is seen where there is no picture, a rim around one, the picture, and lines before it."""
+    """One board: a background in place of a missing image, a rim, the image, and lines in front of it."""
 
     def __init__(self, scene: viser.SceneApi, name: str, size_px: tuple[int, int]) -> None:
         self._scene, self._name, self.size_px = scene, name, size_px

@@ -113,7 +113,7 @@ def outlines_html(bodies: Sequence[TrackedBody]) -> str:
 
 
 def overlap_colour(overlap: float) -> Rgb:
-    """Of how well outlines agree: plain where they do, amber where they do not, grey where nobody knows."""
+    """Return the colour of the outlines' overlap: plain if they agree, amber if they do not, grey if unknown."""
     return GREY if np.isnan(overlap) else _PLAIN if overlap >= GOOD_OVERLAP else AMBER
 
 

@@ -72,10 +72,10 @@ def join(parts: list[Strokes]) -> Strokes:
 
 
 def checked(strokes: Strokes) -> Strokes:
-    """The strokes themselves; what somebody else made can be drawn.
+    """Return the strokes after a check, since a plug-in may have made them.
 
     Raises:
-        TypeError: they are none.
+        TypeError: not a `Strokes`.
         ValueError: an array of another shape, or a value that is not finite; says which.
     """
     if not isinstance(strokes, Strokes):

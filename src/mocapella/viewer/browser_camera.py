@@ -18,7 +18,7 @@ Float64 = NDArray[np.float64]
 _ASIDE: Final = 1e-3
 """[m]."""
 _SETTLED: Final = 30
-"""Calls after a move of ours in which the browser may still report where its camera was before."""
+"""Calls after a move of ours during which the browser may still report its camera's previous position."""
 _ELSEWHERE_M: Final = 0.02
 REMEMBERED: Final = 600
 """So many places the camera was put at are known; what a slow browser says of its camera is of some time ago."""
@@ -125,8 +125,8 @@ class BrowserCamera:
         camera = self._camera
         camera.fov = look.fov
         camera.up_direction = (0.0, 1.0, 0.0)
-        # What the camera is at already is not sent; but what is known of it is the browser's last report, from before
-        # moves that are on their way. So it is put beside its place first: then the place itself is always sent.
+        # An unchanged pose is not sent, and the pose known here is the browser's last report, older than moves on their
+        # way. So the camera is first put beside its target pose: then the target pose itself is always sent.
         for aside in (_ASIDE, 0.0):
             camera.position = np.asarray(look.position) + aside
             camera.look_at = np.asarray(look.target) + aside

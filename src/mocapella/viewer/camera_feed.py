@@ -1,6 +1,6 @@
 """Cameras' pictures for all browsers: asked for only while one shows them, so often at most, each once for all.
 
-Nothing waits: questions are asked on threads of their own, and the loop that draws takes what has come.
+Nothing blocks: separate threads send the requests, and the drawing loop takes the answers that have arrived.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class CameraAnswer(Protocol):
 
     @property
     def separability(self) -> dict[str, Any] | None:
-        """Of what was learnt: ``kept`` by name, ``problems`` in sentences."""
+        """Result of learning the colours: ``kept`` by name, ``problems`` as sentences."""
 
 
 Ask = Callable[[str, dict[str, Any], float], CameraAnswer]
@@ -154,7 +154,7 @@ class CameraFeed:
         return tuple(sorted(self._cameras & self._answering))
 
     def looks(self, camera: str) -> bool:
-        """Whether its node looks for something in its pictures, of which colours can be learnt."""
+        """Whether its node detects coloured markers in its images, so that colours can be learnt."""
         return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
@@ -170,12 +170,12 @@ class CameraFeed:
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
     def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
-        """Ask what is due; returns at once. Call it steadily, while there is a browser.
+        """Send the requests that are due; return at once. Call it steadily while a browser is connected.
 
         Args:
             cameras: the cameras whose nodes are there now.
             now_s: of a monotonic clock [s].
-            plain: those of them whose nodes look for nothing in their pictures.
+            plain: cameras whose nodes detect nothing in their images.
         """
         self._cameras, self._plain = set(cameras), set(plain)
         if now_s < self._next_s or len(self._under_way) >= self.settings.workers:
@@ -219,7 +219,7 @@ class CameraFeed:
         if key[1] != _REPORT:
             question |= {"scale": self._scale(key), "format": "jpeg"}
         if key[1] == FeedMode.PICTURE:
-            question["keep"] = False  # what is being pointed at is kept, and this would push it out
+            question["keep"] = False  # the node keeps the image that the user points at; this one would replace it
         self._asked_s[key] = now_s
         self._under_way.add(key)
         self._pool.submit(self._fetch, key, question).add_done_callback(_raise_again)

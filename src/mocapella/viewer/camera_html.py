@@ -1,4 +1,4 @@
-"""Cameras' pictures and how well their colours are told apart, as HTML. All texts are escaped."""
+"""Cameras' images and the quality of their learnt colours, as HTML. All texts are escaped."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def radius_px(size_px: tuple[int, int]) -> float:
 def picture_html(
     shot: FeedImage | None, shown: FeedMode, report: Mapping[str, Any], *, large: bool = False, looks: bool = True
 ) -> str:
-    """What a camera shows: its picture with a circle around each marker, or its mask; and what is wrong with it.
+    """Return a camera's image with a circle around each marker, or its mask, and the camera's problems.
 
     ``large``: the picture itself stands before the stages, and not here. ``looks``: markers are looked for in it.
     """
@@ -73,7 +73,7 @@ def picture_html(
 
 
 def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
-    """Who is to be pointed at, who was, and what was wrong with the names or the learning."""
+    """Return the next marker to point at, the markers done, and the problems with the names or the learning."""
     rows = []
     for k, name in enumerate(pointing.names):
         at = pointing.done[k] if k < len(pointing.done) else None
@@ -104,7 +104,7 @@ def waiting_html(text: str) -> str:
 
 
 def separability_html(separability: Mapping[str, Any]) -> str:
-    """How much of each colour is told from all else, and what is wrong, with what to do about it."""
+    """Return the share of each colour that is told from the background, and the problems with their remedies."""
     kept, rows = separability.get("kept"), []
     for name, share in kept.items() if isinstance(kept, Mapping) else ():
         part = min(max(float(share), 0.0), 1.0) if isinstance(share, int | float) else 0.0
@@ -126,7 +126,7 @@ def separability_html(separability: Mapping[str, Any]) -> str:
     head = (
         '<div class="mocapella-learnt" style="font-size:15px;font-weight:650;margin:2px 0 2px">'
         "Learnt, and not saved yet</div>"
-        f'<div style="color:{GREY.css};margin-bottom:4px">Of each colour, so much is told from all else:</div>'
+        f'<div style="color:{GREY.css};margin-bottom:4px">Share of each colour told apart from all else:</div>'
     )
     return _box(head + "".join(rows) + f'<div style="margin-top:6px">{verdict}</div>')
 

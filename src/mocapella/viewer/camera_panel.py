@@ -41,7 +41,7 @@ class Large:
 
     Attributes:
         answer: the picture.
-        points: what is circled in it, by name.
+        points: the circled markers, by name.
         words: what stands over it.
         named: whether the circles' names are written.
     """
@@ -56,7 +56,7 @@ class CameraPanel:
     """The folder "Cameras". Callbacks of the browser leave wishes, which the loop that draws carries out.
 
     Attributes:
-        large: what is to be shown before the browser's camera; None where nothing is.
+        large: the image to show in front of the browser's camera; None for none.
     """
 
     def __init__(self, gui: viser.GuiApi, feed: CameraFeed, say: Say) -> None:
@@ -79,7 +79,7 @@ class CameraPanel:
 
     @property
     def _camera(self) -> str:
-        """Whose colours are learnt, or else the one that is chosen; empty where there is none."""
+        """The camera whose colours are learnt, or else the chosen camera; empty if there is none."""
         if self._lesson is not Lesson.NONE:
             return self._pupil
         return "" if self._cameras.value == NONE else str(self._cameras.value)
@@ -93,7 +93,7 @@ class CameraPanel:
         self._enlarge.value = False
 
     def show(self, now_s: float) -> None:
-        """Carry out what was wished, and bring everything up to what has come."""
+        """Carry out the user's requests, and update the panel from the newest answers."""
         while self._wishes:
             self._wishes.popleft()()
         at_work = self._lesson in (Lesson.FREEZING, Lesson.POINTING, Lesson.LEARNING)
@@ -221,7 +221,7 @@ class CameraPanel:
             self._order({"ask": "picture", "scale": 0.1, "keep": True}, take)
 
     def _finish(self, verb: str, title: str) -> None:
-        """Save or discard what was learnt."""
+        """Save or discard the learnt colours."""
 
         def take(answer: CameraAnswer | None, problem: str) -> None:
             self._say(title if answer else f"{title}: not done", answer.message if answer else problem, bool(answer))
@@ -237,7 +237,7 @@ class CameraPanel:
             self._lesson, self._problem = Lesson.POINTING, ""
 
     def _stop(self) -> None:
-        self._turn += 1  # what is still under way comes too late
+        self._turn += 1  # answers still under way come too late
         self._lesson, self._frozen, self._problem = Lesson.NONE, None, ""
         self._enlarge.value = False
 
@@ -258,7 +258,7 @@ class CameraPanel:
             self._shown = gui.add_dropdown(
                 "Show",
                 tuple(FeedMode),
-                hint="The picture, or what is taken for each colour; nothing is asked while off",
+                hint="The image, or the mask of each colour; off requests nothing",
             )
             self._enlarge = gui.add_checkbox("Large", False, hint="Before the stages, as large as the window")
             self._view = gui.add_html("")
@@ -269,7 +269,7 @@ class CameraPanel:
             self._moves = gui.add_button_group("Pointing", ("Back", "Skip", "Again"))
             self._background = gui.add_button(
                 "Add picture without hand", color="gray", icon=viser.Icon.PHOTO,
-                hint="Take the hand out of the picture first: what is seen then is no marker",
+                hint="Take the hand out of the image first: everything then visible is background",
             )  # fmt: skip
             self._begin = gui.add_button(
                 "Learn colours…", icon=viser.Icon.COLOR_PICKER, color="gray",

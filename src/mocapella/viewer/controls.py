@@ -42,7 +42,7 @@ def allowed(status: SessionStatus | None) -> Allowed:
 
 
 def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, ...]:
-    """Names of the types of parts that there can be: those that the status counts, or else that the scene has."""
+    """Return the names of the possible part types: the types that the status counts, or else the scene's."""
     counted = tuple(status.counts) if status is not None else ()
     return counted or (tuple(scene.parts) if scene is not None else ())
 

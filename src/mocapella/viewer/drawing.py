@@ -26,7 +26,7 @@ _MORE_STROKES = 64
 _NEGLIGIBLE = 5e-4
 """A frustum that has moved by less [m], or turned by less [rad], stays where it is drawn."""
 _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
-"""From a picture's axes (x right, y down), in which a frustum is given, to a sensor's (x left, y up)."""
+"""Rotation from an image's axes (x right, y down), the axes of a frustum, to a sensor's (x left, y up)."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class SurfaceNode:
 
 
 class SkinNode:
-    """A rigged mesh, of which only the motions of its parts are sent."""
+    """A rigged mesh. After its first drawing, only the motions of its parts are sent."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -188,7 +188,7 @@ class LineNode:
         if self._handle is None or len(points) > self._capacity:
             self._grow(len(points))
         assert self._handle is not None
-        missing = self._capacity - len(points)  # what is missing lies as a point where the last line ends
+        missing = self._capacity - len(points)  # the unused capacity lies as points at the end of the last line
         self._handle.points = np.concatenate([points, np.broadcast_to(points[-1, 1], (missing, 2, 3))])
         self._handle.colors = np.concatenate([colours, np.broadcast_to(colours[-1, 1], (missing, 2, 3))])
         self._handle.visible = True

@@ -58,7 +58,7 @@ class Framing:
 
     @property
     def corners(self) -> Float64:
-        """(8, 3) of what is looked at."""
+        """(8, 3) corners of the box that the camera looks at."""
         (x, above, z), (wide, deep) = self.middle, self.half_m
         heights = (0.0, self._tall + above)
         return np.array([[x + i, y, z + k] for i in (-wide, wide) for y in heights for k in (-deep, deep)])

@@ -15,13 +15,13 @@ Float64 = NDArray[np.float64]
 _FINEST: Final = 320
 """So many samples the longer side of an outline has."""
 _SMOOTHED: Final = 5
-"""Over so many points of an outline its side is the one that most of them are on."""
+"""Number of outline points over which a majority decides the side."""
 MOST_POINTS: Final = 160
 """Of a line that is drawn; more do not show."""
 
 
 def closed_lines(points_px: Float32) -> Iterator[Float64]:
-    """(k, 2) each of the closed lines in (n, 2), between which are rows of NaN; those of two points and more."""
+    """(k, 2) each closed line of (n, 2), where rows of NaN separate lines; lines of one point are left out."""
     points = np.asarray(points_px, np.float64).reshape(-1, 2)
     gaps = np.flatnonzero(~np.isfinite(points).all(axis=1))
     for part in np.split(points, gaps):

@@ -77,7 +77,7 @@ class Lane:
     Attributes:
         draw: a frame in a `LaneSpace` as a `LaneDrawing`.
         keep: reduces a frame to the data needed to draw it again, for the timeline.
-        on_floor: whether frames have ``tilt``, ``height`` and ``positions`` of people, of which the floor is learnt.
+        on_floor: whether frames have ``tilt``, ``height`` and ``positions`` of people, to learn the floor from.
         size_px: (width, height) of the image that a frame is; None where it is none.
     """
 
@@ -138,7 +138,7 @@ def lane_of(frame: SensorFrame, troubles: PluginErrors) -> Lane | None:
 
 
 def draw_lane(frame: SensorFrame, space: LaneSpace, troubles: PluginErrors) -> LaneDrawing:
-    """What a frame's lane shows; an empty lane where its type has none, or where that raises, which is told once."""
+    """Return the content of a frame's lane; empty if its type has none or if drawing raises (reported once)."""
     lane = lane_of(frame, troubles)
     return EMPTY if lane is None else troubles.attempt(_called(frame), lambda: _drawn(lane, frame, space), EMPTY)
 

@@ -31,7 +31,7 @@ PERSON_HEIGHT_M = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A camera: where it is, what it looks at, and its vertical field of view [rad]."""
+    """A camera: its position, its target, and its vertical field of view [rad]."""
 
     position: Float64
     target: Float64
@@ -111,7 +111,7 @@ def frame(
     """The nearest camera that looks along +z, down by ``elevation`` [rad], and has all the points in its picture.
 
     Args:
-        points: (n, 3), what is to be seen.
+        points: (n, 3) that must be visible.
         fov: vertical field of view [rad].
         aspect: width of the picture over its height.
         elevation: how far the camera looks down [rad].

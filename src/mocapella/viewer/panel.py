@@ -62,7 +62,7 @@ class PanelNews:
 
     Attributes:
         status: the session's newest; None while no server answers, and where there is none.
-        moment: the one that this browser shows.
+        moment: the moment that this browser shows.
         board: progress of a camera calibration; None if calibration is unavailable.
         pictures: cameras whose pictures stand over the stage.
         now_s: of a monotonic clock [s].
@@ -307,7 +307,7 @@ class Panel:
         if options != self._perspective.options:
             self._perspective.options, self._shown_perspective = options, ""
         now = self.perspective
-        # Only when it has changed: what was chosen in the browser just now is not here yet, and must not be undone.
+        # Only after a change: the browser's newest choice may not have arrived yet, and must not be undone.
         if now in options and now != self._shown_perspective:
             self._perspective.value = self._shown_perspective = now
 

@@ -35,10 +35,10 @@ class PanelState:
         parts: of the panel's type in it.
         shown: what the memory of the stage made of it.
         visible: whether there can be such parts at all.
-        can_name: whether somebody can be given a name now.
+        can_name: whether a person can be given a name now.
         changed: whether the scene or the session's status is another one than at the last call.
         now_s: of a monotonic clock [s].
-        lately: scenes of the last so many seconds up to the one that is shown, and when each was [s].
+        lately: scenes of the last seconds up to the shown scene, and the time of each [s].
     """
 
     scene: Scene | None

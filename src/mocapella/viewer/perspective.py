@@ -147,7 +147,7 @@ class Perspectives:
 
     Attributes:
         places: (4, 4) T_world_sensor, the last known one of every sensor of the session.
-        world: grows by one when the world is laid anew: what was remembered of places in it is then worth nothing.
+        world: number of the world frame; grows by one when the frame changes, which invalidates remembered positions.
         T_free_world: (4, 4) from the world to the `FREE` perspective.
     """
 

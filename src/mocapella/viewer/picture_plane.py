@@ -21,7 +21,7 @@ _SQUARE: Final = float(np.pi / 2)
 _FLAT_M: Final = 1e-4
 """So deep a picture's frustum is."""
 _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
-"""From a picture's axes (x right, y down) to those of the view, whose camera has x to its left and y up."""
+"""Rotation from an image's axes (x right, y down) to the view's (x left, y up)."""
 
 
 class Encoded(Protocol):
@@ -46,7 +46,7 @@ class SizedPicture(Encoded, Protocol):
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """A `SizedPicture` of somebody who has one.
+    """A `SizedPicture` of an image that is in memory already.
 
     Attributes:
         image: the file.
@@ -85,7 +85,7 @@ class Plane:
 
     @property
     def at_origin(self) -> Plane:
-        """The same with its middle in the origin, for what is drawn in a space of its own."""
+        """The same plane with its centre in the origin, for drawing in a space of its own."""
         return Plane(np.zeros(3), self.wide_m, self.size_px)
 
     def moved(self, by_m: Float64) -> Plane:
@@ -159,7 +159,7 @@ class PictureNode:
                 receive_shadow=False, wxyz=_UPRIGHT, visible=False,
             )  # fmt: skip
         handle = self._handle
-        # The library takes pixels and encodes them for every browser; what came encoded is passed on as it is.
+        # The library takes pixels and encodes them for every browser; encoded images are passed on unchanged.
         handle._format, handle._image_data = ("png" if answer.format == "png" else "jpeg"), answer.image
         if self._where != where:
             handle.aspect, handle.scale = plane.wide_m / plane.high_m, _frustum_scale(plane)

@@ -35,7 +35,7 @@ class PluginErrors:
         _LOG.warning("%s cannot be drawn", what, exc_info=error)
 
     def attempt(self, what: str, do: Callable[[], T], otherwise: T) -> T:
-        """What ``do`` returns; ``otherwise``, and the error is told, where it raises."""
+        """Return the result of ``do``; if it raises, report the error and return ``otherwise``."""
         try:
             return do()
         except Exception as error:  # noqa: BLE001 - a plug-in may raise anything

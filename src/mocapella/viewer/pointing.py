@@ -25,7 +25,7 @@ class Pointing:
     """Somebody points at the markers of a picture, one after the other, and at skin at last.
 
     Attributes:
-        names: of the markers, in the order in which they are pointed at; the last is `SKIN`.
+        names: of the markers, in the order of pointing; the last is `SKIN`.
         done: where each of the first of them was pointed at; None where it was left out.
     """
 
@@ -34,7 +34,7 @@ class Pointing:
 
     @property
     def next(self) -> str | None:
-        """Who is to be pointed at; None where all were."""
+        """The next marker to point at; None if all are done."""
         return self.names[len(self.done)] if len(self.done) < len(self.names) else None
 
     @property

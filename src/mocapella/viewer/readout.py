@@ -29,6 +29,7 @@ _SMALL = "font-size:13px;line-height:1.45"
 DROPPED_SHARE = 0.05
 """From this share of the live frames on, dropped ones are amber."""
 NO_SENSOR = "No sensor delivers"
+GETTING_READY = "Getting ready"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
 
 
@@ -38,6 +39,8 @@ def status_html(status: SessionStatus | None) -> str:
         return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
     silent = _silent(status)
     title, colour = status.phase.capitalize(), _PHASE_COLOUR.get(status.phase, _GREY)
+    if _getting_ready(status):
+        title, colour = GETTING_READY, _BLUE
     counts, sensors = status.counts, _plural(len(status.sensors), "sensor", "sensors")
     if status.running and silent:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
@@ -67,7 +70,7 @@ def run_html(state: str, scene: Scene | None, at_s: float, place: int, count: in
 
 
 def _nothing_there(scene: Scene) -> str:
-    """Return what is missing if none of the scene's main parts is tracked; else an empty text."""
+    """Return the text for a scene without its main parts; empty if one of them is tracked."""
     name = next(iter(scene.parts), "")
     kind = PART_TYPES.get(name)
     if kind is None or any(kind.there(part) for part in scene.of(name)):
@@ -98,12 +101,14 @@ def stage_text(status: SessionStatus | None) -> str:
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
         return NO_SENSOR
     title, why = status.phase.capitalize(), _detail(status, {})
-    if status.phase == Phase.STOPPED:
+    if _getting_ready(status):
+        title = GETTING_READY
+    elif status.phase == Phase.STOPPED:
         why = "press Start to track"
     elif status.phase == Phase.TRACKING:
         title, why = _none_of(status.counts), ""
     elif status.phase == Phase.CALIBRATING:
-        still = status.frames_remaining and not status.reason.startswith("no person")
+        still = status.frames_remaining and any(row.bodies and not row.silent for row in status.sensors)
         why = f"stand still ({_to_go(status)})" if still else " · ".join(_conditions(status, {}))
     return f"{title}: {why}" if why else title
 
@@ -169,6 +174,11 @@ def _headline(title: str, colour: str, detail: str, facts: str) -> str:
     )
 
 
+def _getting_ready(status: SessionStatus) -> bool:
+    """Return whether the server prepares the method: it does not track yet, and reports the reason."""
+    return status.phase == Phase.STOPPED and bool(status.reason)
+
+
 def _silent(status: SessionStatus) -> dict[str, str]:
     """Return the silent sensors by name, and the problem of each."""
     return {row.name: _health(row)[0] for row in status.sensors if row.silent}
@@ -187,7 +197,7 @@ def _detail(status: SessionStatus, silent: Mapping[str, str]) -> str:
 
 
 def _conditions(status: SessionStatus, silent: Mapping[str, str]) -> list[str]:
-    """Return the tracker's conditions, without those that a sensor's own state already explains."""
+    """Return the tracker's conditions, except conditions that a sensor's own state already explains."""
     parts = [part for part in status.reason.split("; ") if part.removesuffix(": silent") not in silent]
     return conditions("; ".join(parts), [row.name for row in status.sensors])
 

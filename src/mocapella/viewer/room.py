@@ -76,7 +76,7 @@ class PartDrawing:
         bones, joints: strokes, of `mocapella.viewer.bones`.
         halos: translucent balls.
         tags: texts.
-        surfaces, skins: meshes, by names that stay as long as they are of the same part.
+        surfaces, skins: meshes; a part's mesh keeps its name.
         unseen: names of parts that cannot be placed in the perspective.
         sensors: (4, 4) where sensors stand that the parts were seen from, by name.
         extent: (3,) and (3,) of an upright box that the camera goes along with; None where it need not.
@@ -133,8 +133,8 @@ class DrawPart:
         draw: parts, their scene and the `RoomView` as a `PartDrawing`. Where the perspective's place in the world is
             not known, it is only called if ``own_places``.
         own_places: whether parts are placed by themselves, with `RoomView.T_perspective_world`.
-        space: how the world lies in the `FREE` perspective, where such parts say it; else as it is.
-        images: what is drawn into cameras' images, by camera: these images stand over the stage.
+        space: pose of the world in the `FREE` perspective, if the parts define one; else the identity.
+        images: drawings in the cameras' images, by camera: these images stand over the stage.
         panel: makes the folder of such parts in the panel.
     """
 
@@ -154,7 +154,7 @@ def drawing_of(name: str, troubles: PluginErrors) -> DrawPart | None:
 
 
 def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, troubles: PluginErrors) -> PartDrawing:
-    """What parts of one type show; nothing where their drawing raises, which is told once."""
+    """Return the drawing of the parts of one type; empty if drawing raises (reported once)."""
     how = drawing_of(name, troubles)
     if how is None or not parts:
         return NOTHING

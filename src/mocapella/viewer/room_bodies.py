@@ -89,7 +89,7 @@ def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -
 
 
 def body_tag(body: TrackedBody, scene: Scene) -> str:
-    """What stands over a body: its name, whose it is, and that nobody is there; empty of one that nobody named."""
+    """Return a body's label: its name, its person, and whether it is lost; empty for a body without a name."""
     person = next((one for one in scene.people if one.id == body.person), None)
     of = called(person) if person is not None else f"person {body.person}" if body.person >= 0 else ""
     said = [body.name] if body.name else []
@@ -133,7 +133,7 @@ def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
 
 
 def _body_points(body: TrackedBody, mesh: RiggedMesh | None, up: Float64) -> Float64:
-    """(n, 3) its surface, or else its landmarks and what is under them, world [m]."""
+    """Return (n, 3) points of its surface, or else its landmarks and the points below them, world [m]."""
     if mesh is not None:
         return posed(mesh, TreePose(body.T_world_model, body.angles))
     return np.concatenate([body.landmarks, body.landmarks - _SOLE_M * up])

@@ -1,7 +1,7 @@
 """People in the room: the fused skeleton, and each sensor's view of it in the person's colour.
 
 In a sensor's perspective the fused skeleton shows what the other sensors add: joints that this sensor measures are
-white, those that it does not measure and another sensor does are green, and those that no sensor measures are grey.
+white, joints that only another sensor measures are green, and joints that no sensor measures are grey.
 """
 
 from __future__ import annotations

@@ -26,13 +26,13 @@ TILT_DEG, HEIGHT_M = (-90.0, 90.0), (0.0, 10.0)
 
 @dataclass(frozen=True)
 class PoseField:
-    """A sensor's pose as it is typed: degrees upwards, and metres over the floor."""
+    """A sensor's pose as typed: degrees upwards, and metres above the floor."""
 
     tilt_deg: float
     height_m: float
 
     def check(self, sensor: str) -> None:
-        """Refuse, in the units in which it was typed, what no sensor can have.
+        """Refuse an impossible pose, in the units of the form.
 
         Raises:
             SettingsError: names the sensor, the field, and its range.
@@ -60,7 +60,7 @@ class SetupFields:
 
 
 def fields_of(status: SessionStatus) -> SetupFields:
-    """What the form shows of a status: where no pose was set up, the one that the sensor itself says."""
+    """Return the form of a status: a sensor without a configured pose shows the pose that it reports itself."""
     setup = status.setup
     said = {row.name: _pose_field(row.tilt, row.height) for row in status.sensors}
     chosen = {name: _pose_field(pose.tilt, pose.height) for name, pose in setup.sensors.items()}
@@ -75,7 +75,7 @@ def fields_of(status: SessionStatus) -> SetupFields:
 
 
 def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFields:
-    """What the form shows after the server's setup went from ``before`` to ``now``: edited fields stay as they are."""
+    """Return the form after the server's setup changed from ``before`` to ``now``: edited fields do not change."""
 
     def pick(mine: Any, old: Any, new: Any) -> Any:
         return new if mine == old else mine
@@ -105,7 +105,7 @@ def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> d
         setup: the server's setup.
 
     Raises:
-        SettingsError: a field that cannot be used; names it and what it may be.
+        SettingsError: an invalid field; the message names it and the valid values.
     """
     if shown.sensors_expected < 1:
         raise SettingsError(f"sensors to wait for is {shown.sensors_expected}; it must be 1 or more")

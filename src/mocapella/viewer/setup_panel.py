@@ -25,7 +25,7 @@ HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
 
 
 class PoseInputs:
-    """A sensor's two fields, in a folder of its name. They take any number; `PoseField.check` says what is wrong."""
+    """A sensor's two fields, in a folder of its name. They take any number; `PoseField.check` refuses wrong ones."""
 
     def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
         with gui.add_folder(f"Sensor {sensor}") as self._folder:
@@ -55,7 +55,7 @@ class PoseInputs:
 
 
 class SetupPanel:
-    """Shows the server's setup, keeps what is typed until it is applied or reverted."""
+    """Shows the server's setup; keeps typed values until they are applied or reverted."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class SetupPanel:
             self._write(self._applied)
 
     def show(self, status: SessionStatus | None, *, enabled: bool) -> None:
-        """Take up the server's setup, except where somebody is typing."""
+        """Take up the server's setup, except in edited fields."""
         if status is not None and status.setup is not self._setup:
             self._take_up(status)
         edited = self._setup is not None and self._read() != self._applied

@@ -44,7 +44,7 @@ class Skin:
     """A rigged mesh in a pose.
 
     Attributes:
-        mesh: the same object as long as it is the same mesh.
+        mesh: an unchanged mesh is the same object.
         T_stage_parts: (parts, 4, 4) each part's motion, from the rest frame to the view's own space.
         colour: of its surface.
         opacity: from 0 to 1.
@@ -93,7 +93,7 @@ class StageView:
         perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
         seen: from where each person was seen; has learnt the scene.
         floors: how high the perspective is over the floor.
-        troubles: is told what cannot be drawn.
+        troubles: receives the drawing errors.
         scenery: the obstacles of a simulated room, if there is one.
     """
 
@@ -135,12 +135,12 @@ class Stage:
         name: in words.
         draw: a scene, what the memory made of it (both None before the first), and the view, as a drawing.
         title: what stands before it, of its drawing and the perspective.
-        box: what it fills.
+        box: extent of its content.
         elevation: how far the camera looks down at it alone [rad].
         memory: makes its memory; is given, by name, what makes things that the view was asked to show beside the scene.
         perspectives: whether it matters from whose eyes it is seen.
-        box_with_sensors: whether the camera has the sensors' gallery in its picture, too, until somebody moves it.
-        pictures: whether cameras' pictures stand over it, in which its parts draw.
+        box_with_sensors: whether the camera also shows the sensors' gallery, until the user moves it.
+        pictures: whether cameras' images with the drawings of its parts stand over it.
         panel: makes its readout, which is there while the stage is; None where it has none.
     """
 

@@ -107,7 +107,7 @@ def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 |
 
     Args:
         arms: that there are.
-        before: (3,) what was looked at; None at first.
+        before: (3,) previous target of the camera; None at first.
     """
     palms = np.array([arm.points[PALM] for arm in arms]).reshape(-1, 3)
     palms = palms[np.isfinite(palms).all(axis=-1)]
@@ -207,7 +207,7 @@ def _frame(panel: DrawingPanel) -> Strokes:
 
 
 def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag], list[Strokes]]:
-    """Names of the joints of an arm in the front view, and lines that lead from those of fingertips to the tips.
+    """Names of an arm's joints in the front view, and lines from the fingertips' names to the tips.
 
     Fingertips' names stand in a row above, which begins on the thumb's side: lines of an open hand do not cross. The
     others' stand beside their joints, away from the thumb, as far as they do not cover each other.
@@ -215,7 +215,7 @@ def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag]
     Args:
         p: (8, 3) where the joints are drawn [m].
         states: (8,) `JointState`.
-        place: of the arm among those that are drawn; each has a row of its own.
+        place: index of the arm among the drawn arms; each has a row of its own.
     """
     known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
     aside = rotation_about_y(np.arctan2(PANELS[0].left_m, _EYE_M))

@@ -1,4 +1,4 @@
-"""The HANDS stage: hands several times as large as they are, with their markers, cameras and what they hold.
+"""The HANDS stage: enlarged hands with their markers, their cameras and the objects that they hold.
 
 The stage's space has the cameras in front: whoever looks at it sees the hand as the cameras do.
 """
@@ -51,14 +51,14 @@ class StageOfHands:
 
     @classmethod
     def of(cls, scene: Scene) -> StageOfHands:
-        """The stage whose middle is where the cameras look, or else the middle of what is seen."""
+        """Return the stage around the point that the cameras look at, or else around its content."""
         places = np.array([place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None])
         if not len(places):
             seen = np.array([hand.landmarks for hand in scene.hands]).reshape(-1, 3)
             seen = seen[np.isfinite(seen).all(axis=-1)]
             return cls(np.eye(3), seen.mean(axis=0) if len(seen) else np.zeros(3), LARGEST_SCALE)
         axes, at = places[:, :3, 2], places[:, :3, 3]
-        # Nearest to all optical axes; cameras that look the same way are held to what is half a metre ahead.
+        # Nearest to all optical axes; for parallel cameras, a prior half a metre ahead decides.
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
         ahead = (at + _AHEAD_M * axes).mean(axis=0)
         centre = np.linalg.solve(
@@ -116,7 +116,7 @@ def hands_drawing(scene: Scene) -> TrackingDrawing:
 
 
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
-    """(21,) the landmarks whose joint is at an end of one of its ranges, from which it cannot go on."""
+    """(21,) whether the landmark's joint is at one of its limits."""
     limits, angles = hand_model("full").limits, hand.angles
     at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))
     at_end &= limits[:, 1] > limits[:, 0]

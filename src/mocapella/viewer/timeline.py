@@ -37,7 +37,7 @@ class ShownPicture:
 
     Attributes:
         picture: the file.
-        scene: what is drawn into it is of this scene; None where there is none of that instant.
+        scene: scene to draw into it; None if there is none of that instant.
         at_s: when it came, on the timeline's clock [s].
     """
 
@@ -104,7 +104,7 @@ class Timeline:
         return min(max(number, self.first), self.last)
 
     def add(self, moment: Moment) -> None:
-        """Keep a moment, unless its scene is the last one's; ``moment.frames`` are kept as they are."""
+        """Keep a moment, unless its scene is the last one's; ``moment.frames`` is kept without a copy."""
         before = self._moments[-1] if self._moments else None
         if moment.scene is None or (before is not None and before.scene is moment.scene):
             return
@@ -182,8 +182,8 @@ class Playhead:
 
     Attributes:
         playing: whether it goes on by itself.
-        wish: number of the moment that somebody chose, until it is taken.
-        newest: whether somebody wants to follow what comes now, until it is done.
+        wish: number of the moment that the user chose, until it is taken.
+        newest: whether the user asked to follow live scenes, until it is done.
         number: of the moment that is shown; None: the newest, whichever it is.
     """
 
@@ -214,12 +214,12 @@ class Playhead:
 
     @property
     def behind_s(self) -> float:
-        """How much older than the newest is what is shown [s]."""
+        """Age of the shown moment relative to the newest [s]."""
         timeline = self._timeline
         return 0.0 if not len(timeline) else timeline[timeline.last].at_s - timeline[self.shown].at_s
 
     def update(self, now_s: float) -> None:
-        """Take what somebody chose; or play on, as fast as it was."""
+        """Show the moment that the user chose, or else play on at the recorded speed."""
         timeline = self._timeline
         if timeline.world != self._world:
             self._world, self.number, self.wish = timeline.world, None, None
@@ -241,7 +241,7 @@ class Playhead:
         if self._played_s is not None:
             due_s = timeline[self.shown].at_s + (now_s - self._played_s)
             self.number = max(self.shown, timeline.number_at(due_s))
-            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # what is left of this beat counts at the next
+            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # the rest of this beat counts in the next
         self._played_s = now_s
 
     def _at_the_end(self, now_s: float, *, rested: bool) -> None:
@@ -255,7 +255,7 @@ class Playhead:
 
 
 def size_of(value: Any) -> int:
-    """About how many bytes of memory a value takes: of arrays, texts, structures, and what they have."""
+    """Return the approximate memory of a value [bytes]: arrays, texts, structures, and their content."""
     if isinstance(value, np.ndarray | bytes | str):
         return _VALUE_BYTES + (value.nbytes if isinstance(value, np.ndarray) else len(value))
     if isinstance(value, int | float | bool | Topology) or value is None:  # all scenes have the same topologies

@@ -1,4 +1,4 @@
-"""Pause, play, and a slider over what was shown lately, in one browser."""
+"""Pause, play, and a slider over the recent moments, in one browser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class TimelinePanel:
 
     Args:
         gui: of the browser.
-        timeline: what was shown.
+        timeline: the kept moments.
         playhead: this browser's.
     """
 
@@ -30,7 +30,7 @@ class TimelinePanel:
             self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color="gray", disabled=True)
             self._slider = gui.add_slider("Frame", 0, 1, 1, 0, disabled=True)
             self._newest = gui.add_button(
-                "Newest", icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False, hint="Follow what comes now"
+                "Newest", icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False, hint="Follow the live scene"
             )
 
         @self._button.on_click
@@ -39,7 +39,7 @@ class TimelinePanel:
 
         @self._slider.on_update
         async def _(event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
-            if event.client is not None:  # somebody, not the loop
+            if event.client is not None:  # a user, not the loop
                 self._playhead.playing, self._playhead.wish = False, int(event.target.value)
 
         @self._newest.on_click

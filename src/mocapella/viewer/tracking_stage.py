@@ -85,7 +85,7 @@ class TrackingStage:
 
         Args:
             stage: whose drawing it is.
-            drawing: what is on it.
+            drawing: its content.
             perspective: a sensor's name, or free.
             empty: stands on the stage while nothing does.
             conditions: lines over the title while something does.
@@ -94,7 +94,7 @@ class TrackingStage:
             named: whether the sensors' names stand beside them.
             along: (3,) what the camera goes along with: the floor and title do, too; None where they stay.
             eye: (3,) where the viewer is: sensors are as large from there wherever they stand; None: as usual.
-            camera: by which labels are kept apart on the screen; None where it is not known yet.
+            camera: keeps labels apart on the screen; None if it is not known yet.
             lanes: font scale and labels of the gallery, which the labels of this stage must not cover.
         """
         self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
@@ -143,7 +143,7 @@ class TrackingStage:
     def _draw_sensors(
         self, marked: Mapping[str, SensorMark], *, fields: bool, named: bool, eye: Float64 | None
     ) -> list[Tag]:
-        """Draw the sensors and what they can see; the labels of their names are returned."""
+        """Draw the sensors and their fields of view; return the labels of their names."""
         sizes = {}
         for sensor, mark in marked.items():
             if sensor not in self._sensors:

@@ -66,7 +66,7 @@ class Trails:
     """Records the positions of all people, ten times a second.
 
     Attributes:
-        number: of samples taken so far; what is drawn changes with it.
+        number: of samples taken so far; the drawing changes with it.
     """
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class Trails:
     def lines(
         self, of: TrailOf, seconds: float, T_stage: Callable[[Person], Float64 | None], until_s: float = np.inf
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """(n, 2, 3) points and (n, 2, 3) colours of the trails of who is there now.
+        """Return (n, 2, 3) points and (n, 2, 3) colours of the trails of the present people.
 
         Args:
             of: the joint or floor point that leaves them.

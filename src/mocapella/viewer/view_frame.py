@@ -30,7 +30,7 @@ class Boards:
     """Cameras' pictures over a stage.
 
     Attributes:
-        planes: where each stands, about the middle of what is looked at.
+        planes: pose of each, relative to the camera's target.
         shown: what each shows.
     """
 
@@ -53,11 +53,11 @@ class Drawings:
         self._planes: tuple[object, Mapping[str, Plane]] = (None, {})
 
     def begin(self) -> None:
-        """The next beat: what nobody wanted in the last one is forgotten."""
+        """Begin the next beat: entries that the last beat did not use are dropped."""
         self._before, self._now = self._now, {}
 
     def tracking(self, moment: Moment, perspective: str) -> TrackingDrawing:
-        """The stage of a moment from a perspective; an empty one where drawing it raises, which is told once."""
+        """Return the stage of a moment from a perspective; empty if drawing raises (reported once)."""
         known, stage = self._known, moment.stage
         view = StageView(perspective, moment.seen, known.floors, known.troubles, known.scenery)
 
@@ -136,7 +136,7 @@ class ViewNow:
     Attributes:
         moment: the newest.
         status: the session's; None while no server answers, and where there is none.
-        board: how a calibration of cameras goes; None where nobody can calibrate.
+        board: state of the camera calibration; None if calibration is not available.
         drawings: of moments.
         home: where "Reset View" puts the camera; None where it is left to the library.
         now_s: of a monotonic clock [s].

@@ -83,7 +83,7 @@ class ViewMemory:
             if frame.field_of_view_deg != UNKNOWN_FIELD_OF_VIEW_DEG or name not in self.fields:
                 self.fields[name] = frame.field_of_view_deg if size_px is None else _field_deg(size_px)
             if lane is not None and lane.on_floor:
-                self.floors.learn_frame(frame, poses.get(name))  # type: ignore[arg-type]  # its lane says so
+                self.floors.learn_frame(frame, poses.get(name))  # type: ignore[arg-type]  # its lane declares the fields
 
 
 def _field_deg(size_px: tuple[int, int]) -> tuple[float, float]:

@@ -117,7 +117,7 @@ class Viewer:
             frames: each sensor's newest frame, by its name.
             status: the session's newest, None while no server answers.
             board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
-            pictures: cameras' pictures of the scene's own instant; None: they are asked for, as far as they are shown.
+            pictures: cameras' images of the scene's own instant; None: the view requests the shown ones.
             keep: whether the scene can be looked at later.
         """
         now_s = time.monotonic()
@@ -245,7 +245,7 @@ class Viewer:
 
 
 def _nothing_counted(sends: str) -> bool:
-    """Whether frames of that type carry no count of what is in the picture."""
+    """Whether frames of that type carry no count of detections."""
     kind = FRAME_TYPES.get(sends)
     return kind is not None and kind.counted is None
 
