@@ -94,7 +94,7 @@ def test_rendered_frames_are_those_of_right_arms() -> None:
 
 def test_the_experiment_is_a_command(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    words = ["--scenes", "still", "--seeds", "101", "--sensor", "exact", "--plot", str(tmp_path / "grid.svg")]
+    words = ["--scenes", "still", "--seeds", "101", "--depth-sensor", "exact", "--plot", str(tmp_path / "grid.svg")]
     done = CliRunner().invoke(
         app,
         ["lab", "evaluate", "line-skeleton-grid", *words, "--json", str(tmp_path / "grid.json")],

@@ -39,8 +39,8 @@ class Room:
         )  # fmt: skip
         epoch = str(time.time())
         self.nodes = [
-            Program(folder, name, "node", "markers", str(path), "--name", name, "--connect", self.address, "--loop",
-                    "--fps", str(FPS), "--epoch", epoch)
+            Program(folder, name, "node", "markers", str(path), "--name", name, "--connect", self.address,
+                    "--set", "loop=true", "--fps", str(FPS), "--epoch", epoch)
             for name, path in pictures.folders.items()
         ]  # fmt: skip
         wait_until("the view", self.server.said("live view: http"), timeout=120.0)
