@@ -32,6 +32,9 @@ from mocapella.cli.common import (
 from mocapella.errors import CalibrationError, SettingsError, one_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mocapella.calibration.cameras import CameraCalibration
     from mocapella.model.board import Board, BoardView
     from mocapella.model.camera import Camera
@@ -237,7 +240,8 @@ def look(
 
     views, counts = [], {}
     for name, path in inputs.items():
-        detector, without = BoardDetector(board), []
+        detector = BoardDetector(board)
+        without: list[NDArray[np.uint8]] = []
         for frame, image in pictures(path, wanted):
             counts[name] = frame + 1
             view = detector.update(image, name, frame)
@@ -273,7 +277,7 @@ def _films(
         cameras: BoardCameras
         if next(iter(inputs.values())).startswith(NODE):
             session = open_reader(connect)
-            stack.callback(session.close)  # type: ignore[no-untyped-call]
+            stack.callback(session.close)
 
             def sensors() -> Sequence[SensorHealth]:
                 status = send_command(session, "status").status

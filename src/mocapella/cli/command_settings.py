@@ -147,8 +147,9 @@ def _rows_of_dataclass(kind: type, prefix: str) -> Iterator[KeyRow]:
     meanings = _attributes(kind)
     for field in dataclasses.fields(kind):
         default: Any = field.default
-        if default is dataclasses.MISSING and field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
+        factory = field.default_factory
+        if default is dataclasses.MISSING and not isinstance(factory, dataclasses._MISSING_TYPE):
+            default = factory()
         name = prefix + field.name
         if dataclasses.is_dataclass(default):
             yield from _rows_of_dataclass(type(default), f"{name}.")

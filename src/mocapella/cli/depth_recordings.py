@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,21 @@ from mocapella.sources.depth_files import DepthFiles, DepthRecording, RecordedDe
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, parse_lens, parse_unit
 from mocapella.sources.open_depth import RENDERED
 from mocapella.sources.picture_source import SourceState
+
+
+class _DepthImage(Protocol):
+    """What frame types whose ``depth_images`` is true have (`mocapella.model.frame_types.FrameType`)."""
+
+    @property
+    def time_ns(self) -> int: ...
+    @property
+    def depth(self) -> NDArray[np.uint16]: ...
+    @property
+    def size_px(self) -> tuple[int, int]: ...
+    @property
+    def unit_m(self) -> float: ...
+    @property
+    def lens(self) -> NDArray[np.float64]: ...
 
 
 def depth_options(
@@ -124,7 +139,7 @@ def _first(take: Take, sensor: str) -> Any:
     return stored.frame if stored is not None and _is_depth_image(stored.frame) else None
 
 
-def _is_depth_image(frame: SensorFrame) -> bool:
+def _is_depth_image(frame: SensorFrame) -> TypeGuard[_DepthImage]:
     kind = frame_type_of(frame)
     return kind is not None and kind.depth_images
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import typer
@@ -52,7 +52,8 @@ def csv(
     take = find_recording(take)
     source = open_take(take)
     given = {"participant": participant, "placement": placement, "scenario": scenario}
-    setup = dataclasses.replace(source.info.setup, **{key: value for key, value in given.items() if value is not None})
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    setup = dataclasses.replace(source.info.setup, **chosen)
     target = out or take.with_suffix(".csv")
     with working(f"writing {target} …", status=INTERRUPTED):
         report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)

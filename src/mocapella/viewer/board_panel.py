@@ -14,6 +14,7 @@ from mocapella.model.board import DICTIONARIES, Board
 from mocapella.model.board_progress import BoardProgress
 from mocapella.model.session import SessionStatus
 from mocapella.viewer.board_html import board_html
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.palette import SensorColours
 
 CHARUCO, CHESSBOARD, FILE = "ChArUco", "chessboard", "a file"
@@ -147,7 +148,7 @@ class BoardPanel:
         self._name.disabled = self._save.disabled = progress.saved
         self._use.disabled = progress.used or bool(progress.busy)
         if before is None or before.file != progress.file:
-            self._name.value = progress.file
+            set_value(self._name, progress.file)
 
     def _begin(self) -> None:
         try:

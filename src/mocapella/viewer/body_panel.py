@@ -11,6 +11,7 @@ import numpy as np
 from mocapella.model.outline_colours import INSIDE, OUTSIDE, Colour, body_colour, css
 from mocapella.model.scene import TrackedBody, TrackedBodyView
 from mocapella.viewer.charts import Chart, groups
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.palette import AMBER, GREY, Rgb
 from mocapella.viewer.part_panel import PanelPlace, PanelState
 
@@ -57,7 +58,7 @@ class BodyPanel:
         if names and names != tuple(self._whose.options):
             chosen = self._whose.value
             self._whose.options = names
-            self._whose.value = chosen if chosen in names else names[0]
+            set_value(self._whose, chosen if chosen in names else names[0])
             self._whose.visible = len(names) > 1
         if bodies and state.now_s - self._charted_s >= CHARTS_EVERY_S:
             self._charted_s = state.now_s

@@ -13,6 +13,7 @@ import viser
 from mocapella.errors import SettingsError
 from mocapella.viewer import camera_html
 from mocapella.viewer.camera_feed import CameraAnswer, CameraFeed, FeedImage, FeedMode
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.pointing import MARKERS, SKIN, Point, Pointing, asks_for, read_names
 
 NONE: Final = "–"
@@ -90,7 +91,7 @@ class CameraPanel:
 
     def leave(self) -> None:
         """The browser looks elsewhere now."""
-        self._enlarge.value = False
+        set_value(self._enlarge, False)
 
     def show(self, now_s: float) -> None:
         """Carry out the user's requests, and update the panel from the newest answers."""
@@ -131,7 +132,7 @@ class CameraPanel:
         if options != tuple(self._cameras.options):
             chosen = self._cameras.value
             self._cameras.options = options
-            self._cameras.value = chosen if chosen in options and (busy or self._chosen) else options[0]
+            set_value(self._cameras, chosen if chosen in options and (busy or self._chosen) else options[0])
         self._cameras.disabled = self._lesson is not Lesson.NONE
         self._begin.disabled = not cameras
 
@@ -181,7 +182,7 @@ class CameraPanel:
             return
         self._pupil = self._camera
         self._lesson, self._problem, self._backgrounds, self._frozen = Lesson.FREEZING, "", [], None
-        self._enlarge.value = True
+        set_value(self._enlarge, True)
         self._order({"ask": "picture", "format": "jpeg", "keep": True}, self._begin_pointing)
 
     def _begin_pointing(self, answer: CameraAnswer | None, problem: str) -> None:
@@ -191,7 +192,8 @@ class CameraPanel:
             return
         self._frozen, self._lesson = answer, Lesson.POINTING
         names = tuple(name for name in answer.names or () if name != SKIN) or MARKERS
-        self._typed = self._markers.value = ", ".join(names)
+        self._typed = ", ".join(names)
+        set_value(self._markers, self._typed)
         self._pointing = Pointing((*names, SKIN))
 
     def _send_clicks(self) -> None:
@@ -207,7 +209,7 @@ class CameraPanel:
             return
         self._lesson = Lesson.LEARNT
         self._learnt = camera_html.separability_html(answer.separability or {})
-        self._shown.value = FeedMode.MASK
+        set_value(self._shown, FeedMode.MASK)
         self._feed.hasten(self._camera)
 
     def _add_background(self) -> None:
@@ -239,7 +241,7 @@ class CameraPanel:
     def _stop(self) -> None:
         self._turn += 1  # answers still under way come too late
         self._lesson, self._frozen, self._problem = Lesson.NONE, None, ""
-        self._enlarge.value = False
+        set_value(self._enlarge, False)
 
     def _order(self, question: dict[str, Any], done: Callable[[CameraAnswer | None, str], None]) -> None:
         turn = self._turn

@@ -313,7 +313,7 @@ class FloorNode:
 
     def place(self, centre: NDArray[np.float64]) -> None:
         """Show it with its centre there (3,) [m]."""
-        if not np.array_equal(centre, self._placed):
+        if self._placed is None or not np.array_equal(centre, self._placed):
             self._placed = centre.copy()
             self._handle.position = centre
             self._handle.visible = True

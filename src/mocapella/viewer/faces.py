@@ -35,8 +35,7 @@ def facings(positions: Any, topology: Topology) -> Float32:
     across = right - left
     forward = np.stack([across[:, 2], np.zeros(len(p), np.float32), -across[:, 0]], axis=-1)
     length = np.linalg.norm(forward, axis=-1, keepdims=True)
-    unit: Float32 = forward / np.where(length > _SHORTEST, length, np.nan)
-    return unit
+    return (forward / np.where(length > _SHORTEST, length, np.nan)).astype(np.float32, copy=False)
 
 
 def face_strokes(heads: Any, forward: Any, radius: float, colours: Any) -> Strokes:

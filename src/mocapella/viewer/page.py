@@ -111,19 +111,20 @@ class _PageSocket(viser.infra.WebsockServer):
     """The library's web server, which serves its page under our title."""
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
-        root: Any = _Page(http_server_root)
-        super().__init__(*args, http_server_root=root, **keywords)
+        keywords["http_server_root"] = _Page(http_server_root)
+        super().__init__(*args, **keywords)
 
 
 @contextlib.contextmanager
 def _own_index() -> Iterator[None]:
     """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for the page."""
-    usual = viser.infra.WebsockServer
-    viser.infra.WebsockServer = _PageSocket
+    infra: Any = viser.infra
+    usual = infra.WebsockServer
+    infra.WebsockServer = _PageSocket
     try:
         yield
     finally:
-        viser.infra.WebsockServer = usual
+        infra.WebsockServer = usual
 
 
 def _check_free(host: str, port: int) -> None:

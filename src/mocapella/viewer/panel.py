@@ -29,6 +29,7 @@ from mocapella.viewer.controls import (
     progress_percent,
     take_name,
 )
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.part_panel import MakePanel, PanelPlace, PanelState, PartPanel
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.room import called, drawing_of
@@ -181,12 +182,12 @@ class Panel:
             return
         self._shown = shown
         if status is not None and (name := take_name(self._name.value, self._status, status)) != self._name.value:
-            self._name.value = name
+            set_value(self._name, name)
         self._status = status
         self._headline.content = self._headline_html(status, moment)
         percent = progress_percent(status)
         self._progress.visible = percent is not None
-        self._progress.value = percent or 0.0
+        set_value(self._progress, percent or 0.0)
         self._start.disabled, self._stop.disabled = not can.start, not can.stop
         self._recalibrate.disabled = not can.recalibrate
         self._record.disabled, self._record_stop.disabled = not can.record, not can.record_stop
@@ -278,7 +279,7 @@ class Panel:
         @self._aims.on_click
         async def _(_: viser.GuiEvent[Any]) -> None:
             aim = Aim(self._aims.value)
-            self._picture.value = NO_PICTURE
+            set_value(self._picture, NO_PICTURE)
             if aim is Aim.EYES and self.perspective == FREE:
                 sensor = default_perspective(self._status, self._colours.sensors)
                 if sensor == FREE:
@@ -299,7 +300,7 @@ class Panel:
         if options != tuple(self._picture.options):
             chosen = self._picture.value
             self._picture.options = options
-            self._picture.value = chosen if chosen in options else NO_PICTURE
+            set_value(self._picture, chosen if chosen in options else NO_PICTURE)
             self._picture.visible = bool(cameras)
 
     def _show_perspectives(self, status: SessionStatus | None) -> None:
@@ -309,7 +310,8 @@ class Panel:
         now = self.perspective
         # Only after a change: the browser's newest choice may not have arrived yet, and must not be undone.
         if now in options and now != self._shown_perspective:
-            self._perspective.value = self._shown_perspective = now
+            self._shown_perspective = now
+            set_value(self._perspective, now)
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> None:
         if self._commander is not None:

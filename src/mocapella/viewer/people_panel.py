@@ -8,6 +8,7 @@ import viser
 
 from mocapella.model.scene import Person
 from mocapella.viewer import readout
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 NOBODY = "–"
@@ -57,9 +58,9 @@ class PeoplePanel:
         if chosen is None and now:
             self._choose(min(now))
         elif chosen is not None:
-            self._who.value = self._option(chosen)
+            set_value(self._who, self._option(chosen))
             if now[chosen] != called and self._text.value.strip() == called:
-                self._text.value = now[chosen]
+                set_value(self._text, now[chosen])
         self._who.disabled = self._text.disabled = self._button.disabled = not (
             state.can_name and self._chosen is not None
         )
@@ -67,7 +68,8 @@ class PeoplePanel:
     def _choose(self, who: int | None) -> None:
         self._chosen = who
         if who is not None:
-            self._who.value, self._text.value = self._option(who), self._people[who]
+            set_value(self._who, self._option(who))
+            set_value(self._text, self._people[who])
 
     def _option(self, who: int) -> str:
         name = self._people[who]

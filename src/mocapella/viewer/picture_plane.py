@@ -102,7 +102,8 @@ class Plane:
         """(..., 3) in the scene of points (..., 2) in the picture, ``lift_m`` before it."""
         width, height = self.size_px
         x, y = (width - 1) / 2 - points_px[..., 0], (height - 1) / 2 - points_px[..., 1]
-        return self.middle + np.stack([self.px_m * x, self.px_m * y, np.full(x.shape, -lift_m)], axis=-1)
+        placed: Float64 = self.middle + np.stack([self.px_m * x, self.px_m * y, np.full(x.shape, -lift_m)], axis=-1)
+        return placed
 
     def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
         """Where a ray meets the picture; None where it does not.

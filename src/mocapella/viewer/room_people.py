@@ -32,7 +32,8 @@ _OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
 
 def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
     """Draw people in a perspective."""
-    positions, states, sds, radii = [], [], [], []
+    states: list[NDArray[np.uint8]] = []
+    positions, sds, radii = [], [], []
     colours: list[NDArray[np.uint8]] = []
     fused_colours: list[NDArray[np.uint8]] = []
     fused: list[int] = []
@@ -114,7 +115,8 @@ def _bone_colours(joints: NDArray[np.uint8], topology: Topology) -> NDArray[np.u
     a, b = joints[bones[:, 0]], joints[bones[:, 1]]
     white, grey = np.array(FUSED, np.uint8), np.array(INFERRED.paint, np.uint8)
     of_b = (a == white).all(axis=-1) | ((b == grey).all(axis=-1) & ~(a == grey).all(axis=-1))
-    return np.where(of_b[:, None], b, a)
+    colours: NDArray[np.uint8] = np.where(of_b[:, None], b, a)
+    return colours
 
 
 def _joint_radii(scene: Scene) -> Float32:

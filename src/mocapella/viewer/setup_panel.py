@@ -9,6 +9,7 @@ import viser
 
 from mocapella.errors import SettingsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS, SessionStatus, Setup
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.setup_form import (
     HEIGHT_M,
     NONE,
@@ -43,7 +44,8 @@ class PoseInputs:
 
     @value.setter
     def value(self, pose: PoseField) -> None:
-        self._tilt.value, self._height.value = pose.tilt_deg, pose.height_m
+        set_value(self._tilt, pose.tilt_deg)
+        set_value(self._height, pose.height_m)
 
     def enable(self, enabled: bool) -> None:
         """Whether anything can be typed."""
@@ -129,11 +131,11 @@ class SetupPanel:
     def _write(self, fields: SetupFields) -> None:
         if fields.method not in self._method.options:
             self._method.options = (*self._method.options, fields.method)
-        self._method.value = fields.method
-        self._expected.value = fields.sensors_expected
-        self._participant.value = fields.participant
-        self._placement.value = fields.placement
-        self._scenario.value = fields.scenario
+        set_value(self._method, fields.method)
+        set_value(self._expected, fields.sensors_expected)
+        set_value(self._participant, fields.participant)
+        set_value(self._placement, fields.placement)
+        set_value(self._scenario, fields.scenario)
         for name, pose in fields.poses.items():
             self._poses[name].value = pose
 

@@ -113,11 +113,13 @@ def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 |
     palms = palms[np.isfinite(palms).all(axis=-1)]
     if not len(palms):
         return before
-    now = palms.mean(axis=0)
+    now: Float64 = palms.mean(axis=0)
     if before is None:
-        return now - np.array([0.0, 0.02, 0.0])
+        lower: Float64 = now - np.array([0.0, 0.02, 0.0])
+        return lower
     away = float(np.linalg.norm(now - before))
-    return before if away < _STAYS_M else before + _FORGET * (now - before)
+    centre: Float64 = before if away < _STAYS_M else before + _FORGET * (now - before)
+    return centre
 
 
 class ArmsMemory:
@@ -159,7 +161,9 @@ class ArmsMemory:
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
     """What a scene's arms show in all panels; its ``halos`` are the joints that are inferred, which are hollow."""
-    lines, joints, hollow, tags = [], [], [], []
+    joints: list[Any] = []
+    hollow: list[Any] = []
+    lines, tags = [], []
     arms = () if scene is None else scene.arms
     R_level = _level(scene)
     clothes = []

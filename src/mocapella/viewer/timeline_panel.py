@@ -6,6 +6,7 @@ from typing import Final
 
 import viser
 
+from mocapella.viewer.inputs import set_value
 from mocapella.viewer.palette import AMBER, GREY
 from mocapella.viewer.timeline import Playhead, PlayState, Timeline
 
@@ -70,7 +71,7 @@ class TimelinePanel:
         if self._slider.min != low:
             self._slider.min = low
         if self._slider.value != playhead.shown and len(timeline):
-            self._slider.value = playhead.shown
+            set_value(self._slider, playhead.shown)
 
 
 def timeline_html(timeline: Timeline, playhead: Playhead) -> str:
