@@ -1,0 +1,21 @@
+"""Write the values of viser's inputs."""
+
+from __future__ import annotations
+
+from typing import Protocol, TypeVar
+
+_T = TypeVar("_T")
+_T_co = TypeVar("_T_co", covariant=True)
+
+
+class Input(Protocol[_T_co]):
+    """An input of a browser's panel, or a progress bar."""
+
+    @property
+    def value(self) -> _T_co:
+        """The value that the panel shows."""
+
+
+def set_value(handle: Input[_T], value: _T) -> None:
+    """Show a value in an input."""
+    handle.value = value  # type: ignore[misc]  # viser types the property as read-only and writes it by `__setattr__`
