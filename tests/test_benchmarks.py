@@ -118,9 +118,7 @@ def test_an_installation_is_measured_away_from_all_that_is_installed(
 
 
 def test_an_installation_that_fails_is_no_figure(install: Any, tmp_path: Path) -> None:
-    took, printed = install._timed([sys.executable, "-c", "print(3)"], tmp_path, {})
-    assert took > 0
-    assert printed == "3\n"
+    assert install._timed([sys.executable, "-c", "print(3)"], tmp_path, {}) > 0
     with pytest.raises(MocapellaError, match="ended with 3:\nno room"):
         install._timed(
             [sys.executable, "-c", "import sys; print('no room', file=sys.stderr); sys.exit(3)"], tmp_path, {}

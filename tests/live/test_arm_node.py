@@ -69,7 +69,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         chosen = ("--detector", "nearest")
         with (
             Program(folder, "server", *begin, *into) as server,
-            Program(folder, "node", "node", "arm", *source, *chosen, *connect, module="nearest_arm") as node,
+            Program(folder, "node", "node", "arm", *source, *chosen, *connect, module="support.nearest_arm") as node,
         ):
             wait_until("the server listens", server.said("waiting for sensors at"), timeout=120.0)
             wait_until("the node reports", node.said("arms in 100.0 %"), timeout=120.0)

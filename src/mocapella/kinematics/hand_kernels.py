@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
+from mocapella.geometry.cholesky_kernels import factorise, substitute
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
@@ -251,7 +252,7 @@ def _descend(
     value, damping = _energy(row, x, y, z, v), 1e-9
     for _ in range(_NEWTON):
         _derivatives(row, x, y, z, v, g, H)
-        slope = 0.0
+        slope, t[3] = 0.0, 0.0
         for i in range(n):
             free = not ((v[i] <= low[i] and g[i] > 0.0) or (v[i] >= high[i] and g[i] < 0.0))
             t[i] = 1.0 if free else 0.0
@@ -260,28 +261,13 @@ def _descend(
             break
         fell = False
         for _ in range(12):
-            positive = True
-            for i in range(n):  # Cholesky's factor of the free rows, forward and backward
-                d[i] = -g[i] * t[i]
-                for k in range(i + 1):
-                    e = H[i, k] * t[i] * t[k]
-                    if i == k:
-                        e = e + damping * (abs(H[i, i]) + 1e-5) + 1e-15 if t[i] > 0.0 else 1.0
-                    for j in range(k):
-                        e -= M[i, j] * M[k, j]
-                    if i == k:
-                        positive = positive and e > 0.0
-                        M[i, i] = math.sqrt(max(e, 1e-30))
-                    else:
-                        M[i, k] = e / M[k, k]
-                for j in range(i):
-                    d[i] -= M[i, j] * d[j]
-                d[i] /= M[i, i]
-            if positive:
-                for i in range(n - 1, -1, -1):
-                    for j in range(i + 1, n):
-                        d[i] -= M[j, i] * d[j]
-                    d[i] /= M[i, i]
+            for i in range(4):  # a row that is not free is that of the identity
+                d[i] = -g[i] * t[i] if i < n else 0.0
+                for k in range(i):
+                    M[i, k] = H[i, k] * t[i] * t[k] if i < n else 0.0
+                M[i, i] = H[i, i] + damping * (abs(H[i, i]) + 1e-5) + 1e-15 if t[i] > 0.0 else 1.0
+            if factorise(M, 0.0, M):
+                substitute(M, d)
                 for i in range(n):
                     d[i] = min(max(v[i] + d[i], low[i]), high[i])
                 there = _energy(row, x, y, z, d)
