@@ -74,7 +74,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
 
 def test_running_nodes_are_calibrated_on_the_command_line(room: Room) -> None:
     arguments = ("--board", "board.toml", "--out", "cli.toml", "--connect", room.address, "--json", "-")
-    done = run(room.folder, "calibrate", "node:left", "node:right", *arguments, "--seconds", str(FILMED_S))
+    done = run(room.folder, "calibrate", "cameras", "node:left", "node:right", *arguments, "--seconds", str(FILMED_S))
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     assert list(found["cameras"]) == ["left", "right"]
@@ -87,7 +87,7 @@ def test_running_nodes_are_calibrated_on_the_command_line(room: Room) -> None:
 
 def test_a_node_that_is_not_there_is_named_with_those_that_are(room: Room) -> None:
     arguments = ("--board", "board.toml", "--out", "no.toml", "--connect", room.address)
-    done = run(room.folder, "calibrate", "node:left", "node:middle", *arguments)
+    done = run(room.folder, "calibrate", "cameras", "node:left", "node:middle", *arguments)
     assert done.returncode == 1
     assert "node:middle is not there; cameras at this server: left, right" in done.stderr
     assert not (room.folder / "no.toml").exists()
