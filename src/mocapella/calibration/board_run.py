@@ -74,8 +74,8 @@ class BoardRunReport:
         unseen: rounds without a detection of the board.
         still: rounds dropped because the board had hardly moved.
         unanswered: number of missing images, by camera.
-        apart_s, moved_px: for each kept group of two or more cameras: time between its images, and motion of the board
-            in one of them meanwhile.
+        apart_s: for each kept group of two or more cameras, the time between its images.
+        moved_px: the board's motion in one of these images within that time.
         split: rounds with detections in two or more cameras, but not simultaneous ones.
     """
 

@@ -37,7 +37,7 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         raw_labels: (pairs, 2, joints, 3) with the sensors' labels [m]; NaN where missing or unknown.
-        repaired: the same with the labels that the method had chosen before.
+        repaired: the same with left and right as the method decided before the pair arrived.
         swaps_per_min: how often that decision changed, over both sensors.
     """
 
@@ -53,12 +53,12 @@ def logged_views(session: StudySession, pairs: Pairs) -> ScoredViews:
 
 
 def known_before(frames: StudyFrames, pairs: Pairs, *, frozen: bool = False) -> Int64:
-    """Return the entry (pairs,) of a `CausalRun` from before the arrival of either frame of the pair.
+    """Return for each pair the index (pairs,) of the last `CausalRun` entry before either frame of the pair arrives.
 
     Args:
-        frames: input of the run.
-        pairs: all their frames are in ``frames``.
-        frozen: use the entry from before the first of these pairs for all.
+        frames: input frames of the run.
+        pairs: pairs whose frames are all in ``frames``.
+        frozen: use the entry before the first of these pairs for all of them.
     """
     first = frames.of_row[pairs.rows].min(axis=1)
     return np.full(len(first), first.min(initial=len(frames.arrivals))) if frozen else first
@@ -68,11 +68,11 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
     """Return both views of each pair under the method's estimates.
 
     Args:
-        session: the file.
-        run: the method over it.
-        pairs: to be scored.
-        known: (pairs,) entry of the run whose motions and offsets are applied.
-        labels: (pairs,) entry whose label swaps are applied.
+        session: the recorded session.
+        run: the method's estimates over the session.
+        pairs: the pairs to score.
+        known: (pairs,) index of the run's entry whose motions and clock offsets are applied.
+        labels: (pairs,) index of the entry whose label swaps are applied.
     """
     seen = seen_views(session, run, pairs, known, labels)
     joints = seen.joints

@@ -53,9 +53,9 @@ class Film(msgspec.Struct, frozen=True, eq=False):
     """A rendered scene.
 
     Attributes:
-        scene: see there; without corruption.
-        images: of each frame, by camera.
-        truth: of these frames.
+        scene: the simulated scene, without corruption.
+        images: for each frame, the image (height, width, 3) of each camera.
+        truth: the true motion in these frames.
     """
 
     scene: SilhouetteScene
@@ -63,7 +63,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
     truth: Movement
 
     def shown(self, frame: int, corruption: Corruption | None = None) -> Mapping[str, UInt8]:
-        """Return the images of a frame by camera, with the corruption."""
+        """Return the images of a frame by camera, with the corruption applied."""
         images = self.images[frame]
         if corruption is None:
             return images
@@ -71,13 +71,13 @@ class Film(msgspec.Struct, frozen=True, eq=False):
 
 
 class FollowedRun(msgspec.Struct, frozen=True, eq=False):
-    """The result of a tracked body.
+    """The tracker's result for one body over a film.
 
     Attributes:
         movement: the estimated poses.
-        left_out: number of frames without a camera that counted.
-        lost: number of frames with a lost body.
-        seconds: (frames,) duration of each update; 0 without a clock.
+        left_out: indices of the frames in which no camera contributed to the fit.
+        lost: indices of the frames in which the body is lost.
+        seconds: (frames,) duration of each update [s]; 0 without a clock.
     """
 
     movement: Movement

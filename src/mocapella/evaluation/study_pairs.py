@@ -121,13 +121,13 @@ class StudySession:
 
 
 def corrected_tasks(log: StudyLog) -> Int64:
-    """Return Scenario_Id (rows,), with a logging error of the interactions corrected: a 4 after the first 8 is an 8."""
+    """Return Scenario_Id (rows,) without a logging error: once the log has reached task 8, a 4 stands for an 8."""
     after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
     return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
 
 
 def pairs_of(log: StudyLog) -> Pairs:
-    """The first two rows of each (task, Tracker_Time, person); rows without a partner are no pair."""
+    """Return the first two rows of each (task, Tracker_Time, person); rows without a partner are left out."""
     keys = np.stack([log.tracker_time_ms, log.scenario_id, log.person_id], axis=1)
     _, inverse, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(inverse.reshape(-1), kind="stable")

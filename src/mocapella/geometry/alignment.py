@@ -1,8 +1,8 @@
 """Rigid alignment of paired points by their moments: batch, robust, and recursive at a constant cost.
 
-The motion that minimises Σ w |p − (R (q + δ v) + t)|² depends on the points only through sums over them, the
-*moments*. Sums of parts add, and a sum that forgets is multiplied before the new is added: so whatever the history, a
-new frame costs as much as its own points. δ shifts every q along its velocity v: a difference of two clocks.
+The motion that minimises Σ w |p − (R (q + δ v) + t)|² depends on the points only through sums over them, the *moments*.
+Moments of subsets add, and exponential forgetting multiplies the old moments by a factor, so the cost of a new frame
+does not depend on the history. δ shifts every q along its velocity v: an offset of two clocks.
 
 Moments are arrays (..., `MOMENTS`)::
 
@@ -34,12 +34,12 @@ _UPPER: Final = np.triu_indices(3)
 
 
 def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Float64:
-    """The moments of paired points.
+    """Return the moments of paired points.
 
     Args:
-        p, q: (..., n, 3); a pair with a coordinate that is not finite does not count.
-        weights: (..., n), 1 where not given; a pair whose weight is not above 0 does not count.
-        velocities: (..., n, 3) of q, 0 where not given.
+        p, q: (..., n, 3); [m]; pairs with a non-finite coordinate are ignored.
+        weights: (..., n), by default 1; pairs with a weight of 0 or less are ignored.
+        velocities: (..., n, 3) of q [m/s], by default 0.
 
     Returns:
         (..., `MOMENTS`).
@@ -78,17 +78,17 @@ def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Floa
 
 
 def align(M: Float64, offset: float = 0.0) -> Float64:
-    """The rigid motion ``T_p_q`` of the moments: p ≈ T (q + offset·v).
+    """Return the least-squares rigid motion ``T_p_q`` of the moments: p ≈ T (q + offset·v).
 
     The rotation is the unit quaternion that is the eigenvector of the largest eigenvalue of Horn's symmetric matrix
     (1987, section 4.A): always a rotation, never a reflection.
 
     Args:
         M: (..., `MOMENTS`).
-        offset: of the time of q [s].
+        offset: clock offset of q [s].
 
     Returns:
-        (..., 4, 4); NaN where the moments are of no points.
+        (..., 4, 4); NaN where the moments are empty.
     """
     M = np.asarray(M, dtype=np.float64)
     W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None]
@@ -126,7 +126,7 @@ def _rotation(S: Float64) -> Float64:
 
 
 def shifted(M: Float64, by: Any) -> Float64:
-    """The moments of the same points with every q moved on by ``by`` seconds (...) along its velocity."""
+    """Return the moments after moving every q along its velocity by ``by`` seconds (...)."""
     out = M.copy()
     shape = (*M.shape[:-1], 3, 3)
     by = np.asarray(by, dtype=np.float64)[..., None]
@@ -156,7 +156,7 @@ def cross_matrix(x: Any) -> Float64:
 
 
 def normal_equations(M: Float64, T: Float64, offset: Any = 0.0) -> tuple[Float64, Float64]:
-    """The Gauss–Newton equations H d = g of seven unknowns d at T and offset, from the moments alone.
+    """Return the Gauss–Newton equations H d = g of seven unknowns d at T and offset, from the moments alone.
 
     d is a twist in p's frame (translation [m], rotation [rad]: T ← exp(d₁…₆) T) and a change of the offset [s]. With
     x = T (q + offset·v) and u = R v, a point's derivative is J = [I, −[x]×, u], H = Σ w JᵀJ and g = Σ w Jᵀ (p − x).
@@ -213,13 +213,13 @@ def _axial(outer: Float64) -> Float64:
 
 
 def robust_weights(residual: Any, kernel: RobustKernel, scale: float) -> Float64:
-    """What a point of that residual counts in the next least-squares fit (iteratively reweighted least squares).
+    """Return the weights of points by their residuals, for iteratively reweighted least squares.
 
     Args:
-        residual: any shape, [m].
+        residual: any shape, 0 or more [m].
         kernel: ``l1``: 1/r, no more than 1/scale. ``huber``: 1 up to the scale and scale/r beyond.
             ``geman-mcclure``: (scale²/(scale² + r²))². ``squared``: 1.
-        scale: [m].
+        scale: scale of the robust loss [m].
     """
     r = np.abs(np.asarray(residual, dtype=np.float64))
     if kernel == "l1":
@@ -235,17 +235,17 @@ def robust_weights(residual: Any, kernel: RobustKernel, scale: float) -> Float64
 def robust_align(
     p: Any, q: Any, weights: Any = None, *, kernel: RobustKernel = "l1", scale: float = 0.02, iterations: int = 50
 ) -> Float64:
-    """``T_p_q`` by iteratively reweighted least squares; with ``l1`` it minimises Σ w |p − T q|, not its square.
+    """Estimate ``T_p_q`` by iteratively reweighted least squares; ``l1`` minimises Σ w |p − T q|, not the squares.
 
-    ``geman-mcclure`` begins from the ``l1`` fit, because it can stick at a wrong one.
+    ``geman-mcclure`` starts from the ``l1`` fit, because it has local minima.
 
     Args:
         p, q, weights: as in `moments`, one set of points: (n, 3), (n,).
         kernel, scale: as in `robust_weights`.
-        iterations: at most.
+        iterations: the most iterations.
 
     Returns:
-        (4, 4); NaN where no pair counts.
+        (4, 4); NaN if no pair is valid.
     """
     check(scale > 0, "scale", scale, "greater than 0 m")
     w = np.ones(np.shape(p)[:-1]) if weights is None else np.asarray(weights, dtype=np.float64)

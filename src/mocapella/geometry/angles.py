@@ -1,4 +1,4 @@
-"""Angles, which wrap: π and −π are one direction."""
+"""Wrapping and averaging of angles, for which π and −π are one direction."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ Float64 = NDArray[np.float64]
 
 
 def wrap(angle: Any) -> Float64:
-    """The same directions within [−π, π), any shape."""
+    """Wrap angles of any shape to [−π, π) [rad]."""
     return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi)
 
 
 def circular_mean(angles: Any, axis: int = -1) -> Float64:
-    """The direction of the sum of the unit vectors: a mean that is right across ±π too.
+    """Return the circular mean: the direction of the sum of the unit vectors, valid across ±π.
 
     Args:
         angles: any shape [rad].
-        axis: over which.
+        axis: the axis to average over.
 
     Returns:
-        ``angles``' shape without ``axis``, within [−π, π].
+        (...) the shape of ``angles`` without ``axis``, within [−π, π] [rad].
 
     Source:
         Mardia and Jupp, *Directional Statistics*, section 2.2.1.

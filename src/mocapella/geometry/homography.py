@@ -1,4 +1,4 @@
-"""What a plane's picture says: the homography of a plane, and the plane's pose in the space of a camera.
+"""Homography from a plane to its image, focal length from homographies, and the plane's pose in the camera frame.
 
 Source: Z. Zhang, *A Flexible New Technique for Camera Calibration* (IEEE PAMI 22(11), 2000), sections 2.2 and 3.1 and
 appendix A.
@@ -17,11 +17,11 @@ Float64 = NDArray[np.float64]
 
 
 def homography(plane: Float64, picture: Float64) -> Float64:
-    """The map of a plane to its picture: the direct linear transformation of centred and scaled points.
+    """Estimate the homography from a plane to its image by the normalised direct linear transformation (DLT).
 
     Args:
-        plane: (n, 2), n ≥ 4, no three of four on a line.
-        picture: (n, 2).
+        plane: (n, 2), n ≥ 4, no three of four collinear.
+        picture: (n, 2) their images.
 
     Returns:
         (3, 3), its last element 1.
@@ -44,17 +44,17 @@ def _centred(points: Float64) -> Float64:
 
 
 def focal_length(homographies: Sequence[Float64], centre: Float64) -> float:
-    """The focal length that makes all homographies pictures of a rigid plane: Zhang's equations 3 and 4.
+    """Estimate the focal length from homographies of a rigid plane: Zhang's equations 3 and 4.
 
-    The camera's centre is taken as given and its pixels as square, which leaves one unknown, 1/f²: few views that see
-    little of the picture determine no more.
+    The principal point is given and pixels are square, which leaves one unknown, 1/f²: a few views that cover a small
+    part of the image determine no more.
 
     Args:
         homographies: of one camera.
-        centre: (2,) [px].
+        centre: (2,) principal point [px].
 
     Returns:
-        [px]; NaN where they have no positive solution, as where the plane was parallel to the picture in all.
+        The focal length [px]; NaN without a positive solution, as when the plane is parallel to the image in all views.
     """
     rows, sides = [], []
     for H in homographies:
@@ -70,14 +70,14 @@ def focal_length(homographies: Sequence[Float64], centre: Float64) -> float:
 
 
 def plane_pose(plane: Float64, directions: Float64) -> Float64:
-    """Where a plane is, of its picture through a lens that is known: Zhang's section 3.1, the rotation by appendix C.
+    """Estimate a plane's pose from its image through a known lens: Zhang's section 3.1, the rotation by appendix C.
 
     Args:
-        plane: (n, 2) [m] on the plane z = 0 of its own space.
-        directions: (n, 2) x/z and y/z in the camera's space.
+        plane: (n, 2) points of the plane z = 0 of its own frame [m].
+        directions: (n, 2) their undistorted images, x/z and y/z in the camera frame.
 
     Returns:
-        (4, 4) ``T_camera_plane``, before the camera.
+        (4, 4) ``T_camera_plane``, with the plane in front of the camera.
     """
     H = homography(plane, directions)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))

@@ -1,4 +1,4 @@
-"""Depth of what a Kinect v1 sends: 11-bit disparities.
+"""Convert the 11-bit raw disparities of a Kinect v1 to depth.
 
 The conversion is the OpenKinect community's linear fit of the inverse depth,
 1/Z = −0.0030711016·raw + 3.3309495161. It has a pole between 1084 and 1085: at 1084 it gives 533 m and beyond it depths
@@ -34,7 +34,7 @@ def kinect_metres(raw: Any, nearest_m: float = NEAREST_M, farthest_m: float = FA
         nearest_m, farthest_m: range of valid depths.
 
     Returns:
-        (...) float32 [m]; 0 where nothing valid was measured.
+        (...) float32 depth [m]; 0 where invalid.
     """
     disparity = np.asarray(raw, dtype=np.float64)
     denominator = SLOPE_PER_M * disparity + OFFSET_PER_M
@@ -47,5 +47,5 @@ _UNITS: Final = np.rint(kinect_metres(np.arange(NOTHING + 1)).astype(np.float64)
 
 
 def kinect_units(raw: UInt16) -> UInt16:
-    """(...) depths of disparities (...) in units of `UNIT_M`; 0 as in `kinect_metres`."""
+    """Convert raw disparities (...) to depths (...) in units of `UNIT_M`; 0 where invalid."""
     return np.asarray(_UNITS[np.minimum(raw, NOTHING)])

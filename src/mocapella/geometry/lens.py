@@ -1,10 +1,10 @@
-"""A camera's lens: from points in its own space to pixels, and back to rays.
+"""Lens model: project points of the camera frame to pixels, and undistort pixels to directions.
 
 The model is that of D. Brown, *Close-Range Camera Calibration* (Photogrammetric Engineering 37(8), 1971), with three
 radial and two tangential coefficients, in the order k1 k2 p1 p2 k3 that is customary since J.-Y. Bouguet's toolbox.
 
-A lens is one array of nine numbers: focal lengths fx fy [px], centre cx cy [px], k1 k2 p1 p2 k3. The pixel (0, 0) is
-the middle of the first one.
+A lens is one array of nine numbers: focal lengths fx fy [px], centre cx cy [px], k1 k2 p1 p2 k3. The coordinates (0, 0)
+are the centre of the first pixel.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _NOTHING: Final = 1e-9
 
 
 def distort(normalised: Any, lens: Float64) -> Float64:
-    """Where the lens shows a direction.
+    """Return the pixels of normalised image coordinates, with distortion.
 
     Args:
         normalised: (..., 2) x/z and y/z.
         lens: (9,).
 
     Returns:
-        (..., 2) [px]; NaN beyond the radius from which the model is no longer one-to-one.
+        (..., 2) [px]; NaN beyond the radius up to which the distortion model is one-to-one.
     """
     x, y = np.moveaxis(np.asarray(normalised, dtype=np.float64), -1, 0)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
@@ -41,14 +41,14 @@ def distort(normalised: Any, lens: Float64) -> Float64:
 
 
 def project(points: Any, lens: Float64) -> Float64:
-    """Where points are seen.
+    """Project points of the camera frame to pixels.
 
     Args:
-        points: (..., 3) in the camera's space [m]: x right, y down, z out of the lens.
+        points: (..., 3) camera frame [m]: x right, y down, z out of the lens.
         lens: (9,).
 
     Returns:
-        (..., 2) [px]; NaN behind the camera, and as in `distort`.
+        (..., 2) [px]; NaN behind the camera, and where `distort` returns NaN.
     """
     points = np.asarray(points, dtype=np.float64)
     z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
@@ -56,14 +56,14 @@ def project(points: Any, lens: Float64) -> Float64:
 
 
 def undistort(pixels: Any, lens: Float64) -> Float64:
-    """The direction that a pixel shows, by Newton's method: points are undistorted, never images.
+    """Return the viewing directions of pixels, undistorted by Newton's method.
 
     Args:
         pixels: (..., 2) [px].
         lens: (9,).
 
     Returns:
-        (..., 2) x/z and y/z; NaN where the lens shows nothing, or the pixel is NaN.
+        (..., 2) x/z and y/z; NaN outside the range of the distortion model, or where the pixel is NaN.
     """
     pixels = np.asarray(pixels, dtype=np.float64)
     flat = np.ascontiguousarray(pixels.reshape(-1, 2))

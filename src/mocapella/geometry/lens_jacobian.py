@@ -1,7 +1,7 @@
-"""How a camera's pixels change with the point that is seen and with the lens: the derivatives of `lens.project`.
+"""Derivatives of `lens.project` with respect to the point and the lens.
 
-The polynomial is evaluated wherever a point is before the camera, also beyond the radius at which `lens.project` says
-that nothing is seen: a least-squares search may pass there on its way.
+The polynomial is evaluated for every point in front of the camera, also beyond the radius at which `lens.project`
+returns NaN, because a least-squares search may pass there.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ Float64 = NDArray[np.float64]
 
 
 def project_with_jacobian(points: Any, lens: Any) -> tuple[Float64, Float64, Float64]:
-    """Where points are seen, and what that depends on.
+    """Project points to pixels, with the Jacobians by point and by lens.
 
     Args:
-        points: (..., 3) in the camera's space [m].
+        points: (..., 3) camera frame [m].
         lens: (..., 9); broadcasts with the points.
 
     Returns:

@@ -1,8 +1,8 @@
-"""The surface of a smooth union of tapered limbs, as triangles: how bodies, hands and arms are made.
+"""Triangulate the surface of a smooth union of tapered limbs, from which body, hand and arm meshes are made.
 
-Limbs are rows of nine numbers: ends a and b [m], the radii there [m], and the group that a limb belongs to, by which
-they are sorted. Limbs of a group flow into each other by one measure, groups into groups by another, so that fingers
-stay apart and the bones of a palm do not.
+Limbs are rows of nine numbers: ends a and b [m], the radii there [m], and the index of the limb's group; rows are
+sorted by group. The blending distance within a group differs from that between groups, so fingers stay apart and the
+bones of a palm merge.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Int64 = NDArray[np.int64]
 def polygonise(
     limbs: Float64, within: Float64, between: float, nodes: Float64, *, mirrored: bool = False
 ) -> tuple[Float64, Int64]:
-    """The surface: vertices (n, 3) and triangles (m, 3), closed, anticlockwise as seen from outside.
+    """Return the closed surface: vertices (n, 3) [m] and triangles (m, 3), anticlockwise as seen from outside.
 
     Args:
         limbs: (n, 9), sorted by group.
-        within: (groups,) how far the limbs of a group flow into each other [m].
-        between: and groups [m].
-        nodes: (a, b, c, 3) a grid, warped at will, that goes beyond the limbs on all sides.
-        mirrored: the surface is its own mirror image in x, triangles too. The limbs must be; the nodes are those
-            of x > 0 only, and what lies between them and x = 0 is one cell with its mirror image.
+        within: (groups,) blending distance between limbs of a group [m].
+        between: blending distance between groups [m].
+        nodes: (a, b, c, 3) nodes of a grid, which may be warped and extends beyond the limbs on all sides [m].
+        mirrored: make the surface symmetric in x, triangles included. The limbs must be symmetric; nodes are given
+            for x > 0 only, and a layer of cells joins the first of them to their mirror images.
     """
     k = _kernels()
     values = np.empty(nodes.shape[:3])
@@ -56,7 +56,7 @@ def polygonise(
 
 
 def group_distances(limbs: Float64, within: Float64, points: Float64) -> Float64:
-    """How far points (n, 3) are from each group (n, groups) [m]; negative inside."""
+    """Return the signed distances (n, groups) of points (n, 3) from each group [m]; negative inside."""
     out = np.empty((len(points), len(within)))
     _kernels().group_distances(limbs, within, points, out)
     return out

@@ -24,12 +24,12 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ParallelPair:
-    """Two equal cameras, side by side, which look the same way.
+    """Two equal cameras side by side with parallel optical axes.
 
     Attributes:
-        baseline_m: from one centre to the other [m].
-        width_px: of the picture.
-        view_angle_rad: of the whole width.
+        baseline_m: distance between the camera centres [m].
+        width_px: width of the image.
+        view_angle_rad: horizontal field of view.
     """
 
     baseline_m: float
@@ -43,33 +43,33 @@ class ParallelPair:
 
     @property
     def focal_px(self) -> float:
-        """x₀ / (2·tan(φ₀/2)) [px]."""
+        """Focal length x₀ / (2·tan(φ₀/2)) [px]."""
         return self.width_px / (2.0 * math.tan(self.view_angle_rad / 2.0))
 
     def depth(self, disparity_px: Any) -> Float64:
-        """(...,) [m] of disparities (...,) [px]; NaN where one is 0 or less, see `swapped`."""
+        """Return the depths (...,) [m] of disparities (...,) [px]; NaN where one is 0 or less, see `swapped`."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
         return self.baseline_m * self.focal_px / np.where(disparity > 0, disparity, np.nan)
 
     def disparity(self, depth_m: Any) -> Float64:
-        """(...,) [px] of depths (...,) [m]."""
+        """Return the disparities (...,) [px] of depths (...,) [m]."""
         return self.baseline_m * self.focal_px / np.asarray(depth_m, dtype=np.float64)
 
     def expected_error(self, depth_m: Any, pixels: float = 1.0) -> Float64:
-        """ΔD = D²/B·tan Δφ (...,) [m], where Δφ is the view angle of so many pixels, φ₀/x₀ each (section 2 there)."""
+        """Return ΔD = D²/B·tan Δφ (...,) [m], with Δφ = ``pixels``·φ₀/x₀ (section 2 of the paper)."""
         angle = pixels * self.view_angle_rad / self.width_px
         return np.asarray(depth_m, dtype=np.float64) ** 2 / self.baseline_m * math.tan(angle)
 
     def points(self, one: Any, other: Any, depth_m: Any, height_px: float) -> Float64:
-        """Points midway between the cameras' centres.
+        """Return 3D points in the frame of a virtual camera midway between the two.
 
         Args:
-            one, other: (..., 2) [px] in the two rectified pictures; the order does not matter.
-            depth_m: (...,), of whichever method.
-            height_px: of the picture.
+            one, other: (..., 2) [px] in the two rectified images, in any order.
+            depth_m: (...,) depths by any method.
+            height_px: height of the image.
 
         Returns:
-            (..., 3) [m] in the space of a camera in the middle: x right, y down, z out of the lens.
+            (..., 3) [m]: x right, y down, z out of the lens.
         """
         middle = (np.asarray(one, dtype=np.float64) + np.asarray(other, dtype=np.float64)) / 2.0
         depth = np.asarray(depth_m, dtype=np.float64)[..., None]
@@ -89,7 +89,7 @@ def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: 
 
 
 class PowerLaw(msgspec.Struct, frozen=True):
-    """D = k·xᶻ of a disparity x [px].
+    """Fitted depth D = k·xᶻ of a disparity x [px].
 
     Attributes:
         k_cm: the distance at one pixel of disparity [cm], the customary unit.
@@ -100,18 +100,18 @@ class PowerLaw(msgspec.Struct, frozen=True):
     z: float
 
     def depth(self, disparity_px: Any) -> Float64:
-        """(...,) [m] of disparities (...,) [px]; NaN where one is 0 or less."""
+        """Return the depths (...,) [m] of disparities (...,) [px]; NaN where one is 0 or less."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
         return np.asarray(0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z)
 
     def expected_error(self, disparity_px: Any, pixels: float = 1.0) -> Float64:
-        """(...,) [m] that so many pixels of disparity make of the depth, |∂D/∂x|."""
+        """Return the depth errors (...,) [m] of a disparity error of ``pixels``, by |∂D/∂x|."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
         return np.asarray(np.abs(self.z * self.depth(disparity) / disparity) * pixels)
 
 
 def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
-    """k and z of measured distances: a straight line in logarithms, least squares.
+    """Fit k and z to measured distances: a straight line in logarithms, by least squares.
 
     Args:
         depth_m: (rows,) measured with a ruler [m].
@@ -131,7 +131,7 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
 
 
 def swapped(disparity_px: Any) -> bool:
-    """Whether most of the disparities that are there are negative: the cameras are called by each other's name."""
+    """Return whether most finite disparities are negative, that is, the left and right cameras are swapped."""
     disparity = np.asarray(disparity_px, dtype=np.float64)
     there = disparity[np.isfinite(disparity)]
     return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
@@ -157,14 +157,14 @@ def _checked(depth_m: Any, disparity_px: Any) -> tuple[Float64, Float64]:
 
 
 class DistanceTable(msgspec.Struct, frozen=True, eq=False):
-    """Measured distances beside what the pair makes of them.
+    """Measured distances compared with those calculated from disparities.
 
     Attributes:
-        law: fitted.
-        measured_m, disparity_px: (rows,).
-        calculated_m: by the formula.
-        corrected_m: by the law.
-        expected_error_m: of one pixel.
+        law: the fitted power law.
+        measured_m, disparity_px: (rows,) measurements.
+        calculated_m: (rows,) distances by the pinhole formula.
+        corrected_m: (rows,) distances by the law.
+        expected_error_m: (rows,) error of an error of one pixel in disparity.
     """
 
     law: PowerLaw
@@ -191,7 +191,11 @@ class DistanceTable(msgspec.Struct, frozen=True, eq=False):
 
 
 def distance_table(depth_m: Any, disparity_px: Any, pair: ParallelPair) -> DistanceTable:
-    """Fit a law and compare; raises as `fit`."""
+    """Fit a power law and tabulate measured, calculated and corrected distances.
+
+    Raises:
+        InputError: as `fit`.
+    """
     law = fit(depth_m, disparity_px)
     depth, disparity = np.asarray(depth_m, dtype=np.float64), np.asarray(disparity_px, dtype=np.float64)
     error = pair.expected_error(depth)

@@ -47,7 +47,7 @@ def rotation_about_y(angle: Any) -> Float64:
 
 
 def rigid(R: Any, t: Any) -> Float64:
-    """The motion p' = R p + t.
+    """Return the rigid motion p' = R p + t.
 
     Args:
         R: (..., 3, 3) rotations.
@@ -65,17 +65,17 @@ def rigid(R: Any, t: Any) -> Float64:
 
 
 def inverse(T: Float64) -> Float64:
-    """``T_from_to`` of ``T_to_from``, (..., 4, 4); exact for a rotation, unlike a general inverse."""
+    """Invert rigid motions (..., 4, 4), ``T_to_from`` to ``T_from_to``, by transposing the rotation."""
     R_back = np.swapaxes(T[..., :3, :3], -1, -2)
     return rigid(R_back, -(R_back @ T[..., :3, 3, None])[..., 0])
 
 
 def apply(T: Float64, points: Any) -> Float64:
-    """Move points.
+    """Apply rigid motions to points.
 
     Args:
         T: (..., 4, 4).
-        points: (..., n, 3); batch axes broadcast with ``T``'s. NaN stays NaN, and only in its own point.
+        points: (..., n, 3); batch axes broadcast with ``T``'s. A NaN affects its own point only.
 
     Returns:
         (..., n, 3).

@@ -1,4 +1,4 @@
-"""The rigid motion that is nearest to the velocities of points."""
+"""Fit the velocity field of a rigid motion to the velocities of points."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ Float64 = NDArray[np.float64]
 
 
 def rigid_velocity(points: Float64, velocities: Float64, used: Bools) -> Float64:
-    """The field v + ω × (x − x̄) at all points that fits the velocities of those used, by least squares.
+    """Fit v + ω × (x − x̄) to the velocities of the points used, by least squares; evaluate it at all points.
 
-    Points on a line, or one point, have no unique ω: the smallest is taken (L. Sciavicco, B. Siciliano, *Modelling and
-    Control of Robot Manipulators* (2000), section 3.1, for the velocities of a rigid body).
+    For collinear points, or one point, ω is not unique: the smallest is taken (L. Sciavicco, B. Siciliano, *Modelling
+    and Control of Robot Manipulators* (2000), section 3.1, for the velocities of a rigid body).
 
     Args:
         points: (n, 3) [m].
         velocities: (n, 3) [m/s].
-        used: (n,) whose velocities count.
+        used: (n,) whether a point is used in the fit.
 
     Returns:
-        (n, 3) [m/s]; NaN where a point is; zero where none is used.
+        (n, 3) [m/s]; NaN where the point is NaN; zero if no point is used.
     """
     used = used & np.isfinite(points).all(axis=-1) & np.isfinite(velocities).all(axis=-1)
     if not used.any():

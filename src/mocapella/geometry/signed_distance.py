@@ -1,4 +1,4 @@
-"""How far samples are from an outline, and on which side of it."""
+"""Signed distance of samples to an outline."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
     """Compute the signed distance of every sample to a region's outline; positive inside.
 
     Args:
-        inside: (rows, columns) bool or uint8, a mask, whose outline passes midway between two samples that differ;
-            or floating-point numbers, whose outline is where they cross 0, linearly between samples: what a sample's
-            square is covered by, less a half, gives the outline of a rasterised mesh between the samples.
-        reach_px: farther away, the distance is cut off at the reach, a whole number of steps [px].
-        step_px: between samples.
+        inside: (rows, columns). A bool or uint8 mask has its outline midway between two samples that differ. Floating-
+            point numbers have it where they cross 0, interpolated linearly between samples: for example, the covered
+            fraction of each sample's square minus 0.5 gives the sub-sample outline of a rasterised mesh.
+        reach_px: distances are clipped to ± this, a whole number of steps [px].
+        step_px: distance between samples.
 
     Returns:
-        (rows, columns) float32 [px], at least to the outline's crossings with the sample's rows and columns exact.
+        (rows, columns) float32 [px]; exact to the outline's crossings with the sample's own row and column.
 
     Raises:
-        SettingsError: another shape, or the reach is not of 1 to 255 steps.
+        SettingsError: ``inside`` is empty or not two-dimensional, or the reach is not 1 to 255 steps.
     """
     if inside.ndim != 2 or not inside.size:
         raise SettingsError(f"inside is of shape {inside.shape}; it must be (rows, columns) with at least one sample")

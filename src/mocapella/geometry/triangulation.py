@@ -1,10 +1,10 @@
-"""Where points are that several cameras see, how sure that is, and which cameras agree.
+"""Triangulate points from several calibrated cameras, with covariances and rejection of outlier views.
 
-Of the pixels of two cameras or more, the point is the one whose distorted projections are nearest to them in the
-least squares of their standard deviations (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, sections 12.2 and
-12.4 for start and cost; A6.1 for Gauss–Newton). Where not all of the cameras agree with it, every pair of them is
-tried, and the point is that with the least truncated error; the number of cameras is small, so nothing is drawn at
-random and the same pixels give the same point to the bit.
+The estimate minimises the squared reprojection errors, through the distorted lenses, over their standard deviations
+(Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, sections 12.2 and 12.4 for start and cost; A6.1 for
+Gauss–Newton). If a camera disagrees with it, every pair of cameras is tried, and the point with the least truncated
+error is kept. The number of cameras is small, so no random sampling is needed, and equal pixels give equal points to
+the bit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ VIEW_NUMBERS = 25
 
 
 class PointState(IntEnum):
-    """What came of a point; all but `SEEN` have NaN for it."""
+    """Outcome of triangulating a point; its position is NaN in all states but `SEEN`."""
 
     SEEN = 0
     """Two cameras or more agree."""
@@ -43,12 +43,12 @@ class PointState(IntEnum):
 
 @dataclass(frozen=True)
 class TriangulationSettings:
-    """Who agrees with whom.
+    """Thresholds for outlier views and for parallel rays.
 
     Attributes:
-        gate_sd: a camera whose pixel is farther from the projection than so many of its standard deviations is not
-            used; of correct ones with Gaussian errors that is one in 3,000 at 4. Infinity uses every camera.
-        least_angle_rad: at which two of the rays must meet.
+        gate_sd: a view is rejected if its reprojection error is above this number of its standard deviations; at 4, one
+            in 3,000 correct views with Gaussian errors is rejected. Infinity uses every camera.
+        least_angle_rad: least angle at which two of the rays must meet.
     """
 
     gate_sd: float = 4.0
@@ -60,15 +60,15 @@ class TriangulationSettings:
 
 
 EVERY_CAMERA: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
-"""Nothing is left out: all count."""
+"""Reject no camera and no angle."""
 
 
 class Views(msgspec.Struct, frozen=True, eq=False):
-    """Cameras as the kernels take them; made once for a rig by `views`.
+    """The cameras of a rig in the kernels' format; made once by `views`.
 
     Attributes:
-        numbers: (views, 25): the lens (9), `lens.farthest_r2`, R_camera_world by rows (9), the translation (3), the
-            centre in the world (3).
+        numbers: (views, 25): lens (9), `lens.farthest_r2`, R_camera_world by rows (9), translation of T_camera_world
+            (3), camera centre in the world (3).
     """
 
     numbers: Float64
@@ -78,14 +78,14 @@ class Views(msgspec.Struct, frozen=True, eq=False):
 
 
 class Triangulated(msgspec.Struct, frozen=True, eq=False):
-    """Points, and how they came about.
+    """Triangulated points, with covariance, residuals and the views used.
 
     Attributes:
         points: (..., 3) in the world [m]; NaN where the state is not `PointState.SEEN`.
-        covariances: (..., 3, 3) [m²], of the standard deviations that were given; NaN as the points.
-        residuals_px: (..., views) from the pixel to the projection, also of cameras that were not used; infinite where
-            the point is not in front of a camera, NaN where it is not seen.
-        used: (..., views) whether the camera agreed.
+        covariances: (..., 3, 3) [m²], propagated from the given ``sd_px``; NaN where the point is.
+        residuals_px: (..., views) reprojection errors, also of rejected cameras; infinite where the point is not in
+            front of the camera, NaN where the camera does not see it.
+        used: (..., views) whether the camera is an inlier.
         states: (...,) a `PointState`.
     """
 
@@ -97,11 +97,11 @@ class Triangulated(msgspec.Struct, frozen=True, eq=False):
 
 
 def views(lenses: Any, T_camera_world: Any) -> Views:
-    """Cameras of a rig.
+    """Convert the cameras of a rig to the kernels' format.
 
     Args:
-        lenses: (views, 9) of `mocapella.geometry.lens`.
-        T_camera_world: (views, 4, 4).
+        lenses: (views, 9), see `mocapella.geometry.lens`.
+        T_camera_world: (views, 4, 4) extrinsics.
     """
     lenses, T = np.asarray(lenses, dtype=np.float64), np.asarray(T_camera_world, dtype=np.float64)
     numbers = np.empty((len(lenses), VIEW_NUMBERS))
@@ -119,11 +119,11 @@ DEFAULT = TriangulationSettings()
 def triangulate(
     pixels: Any, cameras: Views, sd_px: Any = 1.0, settings: TriangulationSettings = DEFAULT
 ) -> Triangulated:
-    """Points from where cameras see them at one instant.
+    """Triangulate points from their pixels in several cameras at one instant.
 
     Args:
         pixels: (..., views, 2) [px]; NaN where a camera does not see the point.
-        cameras: of `views`.
+        cameras: the rig, prepared by `views`.
         sd_px: standard deviation of a pixel's coordinates [px], broadcast to (..., views); a camera whose sd is NaN or
             infinite is not used.
         settings: the settings.

@@ -18,10 +18,10 @@ Float64 = NDArray[np.float64]
 
 
 def exp_twist(twist: Any) -> Float64:
-    """The rigid motion of a twist.
+    """Return the rigid motion of a twist: its exponential.
 
     Args:
-        twist: (..., 6) translation part, then rotation part.
+        twist: (..., 6) translation part [m], then rotation part [rad].
 
     Returns:
         (..., 4, 4).
@@ -39,7 +39,7 @@ def exp_twist(twist: Any) -> Float64:
 
 
 def log_motion(T: Float64) -> Float64:
-    """The twist of a rigid motion, (..., 6), its angle within [0, π]; the inverse of `exp_twist` below π."""
+    """Return the twist (..., 6) of a rigid motion, with an angle in [0, π]; inverts `exp_twist` below π."""
     T = np.asarray(T)
     phi = _rotation_vector(T[..., :3, :3])
     angle = np.linalg.norm(phi, axis=-1)[..., None, None]
@@ -75,7 +75,7 @@ def _rotation_vector(R: Float64) -> Float64:
 
 
 def adjoint(T: Float64) -> Float64:
-    """(..., 6, 6) ``Ad`` with T exp(x) T⁻¹ = exp(Ad x): the same small motion, told in T's target frame."""
+    """Return ``Ad`` (..., 6, 6) with T exp(x) T⁻¹ = exp(Ad x), which expresses a twist in T's target frame."""
     R, t = T[..., :3, :3], T[..., :3, 3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
@@ -84,14 +84,14 @@ def adjoint(T: Float64) -> Float64:
 
 
 def revolute(axis: Any, point: Any) -> Float64:
-    """The twist of a turn by one radian about an axis in space: without translation along it, that is, of zero pitch.
+    """Return the twist of a rotation by one radian about an axis, without translation along it (zero pitch).
 
     Args:
         axis: (..., 3) of any length.
         point: (..., 3) on the axis [m].
 
     Returns:
-        (..., 6); NaN where the axis has no length.
+        (..., 6); NaN where the axis is zero.
     """
     axis = np.asarray(axis, dtype=np.float64)
     length = np.linalg.norm(axis, axis=-1)[..., None]

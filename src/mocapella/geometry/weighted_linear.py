@@ -1,10 +1,9 @@
-"""The customary linear triangulation: weighted rows, and cameras dropped until the rest agrees in the mean.
+"""Weighted linear triangulation that drops cameras until the mean reprojection error is small.
 
-Of each camera two rows of the homogeneous equations u·p₃ − p₁ and v·p₃ − p₂ (Hartley, Zisserman: Multiple View
-Geometry, 2nd ed. 2004, section 12.2), weighted by the confidence of its detection; if the mean distance of the
-projections is too large, the point is found anew without each of the cameras, then without each two, and so on, and the
-best is kept.
-`triangulation.triangulate` is more accurate and says how sure it is; this is for comparison with tools that do so.
+Each camera gives two rows of the homogeneous equations u·p₃ − p₁ and v·p₃ − p₂ (Hartley, Zisserman: Multiple View
+Geometry, 2nd ed. 2004, section 12.2), weighted by the confidence of its detection. If the mean reprojection error is
+too large, the point is estimated again without each camera, then without each two, and so on; the best is kept.
+`triangulation.triangulate` is more accurate and gives covariances; this one is for comparison with tools that use it.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WeightedLinearSettings:
-    """Which cameras count.
+    """Thresholds for detections and for dropping cameras.
 
     Attributes:
-        least_confidence: a detection is used where its confidence is above that.
-        largest_error_px: mean distance from the projections to the pixels of the cameras that are used.
-        drop_cameras: whether cameras are dropped where it is larger; otherwise there is no point then. Where detections
-            are off by much, two cameras agree by chance more often than all but one see rightly.
+        least_confidence: detections with a confidence above this are used.
+        largest_error_px: largest mean reprojection error of the cameras used.
+        drop_cameras: whether cameras are dropped if the error is larger; otherwise the point is NaN. With large
+            detection errors, two cameras agree by chance more often than all but one are correct.
     """
 
     least_confidence: float = 0.3
@@ -50,10 +49,10 @@ DEFAULT = WeightedLinearSettings()
 def weighted_linear(
     pixels: Any, confidences: Any, lenses: Any, T_camera_world: Any, settings: WeightedLinearSettings = DEFAULT
 ) -> Triangulated:
-    """Points (..., 3) of pixels (..., views, 2) with confidences (..., views); their covariances are NaN.
+    """Triangulate points (..., 3) from pixels (..., views, 2) with confidences (..., views); covariances are NaN.
 
     Args:
-        pixels, confidences: NaN where not seen.
+        pixels, confidences: NaN where the camera does not see the point.
         lenses: (views, 9).
         T_camera_world: (views, 4, 4).
         settings: the settings.
@@ -94,7 +93,7 @@ def weighted_linear(
 
 
 def _linear(normalised: Float64, weights: Float64, lenses: Float64, T: Float64) -> Float64:
-    """The null vector of the rows, in pixels of each camera without its distortion."""
+    """Return the points as null vectors of the weighted rows, in undistorted pixels."""
     K = np.zeros((len(lenses), 3, 3))
     K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2], K[:, 2, 2] = *lenses.T[:4], 1.0
     P = K @ T[:, :3]

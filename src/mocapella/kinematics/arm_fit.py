@@ -133,8 +133,8 @@ class ArmEvidence(NamedTuple):
         points: (m, 3) points of the arm's surface.
         weights: (m,) of the points.
         front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured.
-        opposite: (h, w) int64, the nearest column of the line that belongs to the arm where a pixel does not, and the
-            reverse.
+        opposite: (h, w) int64, in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
+            nearest pixel off the arm for an arm pixel.
         lens: (4,) of these pixels.
     """
 

@@ -35,7 +35,7 @@ _MOST_NOISE_M: Final = 0.006
 
 
 class Arm(Protocol):
-    """What is wanted of an arm: `mocapella.model.arms.SeenArm`, or what a tracker made of several."""
+    """Interface of the measured arms: `mocapella.model.arms.SeenArm`, or a tracked arm."""
 
     @property
     def id(self) -> int: ...  # noqa: D102
@@ -50,12 +50,13 @@ class ArmQualitySettings:
     """Thresholds for a still palm and for a jump.
 
     Attributes:
-        still_window_s: an arm is still if it was for so long.
-        still_m: its palm's mean in no eighth of that time was farther than this from another's, and its noise.
-        least_frames: in that time.
-        jump_m: farther than this between two frames is a jump; between frames that are more than a 30th of a second
-            apart, as many times farther.
-        gap_s: frames that are farther apart are not compared.
+        still_window_s: duration of the window in which an arm must be still.
+        still_m: largest distance between the mean positions of the palm in any two eighths of the window, beyond
+            noise, for an arm that counts as still.
+        least_frames: fewest frames in the window.
+        jump_m: motion between two frames above which a joint has jumped; for frames more than 1/30 s apart, it grows
+            in proportion to the time between them.
+        gap_s: frames farther apart than this are not compared.
     """
 
     still_window_s: float = 2.0
@@ -73,11 +74,13 @@ class ArmQualitySettings:
 
 
 def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[tuple[int, int]]:
-    """Which two points changed places: each is less than half as far from where the other was as from its own place.
+    """Return the pairs of points that swapped positions between two frames.
+
+    Each point of a pair is now less than half as far from the other's earlier position as from its own.
 
     Args:
         before, now: (n, 3) [m]; NaN where not known.
-        least_m: points nearer to each other than this are not compared.
+        least_m: pairs of points that were closer together than this are not compared.
     """
     apart = np.linalg.norm(now[:, None] - before[None], axis=-1)
     between = np.linalg.norm(before[:, None] - before[None], axis=-1)
@@ -89,7 +92,7 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 
 
 def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
-    """What happened to the eight joints of an arm between two frames.
+    """Count the jumps, appearances, losses and swaps of an arm's eight joints between two frames.
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
@@ -110,7 +113,7 @@ def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
 
 
 class _Followed:
-    """One arm: its joints of late."""
+    """The recent joint positions of one arm."""
 
     def __init__(self) -> None:
         self.left = False
@@ -119,7 +122,7 @@ class _Followed:
 
 
 class ArmQualityMeter:
-    """Measures as frames come; time is that of their capture."""
+    """Measures the quality of arms frame by frame, by capture time."""
 
     def __init__(self, settings: ArmQualitySettings | None = None) -> None:
         self.settings = settings or ArmQualitySettings()
@@ -140,8 +143,8 @@ class ArmQualityMeter:
         """Take in the arms of a frame.
 
         Args:
-            arms: all that there are.
-            at_s: when [s]; a frame that is not after the last begins all windows anew.
+            arms: all arms of the frame.
+            at_s: capture time [s]; a frame that is not later than the last one restarts all windows.
         """
         s = self.settings
         compare = self._at_s is not None and 0 < at_s - self._at_s <= s.gap_s
@@ -199,7 +202,7 @@ class ArmQualityMeter:
 
     @property
     def quality(self) -> ArmQuality:
-        """What was measured so far."""
+        """Return the quality measured so far."""
         lately, seen_s = Misdetections(), 0.0
         for _, seconds, found in self._lately:
             seen_s += seconds

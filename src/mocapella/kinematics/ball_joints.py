@@ -1,15 +1,16 @@
-"""Ball joints told by three turns about the pose they are in, so that none of their poses is singular.
+"""Parametrise ball joints about their present pose, so that no pose is singular.
 
-A shoulder is three revolute joints in a row, and where the second brings the third one's axis onto the first one's,
-two of them turn the arm about the same axis and nothing turns it about another: there a fit is stuck, and an arm that
-is raised to the side passes there. So a step is taken in a tree that is at rest where the body is:
+A shoulder is three revolute joints in a row. Where the second aligns the third axis with the first, two joints rotate
+the arm about the same axis and none about another (gimbal lock): a fit is stuck there, and an arm raised to the side
+passes through it. So each step of a fit uses a local tree, whose rest pose is the body's present pose:
 
     local = local_tree(tree, balls, pose)
     pose = local.back(fit(local.tree, local.at, constraints, [local.into_prior(prior)]).pose)
 
-In it a ball joint turns about three perpendicular axes, the last one along the limb, and all three angles are 0. It is
-the product of exponentials about another rest pose (R. Murray, Z. Li, S. Sastry, *A Mathematical Introduction to
-Robotic Manipulation*, 1994, section 3.2.2). Parts' motions in it take points from that rest pose, not from the mesh's.
+In the local tree a ball joint rotates about three perpendicular axes, the last one along the limb, and all three angles
+are 0. It is the product of exponentials about another rest pose (R. Murray, Z. Li, S. Sastry, *A Mathematical
+Introduction to Robotic Manipulation*, 1994, section 3.2.2). The motions of its parts apply to points in that rest pose,
+not in the mesh's.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ _PERPENDICULAR = 1e-9
 
 
 class BallJoints(msgspec.Struct, frozen=True, eq=False):
-    """Those of a tree that can be singular.
+    """The ball joints of a tree that have a singular pose within their limits.
 
     Attributes:
-        parts: (n,) each one's part.
-        first: (n,) the first of its three turns.
-        axes: (n, 3, 3) their axes at rest, one a row.
-        centres: (n, 3) where these meet at rest [m].
+        parts: (n,) the part that each one moves.
+        first: (n,) index of the first of its three revolute joints.
+        axes: (n, 3, 3) their axes in the rest pose, one per row.
+        centres: (n, 3) intersection of the axes in the rest pose [m].
     """
 
     parts: Int64
@@ -48,7 +49,7 @@ class BallJoints(msgspec.Struct, frozen=True, eq=False):
 
 
 def ball_joints(tree: TwistTree) -> BallJoints:
-    """Parts that three perpendicular turns about one point move, the second one to a right angle or beyond."""
+    """Find parts with three perpendicular, intersecting revolute axes whose second angle can reach a right angle."""
     found: list[tuple[int, int, Float64, Float64]] = []
     for part in range(1, len(tree.parents)):
         turns = np.flatnonzero(tree.joint_parts == part)
@@ -71,16 +72,16 @@ def ball_joints(tree: TwistTree) -> BallJoints:
 
 
 class LocalTree(msgspec.Struct, frozen=True, eq=False):
-    """A tree at rest where a body is.
+    """A body's tree, re-expressed so that its rest pose is the body's present pose.
 
     Attributes:
-        tree: the body's, but for its rest pose.
-        at: where the body is, as a pose of this tree: its ball joints' angles are 0.
+        tree: the local tree.
+        at: the present pose as a pose of the local tree: the ball joints' angles are 0.
         of: the body's tree.
-        balls: see its class.
-        pose: where the body is.
-        turned: (n, 9) the ball joints' rotations there.
-        axes: (n, 3, 3) about which they turn in this tree, one a row.
+        balls: the ball joints.
+        pose: the present pose as a pose of the body's tree.
+        turned: (n, 9) rotations of the ball joints in the present pose, by rows.
+        axes: (n, 3, 3) their axes in the local tree, one per row.
     """
 
     tree: TwistTree
@@ -92,13 +93,13 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
     axes: Float64
 
     def into(self, pose: TreePose) -> TreePose:
-        """A pose of the body as one of this tree."""
+        """Convert a pose of the body's tree to the local tree."""
         angles = np.array(pose.angles, np.float64)
         _kernels().into(self.balls.first, self.balls.axes, self.turned, self.axes, angles)
         return TreePose(pose.T_world_model, angles)
 
     def back(self, pose: TreePose) -> TreePose:
-        """A pose of this tree as one of the body, within its limits."""
+        """Convert a pose of the local tree to the body's tree, within its joint limits."""
         angles = np.array(pose.angles, np.float64)
         _kernels().back(
             self.balls.first, self.balls.axes, self.turned, self.axes, self.of.limits, self.pose.angles, angles
@@ -106,12 +107,14 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
         return TreePose(pose.T_world_model, angles)
 
     def into_prior(self, prior: Prior) -> Prior:
-        """What is expected of the body's pose, as of this tree's."""
+        """Convert a prior of the body's pose to the local tree."""
         return Prior(self.into(prior.pose), prior.root_per_m, prior.root_per_rad, prior.angles_per_rad)
 
     def into_usual(self, usual: Prior) -> Prior:
-        """What angles usually are. Of ball joints only the turn about the limb is usual, and not where it is undefined:
-        where a limb points nothing is usual, and shows.
+        """Convert the prior of usual angles to the local tree.
+
+        For a ball joint it keeps only the rotation about the limb, with a weight that falls to 0 at the singular
+        pose, where that rotation is undefined. The limb's direction has no usual value and is observed directly.
         """
         angles, weights = np.array(usual.pose.angles), np.array(usual.angles_per_rad)
         for first in self.balls.first.tolist():
@@ -122,7 +125,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
 
 
 def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
-    """The tree at rest where it is in a pose."""
+    """Make the local tree of a pose."""
     angles = np.array(pose.angles, np.float64)
     twists, limits, n = tree.twists.copy(), tree.limits.copy(), len(balls.parts)
     turned, axes = np.empty((n, 9)), np.empty((n, 3, 3))

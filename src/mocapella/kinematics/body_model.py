@@ -53,8 +53,8 @@ class BallJoint:
 
     Attributes:
         name: of its angles.
-        centre: (3,) the middle of the directions that its bone may have, in the frame it turns in.
-        cone_deg: how far from there it may go.
+        centre: (3,) axis of the cone of allowed bone directions, in the parent frame.
+        cone_deg: half angle of the cone.
         twist_deg: (least, most) turn of the bone about itself, after the shortest turn from its rest direction.
     """
 
@@ -78,14 +78,14 @@ class BallJoint:
 
 @dataclass(frozen=True)
 class Bone:
-    """What a bone's file says of it.
+    """A bone of a body model and the joint at its beginning.
 
     Attributes:
-        offset: (3,) from the joint before it, in the rest pose, as a fraction of stature.
-        motion: which density of acceleration moves it.
-        misfit_m: standard deviation of the measured joint off the chain, beside its noise [m].
-        hinges: revolute joints in their order; none: rigid.
-        ball: instead of them.
+        offset: (3,) from the parent joint, in the rest pose, as a fraction of stature.
+        motion: name of its acceleration density, one of `MOTIONS`.
+        misfit_m: standard deviation of the measured joint about the chain, in addition to measurement noise [m].
+        hinges: revolute joints in their order; empty for a rigid bone.
+        ball: a ball joint instead of hinges.
     """
 
     offset: tuple[float, float, float]

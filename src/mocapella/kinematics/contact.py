@@ -1,10 +1,10 @@
-"""Limbs that are in each other are pushed apart, within the fit.
+"""Constraints that push interpenetrating limbs apart during a fit.
 
     solid = capsules_of(mesh)
     given = [*given, apart(solid, landmarks, motions)]
 
-Of two capsules that overlap the nearest points of their axes are to lie so far from the middle between them as their
-radii say: two planes (`mocapella.kinematics.twist_fit`) across the line between them. Limbs that only touch are free.
+For two overlapping capsules, the nearest points of their axes are moved apart along the line between them, half the
+overlap each: two planes (`mocapella.kinematics.twist_fit`) perpendicular to that line. Limbs that only touch are free.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 TOUCHING_M = 0.006
-"""Limbs that touch press their flesh so much [m]."""
+"""Overlap allowed for limbs in contact, because flesh gives way [m]."""
 SD_M = 0.001
-"""How much limbs may be in each other, against outlines that want it [m]."""
+"""Standard deviation of an overlap, which weighs these constraints against the outlines' [m]."""
 
 
 def apart(
@@ -34,14 +34,14 @@ def apart(
     sd_m: float = SD_M,
     touching_m: float = TOUCHING_M,
 ) -> InPlanes:
-    """The planes that keep limbs out of each other; none where they are.
+    """Return the planes that push overlapping limbs apart; empty if no limbs overlap.
 
     Args:
-        solid: see its class.
-        landmarks: (n, 3) of the mesh where it is [m].
-        motions: R (parts, 9) and t (parts, 3) of the tree that is fitted.
-        sd_m: how much they may be in each other [m].
-        touching_m: how deep they are where they only touch [m].
+        solid: the limbs as capsules.
+        landmarks: (n, 3) landmarks of the mesh in the present pose, world [m].
+        motions: R (parts, 9) and t (parts, 3) of the fitted tree in that pose.
+        sd_m: standard deviation of an overlap, which sets the planes' weight [m].
+        touching_m: overlap below which limbs count as in contact and are left alone [m].
     """
     R, t = motions
     room = 2 * len(solid.pairs)
@@ -55,12 +55,12 @@ def apart(
 
 
 def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
-    """How deep the limbs of some pairs are in each other, all together [m].
+    """Return the sum of the overlaps of pairs of limbs [m].
 
     Args:
-        solid: see its class.
-        pairs: (q, 2) of its limbs.
-        landmarks: (n, 3) of the mesh where it is [m].
+        solid: the limbs as capsules.
+        pairs: (q, 2) indices of its limbs.
+        landmarks: (n, 3) landmarks of the mesh in the present pose, world [m].
     """
     return float(_kernels().depth(np.ascontiguousarray(landmarks[solid.ends]), solid.radii, pairs))
 

@@ -38,13 +38,14 @@ _INFERRED: Final = 0.25
 
 @dataclass(frozen=True, eq=False)
 class HandFeatures:
-    """How a hand is held, in ratios of lengths.
+    """A hand's posture as ratios of lengths.
 
     Attributes:
-        reach: (5,) distance of a tip from the wrist over the way there along the bones: 1 is straight, 0.3 to 0.4 is
-            folded into the palm; NaN where not known.
-        gaps: (5, 5) distances between tips over that from wrist to middle finger's knuckle; NaN where not known.
-        certainty: (5,) of a digit, from 0, not known, to 1, its tip is measured.
+        reach: (5,) distance from wrist to fingertip, divided by the length along the bones: 1 is straight, 0.3 to 0.4
+            is folded into the palm; NaN where not known.
+        gaps: (5, 5) distances between fingertips, divided by that from the wrist to the middle finger's knuckle; NaN
+            where not known.
+        certainty: (5,) certainty of each digit, from 0 (not known) to 1 (its tip is measured).
     """
 
     reach: Float64
@@ -108,11 +109,11 @@ def hand_features(
 
 
 class Gesture(Protocol):
-    """Something that a hand does.
+    """Interface of a gesture.
 
     Attributes:
-        name: in a word.
-        digits: that must be known, the thumb being 0.
+        name: its name, one word.
+        digits: indices of the digits that must be known; the thumb is 0.
     """
 
     @property
@@ -121,16 +122,16 @@ class Gesture(Protocol):
     def digits(self) -> tuple[int, ...]: ...  # noqa: D102
 
     def score(self, hand: HandFeatures) -> float:
-        """From 0, surely not, to 1, surely; NaN where it cannot be told."""
+        """Return the gesture's score, from 0 (certainly not) to 1 (certainly); NaN if not known."""
         ...
 
 
 @dataclass(frozen=True)
 class FingerGesture:
-    """Some digits are extended, some folded; how the others are held does not matter.
+    """Gesture with some digits extended and some folded; the others do not matter.
 
     Attributes:
-        name: in a word.
+        name: its name, one word.
         extended, folded: names of digits.
     """
 
@@ -148,22 +149,22 @@ class FingerGesture:
 
     @property
     def digits(self) -> tuple[int, ...]:
-        """Those that are extended or folded."""
+        """Indices of the digits that are extended or folded."""
         return tuple(sorted(DIGITS.index(digit) for digit in (*self.extended, *self.folded)))
 
     def score(self, hand: HandFeatures) -> float:
-        """That of the digit which fits the least."""
+        """Return the score of the digit that fits worst."""
         fits = [hand.extended(DIGITS.index(digit)) for digit in self.extended]
         return _least([*fits, *(hand.folded(DIGITS.index(digit)) for digit in self.folded)])
 
 
 @dataclass(frozen=True)
 class Closed:
-    """All four fingers bent, together by so much.
+    """Gesture with all four fingers bent: a fist, or a hand around an object.
 
     Attributes:
-        name: in a word.
-        tight: fingers in the palm; otherwise as about a thing.
+        name: its name, one word.
+        tight: whether the fingers lie in the palm (fist); otherwise they are bent as around an object.
     """
 
     name: str
@@ -171,7 +172,7 @@ class Closed:
     digits: tuple[int, ...] = (1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """By the fingers' mean reach; no finger may be extended."""
+        """Return the score by the fingers' mean reach; no finger may be extended."""
         mean = float(hand.reach[1:].mean())
         loose = ramp(mean, 0.36, 0.52)
         bent = min(loose, 1.0 - ramp(mean, 0.58, 0.72)) if not self.tight else 1.0 - loose
@@ -180,13 +181,13 @@ class Closed:
 
 @dataclass(frozen=True)
 class Pinch:
-    """The tips of thumb and index finger together, the other fingers not in the palm."""
+    """Gesture with the tips of thumb and index finger together, the other fingers not folded."""
 
     name: str = "pinch"
     digits: tuple[int, ...] = (0, 1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """By the gap, and by the other fingers' mean reach."""
+        """Return the score by the gap between the tips and the other fingers' mean reach."""
         others = ramp(float(hand.reach[2:].mean()), 0.68, 0.82)
         return _least([1.0 - ramp(float(hand.gaps[0, 1]), 0.28, 0.50), others])
 
@@ -206,11 +207,11 @@ GESTURES: Final[dict[str, Gesture]] = {
         Closed("grab", tight=False),
     )
 }
-"""By name; whoever adds one has it in every `HandGestures` made afterwards."""
+"""The gestures by name; an added one is recognised by every `HandGestures` made afterwards."""
 
 
 def closure(hand: HandFeatures) -> float:
-    """From 0, open, to 1, closed about a thing: that of the least bent finger, or of a pinch; NaN where not known."""
+    """Return how closed a hand is, 0 (open) to 1 (closed), by its least bent finger or a pinch; NaN if not known."""
     closed = _least([1.0 - ramp(float(hand.reach[finger]), 0.45, 0.85) for finger in range(1, 5)])
     pinched = Pinch().score(hand)
     return pinched if math.isnan(closed) else closed if math.isnan(pinched) else max(closed, pinched)
@@ -218,11 +219,12 @@ def closure(hand: HandFeatures) -> float:
 
 @dataclass(frozen=True)
 class GestureSettings:
-    """From when until when a gesture is on.
+    """Thresholds in score and time at which gestures and grasps begin and end.
 
     Attributes:
-        enter, leave: scores at which a gesture begins and below which it ends.
-        after_s: time for which they must last.
+        enter: score at or above which a gesture begins.
+        leave: score below which it ends.
+        after_s: time for which either condition must last.
         grab, release, grab_after_s: the same for the closure at which a hand grasps and releases.
         least_certain: mean certainty of a gesture's digits below which its score is unknown.
         hold_s: time for which a gesture with an unknown score keeps its state.
@@ -253,14 +255,14 @@ class GestureSettings:
 
 @dataclass(frozen=True)
 class GestureState:
-    """What a hand does at an instant.
+    """A hand's gesture and grasp at an instant.
 
     Attributes:
-        gesture: its name; empty where none is on.
-        sure: from 0 to 1: its score times its digits' mean certainty; falls to 0 while it cannot be told.
-        grabbing: whether the hand holds on to something.
-        event: ``grab`` or ``release`` at the instant at which that changes; empty otherwise.
-        known: whether it could be told at this instant whether the hand is closed.
+        gesture: name of the active gesture; empty if none is.
+        sure: score of the gesture times its digits' mean certainty, 0 to 1; falls to 0 while the score is not known.
+        grabbing: whether the hand grasps.
+        event: ``grab`` or ``release`` at the instant at which ``grabbing`` changes; empty otherwise.
+        known: whether the hand's closure is known at this instant.
     """
 
     gesture: str
@@ -272,13 +274,13 @@ class GestureState:
 
 @dataclass(frozen=True)
 class GesturesReport:
-    """What became of a hand's instants.
+    """Counts of a hand's gestures and grasps.
 
     Attributes:
-        instants: that were given.
-        unknown: at which it could not be told whether the hand is closed.
-        begun: how often each gesture began.
-        grabs, releases: how often.
+        instants: number of instants given.
+        unknown: number of instants at which the hand's closure is not known.
+        begun: number of times each gesture began.
+        grabs, releases: number of grasps and releases.
     """
 
     instants: int
@@ -350,7 +352,7 @@ class HandGestures:
 
     @property
     def report(self) -> GesturesReport:
-        """What became of the instants so far."""
+        """Counts over the instants so far."""
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
     def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:
@@ -358,7 +360,7 @@ class HandGestures:
 
         Args:
             hand: see `hand_features`; None where it is not seen.
-            at_s: when [s]; one before the last begins anew.
+            at_s: time [s]; a time before the last one restarts the recognition.
         """
         if at_s < self._at_s:
             self._forget()

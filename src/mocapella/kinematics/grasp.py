@@ -1,4 +1,4 @@
-"""Whether a hand holds a thing: the thumb and another finger touch it, and it stays held until they clearly do not."""
+"""Detect that a hand holds an object: the thumb and another finger touch it, with hysteresis on release."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GraspSettings:
-    """How near is touching.
+    """Thresholds for touching and holding an object.
 
     Attributes:
-        touch_m: a fingertip that is nearer to the surface touches it …
-        leave_m: … and does so until it is farther away than this.
-        after_s: touched for so long, the thing is held; not touched for so long, it is let go.
+        touch_m: distance from the surface below which a fingertip begins to touch it.
+        leave_m: distance above which it stops touching.
+        after_s: duration of touch after which the object is held, and of no touch after which it is released.
     """
 
     touch_m: float = 0.015
@@ -34,7 +34,7 @@ class GraspSettings:
 
 
 def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -> Float64:
-    """How far points are from the surface of a box; negative inside.
+    """Return the signed distances of points from the surface of a box; negative inside.
 
     Args:
         points: (..., n, 3), world [m].
@@ -50,11 +50,11 @@ def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -
 
 
 class Grasp:
-    """One hand and one thing.
+    """Detector of the grasp of one object by one hand.
 
     Attributes:
-        touching: (5,) which fingertips touch it, the thumb's first.
-        held: whether it is held.
+        touching: (5,) whether each fingertip touches the object, the thumb's first.
+        held: whether the object is held.
     """
 
     def __init__(self, settings: GraspSettings | None = None) -> None:
@@ -62,18 +62,18 @@ class Grasp:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is touched."""
+        """Reset to an object that is not touched."""
         self.touching = np.zeros(5, dtype=np.bool_)
         self.held = False
         self._since_s: float | None = None
 
     def update(self, distances: Float64, at_s: float) -> bool:
-        """Whether the thing is held now.
+        """Update the touching fingertips; return whether the object is held.
 
         Args:
-            distances: (5,) of the fingertips from its surface, the thumb's first [m]; a NaN changes nothing for that
-                finger.
-            at_s: when [s].
+            distances: (5,) of the fingertips from its surface, the thumb's first [m]; a NaN keeps that finger's
+                state.
+            at_s: time [s].
         """
         s = self.settings
         with np.errstate(invalid="ignore"):

@@ -65,9 +65,9 @@ class Figure(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         mesh: the mesh.
-        edges: (e, 4) its edges, with the faces beside them.
-        part: (n,) the part that moves each vertex most.
-        one_way: of `outline_kernels.one_way`: the outline determines the mask.
+        edges: (e, 4) its edges: both vertices and both adjacent faces.
+        part: (n,) the part with the largest skinning weight of each vertex.
+        one_way: `outline_kernels.one_way` of the faces; if true, the mask can be drawn from the outline alone.
     """
 
     mesh: RiggedMesh
@@ -77,19 +77,20 @@ class Figure(msgspec.Struct, frozen=True, eq=False):
 
 
 def figure(mesh: RiggedMesh) -> Figure:
-    """Make a mesh ready."""
+    """Prepare a mesh for rendering: its edges and the part of each vertex."""
     k = _seeing()
     part = np.ascontiguousarray(mesh.bones[:, 0])
     return Figure(mesh, k.outline_edges(mesh.faces), part, k.one_way(mesh.faces))
 
 
 class Eye(msgspec.Struct, frozen=True, eq=False):
-    """A camera made ready to look.
+    """A camera prepared for rendering.
 
     Attributes:
-        size_px: (width, height).
-        lens, farthest_r2: of `geometry.lens`.
-        T_camera_world: (4, 4).
+        size_px: (width, height) of the image.
+        lens: (9,), see `geometry.lens`.
+        farthest_r2: `geometry.lens.farthest_r2` of the lens.
+        T_camera_world: (4, 4) extrinsics.
     """
 
     size_px: tuple[int, int]
@@ -99,7 +100,7 @@ class Eye(msgspec.Struct, frozen=True, eq=False):
 
 
 def eye(placed: PlacedCamera) -> Eye:
-    """Make a camera ready."""
+    """Prepare a calibrated camera for rendering."""
     lens = np.ascontiguousarray(placed.camera.lens, np.float64)
     T = np.ascontiguousarray(placed.T_camera_world, np.float64)
     return Eye(placed.camera.size_px, lens, lenses.farthest_r2(lens), T)
@@ -109,13 +110,13 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
     """A body's mask and outline in a camera.
 
     Attributes:
-        origin_px, step_px: the window, as in `Silhouette`.
+        origin_px, step_px: first sample and sample spacing of the window, as in `Silhouette`.
         mask: (rows, columns) uint8, 1 where the body covers a sample.
         at: (n, 2) points of the outline [px].
         normals: (n, 2) outward normals, as long as each point's share of the outline [px].
         points: (n, 3) their positions in the world [m].
-        part: (n,) their parts.
-        depth: (n,) their depths [m].
+        part: (n,) the body part of each.
+        depth: (n,) their depths in the camera frame [m].
     """
 
     origin_px: tuple[int, int]
@@ -129,7 +130,7 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def silhouette(self) -> Silhouette:
-        """What it covers; phi says on which side a sample is, not how far from the outline."""
+        """The mask as a silhouette; its phi is ±0.5 (positive inside), not a distance to the outline."""
         return Silhouette(self.origin_px, self.step_px, self.mask.astype(np.float32) - np.float32(0.5))
 
 
@@ -143,16 +144,16 @@ def see(
     spacing_px: float = 4.0,
     window: Outline | None = None,
 ) -> Outline | None:
-    """Render a body's outline; None where it is outside the image.
+    """Render a body's mask and outline; return None if the body is outside the image.
 
     Args:
         body: the body.
-        vertices: (n, 3) of `rigged_mesh.posed`.
+        vertices: (n, 3) posed vertices from `rigged_mesh.posed`, world [m].
         by: the camera.
-        step_px: distance of the window's samples.
+        step_px: spacing of the window's samples.
         margin_px: margin of the window about the body.
-        spacing_px: distance of the outline's points.
-        window: an outline whose window is used again.
+        spacing_px: spacing of the outline's points.
+        window: an earlier outline whose window is reused; None to fit the window to the body.
     """
     given = (0, 0, 0, 0) if window is None else (*window.origin_px, *window.mask.shape[::-1])
     x0, y0, mask, *points = _seeing().outlined(
@@ -163,7 +164,7 @@ def see(
 
 
 def seen_at(points: Float64, by: Eye) -> Float64:
-    """Project points (n, 3) into the image, (n, 2) [px]; invisible ones far beyond it."""
+    """Project points (n, 3) into the image, (n, 2) [px]; invisible points get -1e6."""
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
     pixels[depth <= 0.0] = -1e6
@@ -199,7 +200,7 @@ def touching(
     Args:
         seen: the body's outline.
         motions: R (parts, 9) and t (parts, 3) of the rendered pose.
-        phi: (rows, columns) the image's outline, in the window of ``seen``.
+        phi: (rows, columns) signed distance to the image's outline, in the window of ``seen``.
         surety: (rows, columns) evidence of an edge in the image [nats].
         by: the camera.
         reach_px: distance up to which ``phi`` is valid.

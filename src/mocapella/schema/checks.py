@@ -137,7 +137,7 @@ def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
 
 
 def names(given: Any, field: str) -> tuple[str, ...]:
-    """Return the names of points: unique, not empty or longer than `MAX_NAME`, at most `MAX_POINTS`."""
+    """Return at most `MAX_POINTS` names of points: unique, each of 1 to `MAX_NAME` characters."""
     if len(given) > MAX_POINTS:
         raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
     unique = tuple(given)
@@ -150,7 +150,11 @@ def names(given: Any, field: str) -> tuple[str, ...]:
 
 
 def transform(data: bytes, field: str) -> NDArray[np.float64]:
-    """Return a rigid motion (4, 4) from its upper three rows."""
+    """Return a rigid motion (4, 4) from its upper three rows, 12 packed float64 by rows [m].
+
+    Raises:
+        WireError: wrong length, not a rotation, or a translation beyond `MAX_COORDINATE`.
+    """
     T = np.eye(4)
     T[:3] = array(data, F8, (3, 4), field)
     R = T[:3, :3]
@@ -167,7 +171,7 @@ def transform(data: bytes, field: str) -> NDArray[np.float64]:
 
 
 def sensor_pose(tilt: float, height: float, message: str) -> None:
-    """Refuse an impossible tilt [rad] or height [m] of a sensor; ``message`` is the message's name for errors."""
+    """Raise a `WireError` for an impossible tilt [rad] or height [m]; ``message`` is the message's name for errors."""
     if not (-math.pi <= tilt <= math.pi and -MAX_COORDINATE <= height <= MAX_COORDINATE):
         raise WireError(
             f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "

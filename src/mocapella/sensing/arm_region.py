@@ -101,10 +101,11 @@ class Region(NamedTuple):
     """A region that may be an arm, in the form of `mocapella.kinematics.arm_fit.ArmEvidence`.
 
     Attributes:
-        points: (m, 3) camera [m].
-        front: (h, w) depth of the arm's surface, minus that of others, 0 where nothing was measured [m].
-        opposite: (h, w) for pixels off the arm the nearest column of their row on it, and the reverse.
-        lens: (4,) of these pixels.
+        points: (m, 3) points of the surface, camera frame [m].
+        front: (h, w) depth of the arm's surface, the negative depth of other surfaces, 0 where not measured [m].
+        opposite: (h, w) in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
+            nearest pixel off the arm for an arm pixel.
+        lens: (4,) fx, fy, cx, cy of the grid [px].
     """
 
     points: Float64
@@ -114,7 +115,7 @@ class Region(NamedTuple):
 
 
 class PalmCandidate(NamedTuple):
-    """A candidate for a palm or fist, with its forearm and fingers.
+    """A possible palm or fist, with its forearm and fingers.
 
     Attributes:
         centre: (3,) on its surface, camera [m].
@@ -178,7 +179,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 
 
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
-    """Return the region of a segmented surface, as `Region.front`."""
+    """Return the region of a segmented surface; ``front`` as in `Region`."""
     k = kernels()
     opposite = np.empty(front.shape, np.int64)
     k.opposite(front, opposite)

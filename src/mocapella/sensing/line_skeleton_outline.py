@@ -73,12 +73,12 @@ class ArmOutline:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """An arm's lines in the mirrored image.
+    """An arm's straight line segments in the mirrored image.
 
     Attributes:
-        skeleton: its stages.
+        skeleton: the intermediate images of the line detection.
         segments: (n, 4) x and y of the first and of the last point [px], the longest first.
-        rotation_degrees: of the ellipse that fits the outline: 0 is upright, 90 level, below 90 leaning to the right.
+        rotation_degrees: rotation of the ellipse fitted to the outline: 0 is upright, 90 level, below 90 leans right.
     """
 
     skeleton: Skeleton

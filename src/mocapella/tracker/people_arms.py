@@ -56,7 +56,7 @@ class PeopleArmsSettings:
 
 
 class PeopleArms:
-    """Arms of people, see the module."""
+    """Tracker of the arms seen by depth cameras, each assigned to a tracked person."""
 
     def __init__(self, settings: PeopleArmsSettings | None = None) -> None:
         self.settings = s = settings or PeopleArmsSettings()

@@ -311,8 +311,8 @@ def untangled(
 def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
     """Largest overlap of a finger with another or with the palm [m]; 0 without any.
 
-    Flesh is modelled as tapered limbs around the bones; neighbouring fingers' first bones count from 45 % of their
-    length.
+    Flesh is modelled as tapered limbs around the bones; of the first bones of neighbouring
+    fingers, the 45 % of their length next to the knuckle are ignored.
 
     Args:
         mesh: the hand.
