@@ -47,7 +47,7 @@ LONGEST_BETWEEN_NS = 60_000_000_000
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of a replay: counts, the state at its end, how long the recording is [s], and what else there is."""
+    """Result of a replay: counts, the final tracker state, the recording's duration [s], and further notes."""
 
     summary: RunSummary
     last: TrackerState

@@ -44,7 +44,7 @@ _DECIMALS: Final = 3
 
 
 class FacingModel(msgspec.Struct, frozen=True, eq=False):
-    """The learnt tables, see the module.
+    """Learnt likelihood tables for the direction a person faces.
 
     Attributes:
         yaw, motion: tables of logarithms.

@@ -112,7 +112,7 @@ class LeftOut(msgspec.Struct, frozen=True, eq=False):
 
 
 class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
-    """The learnt bias, see the module.
+    """Learnt bias of a sensor's joints by the facing, velocity and distance of a person.
 
     Attributes:
         topology: of the joints that it was learnt on.

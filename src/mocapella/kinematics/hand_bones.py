@@ -78,15 +78,15 @@ class BonesSettings:
 
 
 class Bones(msgspec.Struct, frozen=True, eq=False):
-    """A measured hand.
+    """Measured bones of a hand, with their uncertainty.
 
     Attributes:
         shape: the hand, with the standard deviations of its lengths.
-        base_markers: (k, 3) where the base's markers are on it, as `HandTracker` wants them [m].
-        finger_sd_m: (5,) of the digits' whole lengths.
-        knuckles_deg, hook_deg: (4,) by how much the fingers' first and second joints moved.
-        frames: (4,) how many instants counted for each finger.
-        residual_m: root mean square distance of the tips from the hand.
+        base_markers: (k, 3) positions of the base's markers on the hand, as `HandTracker` takes them [m].
+        finger_sd_m: (5,) standard deviations of the digits' whole lengths.
+        knuckles_deg, hook_deg: (4,) range of motion of the fingers' first and second joints.
+        frames: (4,) number of instants used for each finger.
+        residual_m: root mean square distance of the measured tips from the fitted hand.
     """
 
     shape: HandShape
@@ -108,21 +108,21 @@ def measure_bones(
     sd_m: float = 0.001,
     settings: BonesSettings | None = None,
 ) -> Bones:
-    """Measure a hand from the gesture.
+    """Estimate the bones of a hand from the gesture.
 
     Args:
         model: its proportions and couplings.
-        start: a hand of about that size: whose, which hand, and the prior's lengths and places.
-        base_markers: (k, 3), k ≥ 3, about where the base's markers are, as `HandTracker` wants them [m]. Together with
-            them the palm's frame is defined.
+        start: a hand of about that size; gives the person, the side, and the prior's lengths and positions.
+        base_markers: (k, 3), k ≥ 3, approximate positions of the base's markers, as `HandTracker` takes them [m].
+            They define the palm's frame.
         points: (n, 5 + k, 3) fingertips and the base's markers [m]; NaN where one is not seen.
-        phases: (n,) which of `PHASES` was shown.
+        phases: (n,) phase of the gesture at each instant, one of `PHASES`.
         sd_m: standard deviation of a coordinate of a marker [m].
         settings: the defaults where not given.
 
     Raises:
-        InputError: arrays of another shape, too few base markers, or a gesture that does not tell; says which finger,
-            and what to do.
+        InputError: arrays of another shape, too few base markers, or a gesture that does not determine a finger; the
+            message names the finger and what to do.
     """
     s = settings or BonesSettings()
     check(0 < sd_m < 0.1, "sd_m", sd_m, "above 0, below 0.1 m")

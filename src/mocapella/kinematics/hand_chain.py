@@ -22,13 +22,13 @@ ROOT_DOFS = 6
 
 @dataclass(frozen=True, eq=False)
 class HandChain:
-    """A hand's joints in its pose of all angles 0, in the palm's frame; a left hand's is mirrored already.
+    """A hand's joints in the pose with all angles 0, in the palm's frame; mirrored for a left hand.
 
     Attributes:
-        twists: (21, 6) of the angles: translation part, then rotation part.
-        parents: (21,) of each angle, the angle before it on its digit; -1 where there is none.
+        twists: (21, 6) twist of each angle: translation part [m], then rotation part.
+        parents: (21,) for each angle, the previous angle of its digit; -1 for the first.
         at_zero: (21, 3) landmarks [m].
-        last: (21,) of each landmark, the last angle that moves it; -1 where none does.
+        last: (21,) for each landmark, the last angle that moves it; -1 if none does.
     """
 
     twists: Float64
@@ -49,7 +49,7 @@ class HandChain:
 
 
 def hand_chain(model: HandModel, shape: HandShape) -> HandChain:
-    """The chain of a person's hand. At a two-axis joint abduction comes first, about an axis of the bone before."""
+    """Make the chain of a hand. At a two-axis joint, abduction comes first, about an axis of the previous bone."""
     twists, at_zero = np.zeros((len(ANGLES), 6)), np.zeros((len(LANDMARKS), 3))
     parents, last = np.full(len(ANGLES), -1), np.full(len(LANDMARKS), -1)
     mirror = shape.mirror
@@ -72,7 +72,7 @@ def hand_chain(model: HandModel, shape: HandShape) -> HandChain:
 
 
 def landmarks(chain: HandChain, pose: HandPose) -> Float64:
-    """Where the joints are.
+    """Compute the landmarks of a posed hand: forward kinematics.
 
     Returns:
         (..., 21, 3), world [m].
@@ -81,7 +81,7 @@ def landmarks(chain: HandChain, pose: HandPose) -> Float64:
 
 
 def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
-    """Where the joints are in the palm's frame.
+    """Compute the landmarks in the palm's frame: forward kinematics of the digits.
 
     Args:
         angles: (..., 21) [rad].
@@ -97,7 +97,7 @@ def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
 
 
 def jacobian(chain: HandChain, pose: HandPose) -> Float64:
-    """Derivatives of the landmarks.
+    """Return the Jacobian of the landmarks by the palm's motion and the angles.
 
     Returns:
         (..., 21, 3, 27): of a twist of the palm in its own frame (T ← T exp(x): translation, rotation), then of the

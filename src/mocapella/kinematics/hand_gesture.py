@@ -78,7 +78,7 @@ def phase_at(spans: Sequence[PhaseSpan], at_s: float) -> str | None:
 
 @dataclass(frozen=True)
 class GestureReport:
-    """What became of the scenes.
+    """Counts of the scenes given and kept.
 
     Attributes:
         scenes: number of scenes given during a phase of the gesture.
@@ -125,7 +125,7 @@ class GesturePoints:
 
     @property
     def report(self) -> GestureReport:
-        """What became of the scenes so far."""
+        """Counts of the scenes so far."""
         kept = {phase: len(rows) for phase, rows in self._kept.items()}
         return GestureReport(self._scenes, kept, self._without, self._too_soon)
 
@@ -155,7 +155,7 @@ class GesturePoints:
         self._last_ns = scene.at_ns
 
     def missing(self, phase: str, least: int) -> list[str]:
-        """In words, why a part cannot be used yet: markers that were seen in fewer than ``least`` instants."""
+        """Describe why a phase cannot be used yet: markers seen in fewer than ``least`` instants."""
         rows = self._kept[phase]
         if not rows:
             return ["no markers were tracked meanwhile: do two cameras see the hand, and is the method hands?"]
@@ -176,10 +176,10 @@ class GesturePoints:
     def measure(
         self, model: HandModel, start: HandShape, base_markers: Any, settings: BonesSettings | None = None
     ) -> Bones:
-        """The bones, as `measure_bones`; how far off a marker is, is what the tracker says, in the median.
+        """Measure the bones by `measure_bones`; the markers' noise is the median of the tracker's uncertainties.
 
         Raises:
-            InputError: the gesture does not tell; says what to do.
+            InputError: the gesture does not determine the bones; the message says what to do.
         """
         rows = [row for phase in PHASES for row in self._kept[phase]]
         phases = [phase for phase in PHASES for _ in self._kept[phase]]

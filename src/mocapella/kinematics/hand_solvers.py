@@ -45,22 +45,22 @@ class Fingers(msgspec.Struct, frozen=True, eq=False):
 
 
 class HandSolver(Protocol):
-    """Brings fingertips to where they were seen."""
+    """Interface of inverse-kinematics solvers: digit angles from fingertip positions."""
 
     name: str
 
     def solve(self, targets: Any, start: Any = None) -> Fingers:
-        """Find the angles.
+        """Compute the angles that bring the fingertips to their targets.
 
         Args:
             targets: (..., 5, 3) fingertips in the palm's frame [m]; NaN where one is not seen.
-            start: (..., 21) angles to begin with and to stay at where there is no target; natural where not given.
+            start: (..., 21) initial angles, kept for digits without a target; by default the natural posture.
         """
         ...  # pragma: no cover
 
 
 def digit_rows(model: HandModel, shape: HandShape) -> Float64:
-    """(5, `DIGIT`) what the kernels know of a hand; they solve a left one as its mirror image."""
+    """Return the kernels' parameters (5, `DIGIT`) of a hand; a left hand is solved as its mirror image."""
     k = kernels()
     rows = np.zeros((5, k.DIGIT))
     for i, (row, digit, cone) in enumerate(zip(rows, model.digits, model.cones, strict=True)):
@@ -125,7 +125,7 @@ class _Solver:
 
 
 class ClosedForm(_Solver):
-    """In the digit's plane; unreachable targets by a limited search. The start matters where there is no target."""
+    """Closed form in the digit's plane; limited search for unreachable targets. The start matters without a target."""
 
     name = "closed form"
 
@@ -137,11 +137,11 @@ class ClosedForm(_Solver):
 
 @dataclass(frozen=True)
 class IterativeSettings:
-    """When an iterative solver stops.
+    """Stopping criteria and damping of the iterative solvers.
 
     Attributes:
-        tolerance_m: a tip this near to its target is there.
-        most_iterations: of a digit.
+        tolerance_m: distance from the target at which a tip has reached it.
+        most_iterations: most iterations for a digit.
         damping_m: λ of the damped least squares.
     """
 
@@ -179,19 +179,19 @@ class Fabrik(_Iterative):
 
 
 class JacobianTranspose(_Iterative):
-    """Along the gradient, with the step that would be best were the tip's motion linear."""
+    """Gradient steps, each of the length that is optimal for linear motion of the tip."""
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
 
 
 class PseudoInverse(_Iterative):
-    """The smallest step that would reach the target were the tip's motion linear."""
+    """Smallest steps that would reach the target if the tip's motion were linear."""
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
 
 
 class DampedLeastSquares(_Iterative):
-    """The same, but calm near singular poses."""
+    """Pseudo-inverse steps, damped near singular poses."""
 
     name, kind = "damped least squares", "DAMPED"
 
@@ -219,7 +219,7 @@ SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
 
 
 def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:
-    """The solver of that name.
+    """Make a solver by its name.
 
     Raises:
         SettingsError: no such solver; lists those there are.

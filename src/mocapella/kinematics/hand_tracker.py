@@ -37,7 +37,7 @@ _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 
 @dataclass(frozen=True)
 class HandSettings:
-    """How far hands are from rest, how fast they move, and when a marker is not believed.
+    """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
 
     Attributes:
         marker_sd_m: of a coordinate of a marker, where none is given.
@@ -80,17 +80,17 @@ class HandSettings:
 
 @dataclass
 class HandReport:
-    """What became of the frames and markers.
+    """Counts of frames and markers.
 
     Attributes:
-        frames: that came.
-        fitted: with a hand that was fitted to markers.
-        predicted: with a hand that was predicted only.
-        lost: without a hand.
-        found: how often a hand was found anew.
-        markers: that were seen, of all frames.
-        rejected: of these, too far from the hand, by marker: tips, then the base's.
-        missing: not seen, likewise.
+        frames: number of frames.
+        fitted: frames with a hand fitted to markers.
+        predicted: frames with a hand that is only predicted.
+        lost: frames without a hand.
+        found: number of times the hand was acquired or re-acquired.
+        markers: number of markers seen in all frames.
+        rejected: number rejected as outliers, for each marker: tips, then the base's.
+        missing: number of frames in which each marker was not seen, in the same order.
     """
 
     frames: int = 0
@@ -116,7 +116,7 @@ class _State:
 
 
 class HandTracker:
-    """The memory of one hand. The same inputs give the same outputs, to the bit."""
+    """Tracker of one hand. Equal inputs give equal outputs, to the bit."""
 
     def __init__(
         self, model: HandModel, shape: HandShape, base_markers: Any, settings: HandSettings | None = None
@@ -419,12 +419,12 @@ class HandTracker:
 
 
 def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float64:
-    """Usual places of the base's markers: the wrist; then the knuckles of index, little and middle finger.
+    """Return usual positions of the base's markers: wrist, then knuckles of index, little and middle finger.
 
     Args:
-        shape: whose.
-        markers: 1 to 4.
-        height_m: over the joints, on the back of the hand.
+        shape: the hand.
+        markers: number of markers, 1 to 4.
+        height_m: height of the markers above the joints, on the back of the hand.
 
     Returns:
         (markers, 3) in the palm's frame of a right hand [m].

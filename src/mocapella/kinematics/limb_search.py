@@ -80,24 +80,24 @@ class LimbSearchSettings:
 
 DEFAULT = LimbSearchSettings()
 REACH = 3
-"""So many samples of a map something moves from image to image."""
+"""Largest motion between two images, in samples of the map."""
 TOUCHING_M = 0.03
-"""Limbs that are deeper in each other are where they cannot be."""
+"""Limbs that penetrate each other deeper than this are in an impossible pose [m]."""
 
 
 class Limb(msgspec.Struct, frozen=True, eq=False):
-    """An arm, a leg, a finger.
+    """A limb of a body, such as an arm, a leg or a finger, as indices into the mesh and its tree.
 
     Attributes:
-        name: of its first part.
-        parts: (k,) of the tree, each hanging on the one before.
-        joints: (m,) of these.
-        vertices: (p,) of its surface, spread over its parts.
-        part: (p,) of each.
-        other_faces: (f, 3) of the mesh without it.
-        capsules: of the body.
-        moving: (d,) which of these move with it.
-        pairs: (q, 2) of these that it is one of.
+        name: name of its first part.
+        parts: (k,) its parts in the tree, each the child of the one before.
+        joints: (m,) the joints of these parts.
+        vertices: (p,) sampled vertices of its surface, spread over its parts.
+        part: (p,) the part of each of these vertices.
+        other_faces: (f, 3) the faces of the mesh without the limb.
+        capsules: the body's capsules.
+        moving: (d,) the capsules that move with the limb.
+        pairs: (q, 2) the pairs of capsules that can collide and involve the limb.
     """
 
     name: str
@@ -149,12 +149,12 @@ def _limb(mesh: RiggedMesh, solid: Capsules, parts: Int64, points: int) -> Limb:
 
 
 class Evidence(msgspec.Struct, frozen=True, eq=False):
-    """What an image shows, where the rest of the body does not cover it.
+    """Foreground evidence of one image; `without` removes the region that the rest of the body covers.
 
     Attributes:
         eye: the camera.
         origin_px, step_px: the map's sample (row, column) is the image point origin + step·(column, row).
-        strange: (rows, columns) from 1, foreground, to −1, background; 0: unknown.
+        strange: (rows, columns) from 1 (foreground) to −1 (background); 0 is unknown.
     """
 
     eye: Eye
@@ -164,13 +164,13 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
 
 
 def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> Evidence:
-    """What an image says of a limb: nothing where the rest of the body is.
+    """Return an image's evidence of a limb: unknown where the rest of the body is rendered.
 
     Args:
-        evidence: of the whole body.
+        evidence: evidence of the whole body.
         body: the body.
-        vertices: (n, 3) of `rigged_mesh.posed`.
-        limb: which.
+        vertices: (n, 3) posed vertices from `rigged_mesh.posed`, world [m].
+        limb: the limb.
     """
     by, k = evidence.eye, _seeing()
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
@@ -184,7 +184,7 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """What of an image is strange that was so about there in the image before, too: what flashes by is no limb."""
+    """Keep the foreground that the previous image also shows within `REACH` samples; it rejects brief flashes."""
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
     _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)
@@ -207,15 +207,16 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
 def worth(
     limb: Limb, local: LocalTree, places: tuple[Float64, Float64], evidence: Sequence[Evidence], angles: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """(n,) of poses of a limb: what the images say for it and against it, means over its points, and how deep in others
-    it is [m].
+    """Evaluate n poses of a limb: evidence for and against each, and its penetration of other limbs [m], (n,) each.
+
+    Evidence is the mean over the limb's points and the cameras.
 
     Args:
-        limb: which.
-        local: the body's tree at rest where it is.
-        places: (v, 3) the body's vertices and (c, 2, 3) its capsules' ends where it is [m].
-        evidence: of `without`, by camera.
-        angles: (n, m) of the limb's joints in the local tree [rad].
+        limb: the limb.
+        local: local tree of the body's present pose.
+        places: (v, 3) vertices and (c, 2, 3) ends of the capsules of the body in that pose, world [m].
+        evidence: evidence from `without`, one for each camera.
+        angles: (n, m) angles of the limb's joints in the local tree [rad].
     """
     (vertices, ends), k, n, count = places, _kernels(), len(angles), len(limb.vertices)
     part = np.concatenate([limb.part, np.repeat(limb.capsules.part[limb.moving], 2)])
@@ -253,12 +254,12 @@ def search(
     also_hidden: bool,
     settings: LimbSearchSettings = DEFAULT,
 ) -> FoundLimb | None:
-    """A pose of the limb that the images say much more for than for the one it has; None where there is none.
+    """Search for a pose of the limb with a clearly higher score than its present one; return None if there is none.
 
     Args:
-        limb, local, places, evidence: as of `worth`.
-        rng: what poses are drawn by.
-        also_hidden: whether it is looked for where the images do not say that it is astray.
+        limb, local, places, evidence: as in `worth`.
+        rng: random generator that draws the poses.
+        also_hidden: whether to search also when the images do not contradict the present pose.
         settings: the settings.
     """
     s, at = settings, local.at.angles[limb.joints]

@@ -1,4 +1,4 @@
-"""A Kalman filter for every point: constant velocity, white acceleration, past frames only.
+"""One Kalman filter for each point: constant velocity, white acceleration, past frames only.
 
 Source: Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation (2001), section 6.2.2
 (continuous white noise acceleration). A point's three coordinates share one 2 × 2 covariance of position and velocity,
@@ -46,11 +46,11 @@ class KalmanSettings:
 
 
 class Points(msgspec.Struct, frozen=True, eq=False):
-    """What a filter believes at an instant.
+    """The filter's state at an instant.
 
     Attributes:
         at_s: the instant [s].
-        positions: (points, 3) [m]; NaN where it does not know.
+        positions: (points, 3) [m]; NaN where the point is not known.
         velocities: (points, 3) [m/s].
         variances: (points, 3): of a coordinate [m²], its covariance with its velocity [m²/s], of the velocity [m²/s²].
         seen_s: (points,) when the point was last measured; −inf where never.
@@ -70,7 +70,7 @@ def unknown(count: int, at_s: float) -> Points:
 
 
 def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
-    """The points at a later instant, less certain; forgotten where they were not seen for too long."""
+    """Predict the points at a later instant, with larger variances; forget points not measured for too long."""
     later = _copy(points, at_s)
     _kernels().predict(
         *_arrays(later), at_s - points.at_s, at_s, settings.acceleration_density, settings.forget_after_s
@@ -79,10 +79,10 @@ def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
 
 
 def correct(points: Points, measured: Float64, variance: Float64, settings: KalmanSettings) -> Points:
-    """The points after a measurement at their instant.
+    """Update predicted points with measurements at the same instant.
 
     Args:
-        points: as predicted.
+        points: the predicted points.
         measured: (points, 3) [m]; NaN where not seen.
         variance: (points,) of a measured coordinate [m²].
         settings: as for the prediction.

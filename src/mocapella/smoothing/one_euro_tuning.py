@@ -1,4 +1,4 @@
-"""Two recordings, two goals: the settings of a 1-euro filter, by the procedure of its authors.
+"""Tune a 1-euro filter by its authors' procedure: from two recordings, for a jitter goal and a lag goal.
 
 Source: Casiez, Roussel, Vogel: 1€ Filter (CHI 2012), section 3, *Tuning the filter*: with beta 0 and a hand held still,
 the minimum cutoff is lowered until the jitter is acceptable; then, while the hand moves fast, beta is raised until the
@@ -27,16 +27,16 @@ SETTLING_S = 0.5
 
 
 class Tuned(msgspec.Struct, frozen=True):
-    """What came of a tuning.
+    """Result of a tuning.
 
     Attributes:
-        settings: chosen.
-        raw_jitter: of the still recording without a filter, in the unit of the points.
-        jitter_at_rest: of it with the chosen minimum cutoff and beta 0.
-        jitter: of it with all chosen settings.
-        lag_without_beta_s: of the fast recording with beta 0 [s].
-        lag_s: of it with all chosen settings [s].
-        jitter_reached, lag_reached: whether the goals were.
+        settings: the chosen settings.
+        raw_jitter: jitter of the still recording without a filter, in the unit of the points.
+        jitter_at_rest: its jitter with the chosen minimum cutoff and beta 0.
+        jitter: its jitter with all chosen settings.
+        lag_without_beta_s: lag of the fast recording with beta 0 [s].
+        lag_s: its lag with all chosen settings [s].
+        jitter_reached, lag_reached: whether each goal is reached.
     """
 
     settings: OneEuroSettings
@@ -56,13 +56,13 @@ def tune(
     lag_goal_s: float,
     settings: OneEuroSettings | None = None,
 ) -> Tuned:
-    """Both steps.
+    """Choose the minimum cutoff by the still recording, then beta by the fast one.
 
     Args:
         still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move; NaN: not seen.
         fast: the same of markers in fast motion.
-        jitter_goal: in the unit of the points.
-        lag_goal_s: [s].
+        jitter_goal: largest jitter, see `jitter`, in the unit of the points.
+        lag_goal_s: largest lag, see `lag` [s].
         settings: initial settings; min_cutoff_hz and beta_per_m are replaced.
 
     Raises:
@@ -90,7 +90,7 @@ def tune(
 
 
 def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 1: the highest minimum cutoff with no more jitter than the goal; the lowest there is where none does."""
+    """Step 1: the highest minimum cutoff with no more jitter than the goal; the lowest tried if none reaches it."""
     low, high = np.log(LOWEST_HZ), np.log(HIGHEST_HZ)
     if jitter(still, replace(settings, min_cutoff_hz=HIGHEST_HZ)) <= goal:
         return replace(settings, min_cutoff_hz=HIGHEST_HZ)
@@ -102,7 +102,7 @@ def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettin
 
 
 def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 2: the lowest beta with no more lag than the goal; the highest that was tried where none has so little."""
+    """Step 2: the lowest beta with no more lag than the goal; the highest tried if none reaches it."""
     if lag(fast, settings) <= goal_s:
         return settings
     # Of the fast recording, this beta raises the cutoff by 1 Hz, and 2¹⁶ times it by enough to filter nothing.
@@ -118,19 +118,19 @@ def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettin
 
 
 def jitter(still: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """`spread` of what the filter makes of a still recording, in the unit of the points."""
+    """Return the `spread` of a filtered still recording, in the unit of the points."""
     at_s, points = still
     return spread(filtered(at_s, points, settings)[at_s - at_s[0] >= SETTLING_S])
 
 
 def spread(points: Float64) -> float:
-    """Root mean square of the distances of points (frames, points, dimensions) from where each is in the mean."""
+    """Return the root mean square distance of points (frames, points, dimensions) from their mean positions."""
     off = points - np.nanmean(points, axis=0)
     return float(np.sqrt(np.nanmean((off**2).sum(axis=-1))))
 
 
 def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """By how much later [s] the recording itself is most like what the filter makes of it, least squares."""
+    """Return the delay [s] at which the raw recording fits the filtered one best, by least squares."""
     at_s, points = fast
     result = filtered(at_s, points, settings)
     later = at_s - at_s[0] >= max(SETTLING_S, LONGEST_LAG_S)
@@ -155,7 +155,7 @@ def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
 
 
 def filtered(at_s: Float64, points: Float64, settings: OneEuroSettings) -> Float64:
-    """What a new filter makes of a recording, (frames, points, dimensions)."""
+    """Filter a recording (frames, points, dimensions) with a new filter."""
     one_euro = OneEuro(settings)
     return np.stack([one_euro.update(frame, float(t)) for t, frame in zip(at_s, points, strict=True)])
 

@@ -62,7 +62,7 @@ class PeopleBodiesSettings:
 
 
 class PeopleBodies:
-    """Bodies of people, see the module.
+    """Tracker that fits body meshes to silhouettes and assigns them to tracked people.
 
     Raises:
         SettingsError, InputError: the settings of ``silhouettes`` cannot be used.
