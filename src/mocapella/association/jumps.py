@@ -137,7 +137,7 @@ class Jumps:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.association import track_kernels
 
     return track_kernels

@@ -77,7 +77,7 @@ def ends_of_lengths(joints: tuple[str, ...]) -> NDArray[np.int64] | None:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.association import track_kernels
 
     return track_kernels

@@ -435,7 +435,7 @@ class Tracks:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.association import track_kernels
 
     return track_kernels

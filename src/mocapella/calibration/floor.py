@@ -167,7 +167,7 @@ def _joints(name: str) -> FloorJoints:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.calibration import floor_kernels
 
     return floor_kernels

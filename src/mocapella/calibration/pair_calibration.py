@@ -373,7 +373,7 @@ MIRRORED_M: Final = 0.15
 
 @cache
 def _take_newest() -> Callable[..., bool]:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.calibration import pair_kernels
 
     return cast(Callable[..., bool], pair_kernels.take_newest)

@@ -275,7 +275,7 @@ class SensorTracks:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.calibration import pair_kernels
 
     return pair_kernels

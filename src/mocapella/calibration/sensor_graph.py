@@ -178,7 +178,7 @@ def _offsets(root: str, pairs: Sequence[SensorPair]) -> dict[str, TimeOffset]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.calibration import graph_kernels
 
     return graph_kernels

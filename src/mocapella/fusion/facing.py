@@ -324,7 +324,7 @@ def _tables(model: FacingModel, topology: Topology) -> FacingTables:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.fusion import facing_kernels
 
     return facing_kernels

@@ -112,7 +112,7 @@ def evidence(
 
 
 def believed(p: Float64, log_evidence: Float64) -> Float64:
-    """Apply Bayes' rule, (..., BINS)."""
+    """Return the posterior (..., BINS) of a prior and log-likelihoods (..., BINS), by Bayes' rule."""
     after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
     return np.asarray(after / after.sum(axis=-1, keepdims=True))
 

@@ -147,7 +147,7 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.fusion import view_kernels
 
     return view_kernels

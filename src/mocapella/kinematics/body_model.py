@@ -115,14 +115,14 @@ class Bone:
 
 @dataclass(frozen=True)
 class BodyModel:
-    """A topology's bones as joints that turn.
+    """Joint types and limits of a topology's skeleton.
 
     Attributes:
         topology: the skeleton.
-        bones: by the joint that the bone ends at; every joint but the root.
+        bones: the bone that ends at each joint, by joint index; for every joint but the root.
         torso: the joints that initialise a body.
-        contacts: the joints that stand still while they carry the body.
-        root_misfit_m: the root's, as for a bone.
+        contacts: the joints that stand still on the floor while they carry the body.
+        root_misfit_m: `Bone.misfit_m` of the root [m].
     """
 
     topology: Topology

@@ -194,7 +194,7 @@ def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import skinning_kernels
 
     return skinning_kernels

@@ -152,7 +152,7 @@ def _forward(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64, Float64
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.geometry import twist_tree_kernels
 
     return twist_tree_kernels

@@ -379,7 +379,7 @@ _BRANCHES: Final = 24
 
 @cache
 def kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import arm_region_kernels
 
     return arm_region_kernels

@@ -247,7 +247,7 @@ _NO_MASK = np.empty((0, 0), np.bool_)
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import background_memory_kernels
 
     return background_memory_kernels

@@ -66,7 +66,7 @@ class DeadImages:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import dead_images_kernels
 
     return dead_images_kernels

@@ -140,7 +140,7 @@ def _words(mask: UInt8, stride: int) -> NDArray[np.uint64]:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import line_skeleton_kernels
 
     return line_skeleton_kernels

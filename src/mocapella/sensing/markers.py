@@ -257,7 +257,7 @@ def piece_buffers(width: int, runs: int) -> PieceBuffers:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import marker_kernels
 
     return marker_kernels

@@ -296,7 +296,7 @@ def starting(prior: Silhouette, start: Silhouette) -> UInt8:
 
 @cache
 def reading() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import region_reading_kernels
 
     return region_reading_kernels
@@ -304,7 +304,7 @@ def reading() -> ModuleType:
 
 @cache
 def kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import region_contour_kernels
 
     return region_contour_kernels
@@ -312,7 +312,7 @@ def kernels() -> ModuleType:
 
 @cache
 def cost_kernels() -> ModuleType:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import region_cost_kernels
 
     return region_cost_kernels

@@ -51,7 +51,7 @@ def without_speckles(image: UInt8) -> UInt8:
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sensing import speckles_kernels
 
     return speckles_kernels

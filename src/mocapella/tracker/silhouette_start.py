@@ -51,11 +51,11 @@ class Body:
     """A body to be tracked.
 
     Attributes:
-        model: of `MODELS`, or another mesh's name.
+        model: name of one of `MODELS`, or of another mesh.
         height_m: subject height, if given.
         proportions: segment lengths, if measured.
-        mesh: see there.
-        sha256: of the mesh file, in hexadecimal digits; empty without one.
+        mesh: the rigged mesh.
+        sha256: hash of the mesh file, in hexadecimal digits; empty without one.
     """
 
     model: str

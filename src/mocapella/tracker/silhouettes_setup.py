@@ -124,9 +124,9 @@ def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") ->
     """Return a body as plain settings, for ``bodies``.
 
     Args:
-        name: of the person.
-        body: see there.
-        pose: initial.
+        name: name of the person.
+        body: the body, with its mesh and proportions.
+        pose: initial pose.
         mesh_file: the whole .glb file, if the body has one.
     """
     start = BodyStartSetup(

@@ -130,7 +130,7 @@ _BOX: Final = np.array([
 
 @cache
 def _kernels() -> Any:
-    """Compiled; numba is imported when it is first needed."""
+    """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.sources.simulate import depth_scene_kernels
 
     return depth_scene_kernels
