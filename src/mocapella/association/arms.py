@@ -56,7 +56,7 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
         known_palms, known_sides: (m, 3) and (m,) the same, predicted to the camera's time.
         followed: (n, m) whether the camera reports the same arm as before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
-        settings: see there.
+        settings: the settings.
     """
     s = settings or ArmMatchSettings()
     apart = np.linalg.norm(palms[:, None] - known_palms[None], axis=-1)

@@ -66,7 +66,7 @@ def coverage(
 
     Args:
         views: of all cameras so far.
-        board: see there.
+        board: the calibration board.
         cameras: all names, including cameras without a view.
         instant_of: group of simultaneous frames, by camera and frame; the frame number if not given.
         lens_known: cameras with a given lens, which need no tilt and no corners everywhere.

@@ -118,10 +118,10 @@ class BoardRun:
     """Collects views of a board and calibrates a rig from them. Not thread-safe.
 
     Args:
-        board: see there.
+        board: the calibration board.
         cameras: all names.
         known: cameras with a given lens, which stays fixed.
-        settings: see there.
+        settings: the settings.
 
     Attributes:
         newest: the last image of each camera.

@@ -152,7 +152,7 @@ class PairCalibration:
     """Estimator of one pair of sensors, a and b. All state is in arrays of fixed size.
 
     Attributes:
-        settings: see there.
+        settings: the settings.
         T_a_b: (4, 4), from past frames only; NaN before there was one.
         moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the key
             given to `update`.

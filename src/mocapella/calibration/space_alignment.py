@@ -130,7 +130,7 @@ def align_space(
         points: (instants, points, 3) of one or more markers on the object, world [m]; NaN where not known.
         poses_s: (poses,) increasing times of the other tracker's poses, on the same clock except for the delay [s].
         T_space_body: (poses, 4, 4).
-        settings: see there.
+        settings: the settings.
 
     Raises:
         CalibrationError: too few simultaneous observations, too little motion or rotation, not one rigid object, or too

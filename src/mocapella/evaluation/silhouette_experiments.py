@@ -122,7 +122,7 @@ class PlottedScene(msgspec.Struct, frozen=True, eq=False):
     """Plotted runs of a scene: one seed, the subject's own mesh, the worst images.
 
     Attributes:
-        film: see there.
+        film: the rendered scene.
         corruption: of its images.
         found: by the penalty's weight.
     """

@@ -81,7 +81,7 @@ class OneCameraShown(msgspec.Struct, frozen=True, eq=False):
     """Plotted runs of a scene.
 
     Attributes:
-        film: see there.
+        film: the rendered scene.
         found: by the penalty's weight.
         freedoms: (dofs,) of one camera by what holds the body, and of many.
     """

@@ -75,8 +75,8 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         movement: the estimated poses.
-        left_out: indices of the frames in which no camera contributed to the fit.
-        lost: indices of the frames in which the body is lost.
+        left_out: indices of the frames without a camera that contributed to the fit.
+        lost: indices of the frames with a lost body.
         seconds: (frames,) duration of each update [s]; 0 without a clock.
     """
 

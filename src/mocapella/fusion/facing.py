@@ -169,7 +169,7 @@ class FacingFilter:
 
         Args:
             topology: of the joints.
-            settings: see there.
+            settings: the settings.
             model: learnt model; the shipped one if not given. Shapes learnt on other joints are ignored.
         """
         self.settings = settings or FacingSettings()

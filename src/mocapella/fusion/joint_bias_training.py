@@ -71,7 +71,7 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
     Args:
         sessions: of some people; the first view of each is the reference sensor's.
         tree: of the joints.
-        settings: see there.
+        settings: the settings.
 
     Raises:
         InputError: no session has a frame with a known facing.

@@ -84,7 +84,7 @@ def view_variances(
         distances_m: (views,) from the sensor to the body.
         clipped: (views,) whether the body is cut off at an edge of the image.
         ages_s: (views,) age of the view.
-        settings: see there.
+        settings: the settings.
 
     Returns:
         (views, joints) variances [m²]; infinite where not tracked.
@@ -137,7 +137,7 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
         views: (views, joints, 3), not corrected; NaN where not seen.
         mean: (joints, 3) of the uncorrected views.
         dt: time step [s].
-        settings: see there.
+        settings: the settings.
     """
     step = 1.0 if settings.offset_s == 0.0 else -math.expm1(-dt / settings.offset_s)
     offsets = offsets.copy()

@@ -29,7 +29,7 @@ def distort(normalised: Any, lens: Float64) -> Float64:
         lens: (9,).
 
     Returns:
-        (..., 2) [px]; NaN beyond the radius up to which the distortion model is one-to-one.
+        (..., 2) [px]; NaN where the distortion model is no longer one-to-one, see `farthest_r2`.
     """
     x, y = np.moveaxis(np.asarray(normalised, dtype=np.float64), -1, 0)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens

@@ -1,4 +1,4 @@
-"""Triangulate the surface of a smooth union of tapered limbs, from which body, hand and arm meshes are made.
+"""Triangulate the surface of a smooth union of tapered limbs to make body, hand and arm meshes.
 
 Limbs are rows of nine numbers: ends a and b [m], the radii there [m], and the index of the limb's group; rows are
 sorted by group. The blending distance within a group differs from that between groups, so fingers stay apart and the

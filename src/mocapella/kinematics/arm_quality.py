@@ -50,7 +50,7 @@ class ArmQualitySettings:
     """Thresholds for a still palm and for a jump.
 
     Attributes:
-        still_window_s: duration of the window in which an arm must be still.
+        still_window_s: duration for an arm to be still before its noise is measured.
         still_m: largest distance between the mean positions of the palm in any two eighths of the window, beyond
             noise, for an arm that counts as still.
         least_frames: fewest frames in the window.

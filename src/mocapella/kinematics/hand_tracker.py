@@ -90,7 +90,7 @@ class HandReport:
         found: number of times the hand was acquired or re-acquired.
         markers: number of markers seen in all frames.
         rejected: number rejected as outliers, for each marker: tips, then the base's.
-        missing: number of frames in which each marker was not seen, in the same order.
+        missing: number of frames without each marker, in the same order.
     """
 
     frames: int = 0

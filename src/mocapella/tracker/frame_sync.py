@@ -135,7 +135,7 @@ class FrameSync:
 
     Args:
         cameras: names of the cameras to wait for.
-        settings: see there.
+        settings: the settings.
 
     Attributes:
         used: number of frames that became part of a set.
