@@ -78,7 +78,7 @@ class StandIn:
             return {"recording": RecordingHealth(active=True, path=f"/takes/{arguments['name']}.mcap")}
         return {
             "start": {"running": True, "phase": "tracking"},
-            "stop": {"running": False, "phase": "stopped"},
+            "stop": {"running": False, "phase": "stopped", "reason": ""},
             "recalibrate": {
                 "phase": "calibrating",
                 "frames_remaining": 30,
