@@ -225,3 +225,17 @@ def test_the_period_is_that_of_most_cameras_and_counts_what_nobody_had():
 def test_a_period_is_above_zero():
     with pytest.raises(SettingsError, match="period_ns"):
         NewestInstant(("a",), 0.0)
+
+
+def test_at_the_end_images_too_near_the_last_frame_are_dropped_and_counted():
+    together = NewestInstant(["a", "b"], PERIOD_NS)
+    for name, k in (("a", 10), ("b", 10)):
+        together.add(name, Picture(IMAGE, k * PERIOD_NS, 0, k * PERIOD_NS / 1e9, 0.0))
+    assert together.take(float("inf")) is not None
+    late_ns = round(10.3 * PERIOD_NS)
+    together.add("a", Picture(IMAGE, late_ns, 1, late_ns / 1e9, 0.0))
+    assert together.take(float("inf")) is None
+    assert together.dropped == {"a": 0, "b": 0}
+    together.drop_rest()
+    assert together.dropped == {"a": 1, "b": 0}
+    assert not together.pending

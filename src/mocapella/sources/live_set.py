@@ -175,6 +175,7 @@ class LiveSet:
                 yield FrameSet(number, found.time_ns - zero_ns, images)
                 number += 1
             elif over:
+                self._set.drop_rest()
                 return
             else:
                 self._wait()

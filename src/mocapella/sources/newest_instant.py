@@ -168,6 +168,13 @@ class NewestInstant:
             camera.held.clear()
         self._last_ns = self._since_s = None
 
+    def drop_rest(self) -> None:
+        """Drop and count the unread images: at the end, the last ones may be too near the last frame."""
+        for camera in self._cameras.values():
+            camera.dropped += (camera.fresh is not None) + len(camera.held)
+            camera.fresh = None
+            camera.held.clear()
+
     def take(self, now_s: float) -> PictureSet | None:
         """Take the newest images, each once; None if there is none, or a better one is about to arrive.
 
