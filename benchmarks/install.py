@@ -27,7 +27,7 @@ from mocapella.errors import MocapellaError, SettingsError
 from tests.support.browser import FLAGS
 
 ROOT = Path(__file__).resolve().parent.parent
-DEMO_S = 5
+DEMO_S = 20
 GOAL_S = 120
 MOVING_S = 20
 DEMO = ["uv", "run", "--no-sync", "mocapella", "demo", "--no-browser", "--seconds", str(DEMO_S), "--json", "-"]
