@@ -9,7 +9,6 @@ twice; that figure has no goal.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import shutil
@@ -18,13 +17,12 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from benchmarks._browser import open_page
 from benchmarks.harness import Row, at_least, at_most, measured
 from mocapella.errors import MocapellaError, SettingsError
-from tests.support.browser import FLAGS
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMO_S = 20
@@ -55,15 +53,15 @@ def run(quick: bool = False) -> list[Row]:
         *rows,
         measured("install: first demo, until people are tracked", demo["tracking"], "s"),
         measured(f"install: first demo, {DEMO_S} s of tracking, from command to result", demo["end"], "s"),
-        measured("install: frames tracked by it", demo["frames"], "frames", goal=at_least(1)),
+        measured("install: results of it", demo["results"], "results", goal=at_least(1)),
         measured("install: both times", installed_s + demo["end"], "s", goal=None if quick else at_most(GOAL_S)),
     ]
 
 
 def _first_demo(checkout: Path, environment: dict[str, str]) -> dict[str, float]:
-    """When what was there, from the command on [s], and the frames that were tracked."""
+    """When what was there, from the command on [s], and the number of results."""
     lines: list[tuple[float, str]] = []
-    with _moves() as moves:
+    with open_page() as page:
         began = time.perf_counter()
         process = subprocess.Popen(
             DEMO, cwd=checkout, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -78,10 +76,10 @@ def _first_demo(checkout: Path, environment: dict[str, str]) -> dict[str, float]
         seen: dict[str, float] = {}
         while process.poll() is None and not seen:
             url = next((line.split(URL)[1].strip() for _, line in lines if URL in line), None)
-            if url is None or moves is None:
+            if url is None or page is None:
                 time.sleep(0.05)
             else:
-                moves(url)
+                _wait_until_it_moves(page, url)
                 seen["moving"] = time.perf_counter() - began
         process.wait()
         for reader in readers:
@@ -90,32 +88,16 @@ def _first_demo(checkout: Path, environment: dict[str, str]) -> dict[str, float]
     tracking = [at for at, line in lines if line.startswith(TRACKING)]
     if process.returncode != 0 or not tracking:
         raise MocapellaError(f"the demo ended with {process.returncode}:\n{''.join(line for _, line in lines)}")
-    return {**seen, "tracking": tracking[0] - began, "frames": json.loads(result[0])["frames_in"]}
+    return {**seen, "tracking": tracking[0] - began, "results": json.loads(result[0])["frames_out"]}
 
 
-@contextlib.contextmanager
-def _moves() -> Iterator[Callable[[str], None] | None]:
-    """A function that opens a view in a browser and waits until its picture moves; None without a browser."""
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        yield None
-        return
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-
-        def wait(url: str) -> None:
-            page.goto(url)
-            before, pairs = _canvas(page), 0
-            while pairs < PAIRS:
-                now = _canvas(page)
-                pairs = pairs + 1 if (now != before).any(axis=2).mean() > CHANGED else 0
-                before = now
-
-        yield wait
-        browser.close()
+def _wait_until_it_moves(page: Any, url: str) -> None:
+    page.goto(url)
+    before, pairs = _canvas(page), 0
+    while pairs < PAIRS:
+        now = _canvas(page)
+        pairs = pairs + 1 if (now != before).any(axis=2).mean() > CHANGED else 0
+        before = now
 
 
 def _canvas(page: Any) -> Any:

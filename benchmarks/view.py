@@ -5,9 +5,7 @@ The browser is Debian's chromium, which draws in software here and shares the ma
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import shutil
 import statistics
 import threading
 import time
@@ -16,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from benchmarks._browser import open_page
 from benchmarks._live_load import standing_people
 from benchmarks.harness import Row, at_least, measured
 from mocapella.live.launch import free_port
@@ -25,7 +24,6 @@ from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import Scene
 from mocapella.model.session import CommandReply, Setup
 from mocapella.viewer import Viewer
-from tests.support.browser import FLAGS
 
 SENSORS = 6
 PEOPLE = 6
@@ -40,8 +38,9 @@ def run(quick: bool = False) -> list[Row]:
     try:
         cost, _ = _show(viewer, pictures, seconds)
         rows = [measured(f"{label} no browser: a picture", cost * 1e3, "ms")]
-        with _browser(viewer.url) as connected:
-            if connected:
+        with open_page() as page:
+            if page is not None:
+                page.goto(viewer.url)
                 _show(viewer, pictures, 5.0)
                 cost, rate = _show(viewer, pictures, seconds)
                 rows.append(measured(f"{label} one browser: a picture, CPU", cost * 1e3, "ms"))
@@ -78,19 +77,3 @@ def _show(viewer: Viewer, pictures: Iterator[Any], seconds: float) -> tuple[floa
         if now - began >= seconds:
             stop.set()
     return statistics.median(costs), len(costs) / (time.monotonic() - began)
-
-
-@contextlib.contextmanager
-def _browser(url: str) -> Iterator[bool]:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        yield False
-        return
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.goto(url)
-        yield True
-        browser.close()

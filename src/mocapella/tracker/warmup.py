@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
-from mocapella.compiled import NotCompiledError, on_first_compilation, only_compiled
+from mocapella.compiled import NotCompiledError, only_compiled
 from mocapella.tracker.method import METHODS
 
 _READY: Final[set[str]] = set()
 
 
-def warm_up(method: str, on_compiling: Callable[[], None] = lambda: None) -> None:
+def warm_up(method: str) -> None:
     """Compile a method's kernels, the first time on a machine; load compiled ones, the first time in a process.
 
     A tracker that is given its first frames would compile in the middle of them, while others come in.
 
     Args:
         method: key of `METHODS`.
-        on_compiling: called once when there is something to compile, before that is done.
     """
     warm_up_run = METHODS[method].warm_up_run if method in METHODS else None
     if warm_up_run is None or method in _READY:
         return
-    with on_first_compilation(on_compiling):
-        tracker, arrivals = warm_up_run()
-        for arrival in arrivals:
-            tracker.update(arrival)
-        tracker.restore(tracker.snapshot())
+    tracker, arrivals = warm_up_run()
+    for arrival in arrivals:
+        tracker.update(arrival)
+    tracker.restore(tracker.snapshot())
     _READY.add(method)
 
 
