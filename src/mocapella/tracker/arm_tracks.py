@@ -100,13 +100,17 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass
 class ArmTrack:
-    """A tracked arm: its views by camera, and the fused result.
+    """A tracked arm: its views by camera, and the fused result in the world.
 
     Attributes:
         evidence: of a left arm, as a logarithm of odds.
-        seen_s: when a camera last saw it.
-        at_s: time of the fused values, all in the world.
-        near_since_s: since when another arm is at the same position, by its number.
+        seen_s: when a camera last saw it [s].
+        at_s: time of the fused values [s].
+        points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) and (23,) [m] of the joints.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        T_world_palm: (4, 4); None if unknown.
+        gesture, gesture_sure: recognised gesture, and its confidence from 0 to 1.
+        near_since_s: since when another arm is at the same position, by that arm's id.
     """
 
     id: int
@@ -136,7 +140,7 @@ class ArmTrack:
         return math.tanh(0.5 * self.evidence)
 
     def palm_at(self, at_s: float, coast_s: float) -> Float64:
-        """Predict the palm, or else the wrist, (3,) [m]."""
+        """Predict the palm, or else the wrist, (3,) in the world [m]; extrapolate for at most ``coast_s``."""
         i = _middle(self.points)
         dt = min(max(at_s - self.at_s, -coast_s), coast_s)
         return np.asarray(self.points[i] + dt * self.velocity[i])
@@ -165,7 +169,7 @@ class ArmTracks:
         self.disputed = 0
 
     def update(self, camera: str, arms: Iterable[SeenArm], at_s: float, places: Mapping[str, Float64]) -> None:
-        """Take in a camera's frame.
+        """Assign the arms of a camera's frame to tracks, and fuse the views.
 
         Args:
             camera: name.

@@ -56,10 +56,10 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         time_ns: capture time.
-        pose: see there.
-        landmarks: (n, 3) [m], in the order of the mesh's.
-        seen: by camera.
-        left_out: by camera, why its image was not used.
+        pose: of the body in the world, and its joint angles.
+        landmarks: (n, 3) in the world [m], in the order of the mesh's landmarks.
+        seen: contour and model outline by camera.
+        left_out: reason by camera why its image was not used.
     """
 
     time_ns: int
@@ -292,7 +292,7 @@ class BodyFitter:
         return farthest_apart_m(these, those) <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
-        """Return the pixels (height, width) that the body covers in a pose, by camera, grown by a margin."""
+        """Return the pixels (height, width) that the body covers in a pose, by camera, dilated by ``grown_px``."""
         vertices, out = posed(self.mesh, pose), {}
         for name, by in self.eyes.items():
             step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX

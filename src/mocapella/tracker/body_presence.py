@@ -49,11 +49,11 @@ class BodyPresence(msgspec.Struct, eq=False):
     Attributes:
         pose: the last one that enough cameras saw completely; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
-        seen_ns: when it was last seen.
-        whole_in: number of images that showed all of it then.
-        lost: whether it is lost.
-        came: whether it has been seen at all.
-        placed: whether a person can be at the position that is searched.
+        seen_ns: when the body was last seen.
+        whole_in: number of images that showed the whole body then.
+        lost: whether the body is lost.
+        came: whether the body has been seen at all.
+        placed: whether a person can stand at the pose where a lost body is searched.
     """
 
     pose: TreePose

@@ -48,7 +48,7 @@ class LimbRecovery:
     """Recovers misplaced limbs of one body.
 
     Args:
-        body: see there.
+        body: whose limbs are checked.
         settings: of the search.
     """
 
@@ -87,12 +87,15 @@ class LimbRecovery:
         others: Mapping[str, Bool],
         cameras: Mapping[str, SilhouetteCamera],
     ) -> tuple[NDArray[np.int64], TreePose] | None:
-        """Return joints of limbs that are elsewhere, and the corrected pose; None without any.
+        """Search the suspect limbs; return the joints of those that were moved, and the corrected pose.
 
         Args:
             pose: of the body in this frame.
             images, others: see `BodyFitter.update`.
-            cameras: in whose images the body was segmented.
+            cameras: in whose images the body was segmented, by name.
+
+        Returns:
+            Indices (k,) of the joints, and the pose; None if no limb was moved.
         """
         self._frame += 1
         stands = self._body.standing(pose)
@@ -159,7 +162,7 @@ class LimbRecovery:
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
-    """Return the pose with other angles of some joints."""
+    """Return the pose with the angles of ``joints`` (k,) replaced by those of ``angles``, (joints,) [rad]."""
     changed = pose.angles.copy()
     changed[joints] = angles[joints]
     return TreePose(pose.T_world_model, changed)

@@ -158,7 +158,7 @@ class ObjectSettings:
 
 
 class HeardPose(msgspec.Struct, frozen=True, eq=False):
-    """Another tracker's pose of an object, in the world."""
+    """Another tracker's pose of an object: ``T`` (4, 4) to the world, and its `JointState`."""
 
     at_s: float
     T: Float64

@@ -85,7 +85,8 @@ def observe(
     """Predict all people to ``now_s`` and store a frame's bodies as the newest views.
 
     Returns:
-        The results of `to_level`, and the time since each person's previous view (bodies,), at most a second [s].
+        The bodies' joints, the yaws to the sensor and the velocities that `to_level` returns, and the time since each
+        person's previous view by this sensor (bodies,), at most a second [s].
     """
     bring(now_s, points, parameters)
     rows = frame.rows
@@ -117,7 +118,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict all people to ``now_s``; never backwards in time.
+    """Predict the state of all people's joints to ``now_s``, in place; people of a later time stay.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.

@@ -117,7 +117,15 @@ class SilhouetteCamera:
         return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
-        """Project the body's outline; all of a frame share one window. False if it is outside the image."""
+        """Project the outline of a posed body into the image; return False if it is outside.
+
+        All outlines of one frame are sampled in the same window of the image, that of the first.
+
+        Args:
+            body: model whose outline is projected.
+            vertices: (n, 3) of its mesh in the world [m].
+            s: settings of the tracker.
+        """
         if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
             return self._outline is not None
         self._looked = vertices, self._reach
@@ -129,7 +137,7 @@ class SilhouetteCamera:
         return seen is not None
 
     def unlike(self, image: UInt8) -> float:
-        """Share of the background that has changed, 0 to 1; NaN where unknown."""
+        """Return the fraction of the background that has changed, 0 to 1; NaN where the background is unknown."""
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
@@ -139,13 +147,23 @@ class SilhouetteCamera:
         self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
-        """Segment the image, with the body's outline as a prior; ``near`` if that is close."""
+        """Segment the image, with the body's projected outline as a prior.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) pixels of other people, which are ignored; None for none.
+            near: whether the outline is near the final one, so that a narrower search suffices.
+        """
         settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.background, settings=settings)
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
-        """Return the correspondences of outline and contour, as constraints of the pose."""
+        """Return the correspondences of outline and contour, as constraints of the pose.
+
+        Args:
+            motions: R (parts, 9) and t (parts, 3) of the kinematic tree in the pose of the outline.
+        """
         assert self._outline is not None
         assert self._found is not None
         contour, surety = self._found
@@ -167,12 +185,17 @@ class SilhouetteCamera:
         return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
-        """Return how much the image shows the background at points (n, 3) of the body: (n,), 0 to 1."""
+        """Return by point how surely the image shows the background there, (n,) from 0 to 1.
+
+        Args:
+            image: (height, width, 3) uint8.
+            points: (n, 3) on the body, in the world [m].
+        """
         assert self.background is not None
         return np.maximum(-self.background.strange_at(image, seen_at(points, self._eye)), 0.0)
 
     def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
-        """Return the foreground around the body, within the reach of some limbs."""
+        """Return the foreground around the body, within the balls ``about`` that limbs can reach."""
         assert self._outline is not None
         assert self.background is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
@@ -220,7 +243,7 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """A fraction, 0 to 1, that is similar from image to image, and the time for which it has been unusual."""
+    """Running mean and deviation of a fraction, 0 to 1, and the time for which the fraction has been unusual."""
 
     def __init__(self) -> None:
         self._mean: float | None = None
@@ -236,19 +259,19 @@ class Usually:
         self._mean, self._deviation, self._else_since_ns = memory
 
     def much(self, share: float) -> float:
-        """Return the threshold of a large change: this share of the remainder above the usual value."""
+        """Return the threshold of a large change: the mean m plus this share of 1 − m."""
         return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
 
     def most(self) -> float:
-        """Return the upper threshold of a significant change."""
+        """Return the value above which the fraction is unusually large."""
         return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
 
     def least(self) -> float:
-        """Return the lower threshold of a significant change."""
+        """Return the value below which the fraction is unusually small."""
         return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
 
     def learn(self, share: float) -> None:
-        """Update mean and deviation by a usual share; NaN (unknown) changes neither."""
+        """Update mean and deviation by a usual value of the fraction; NaN (unknown) changes neither."""
         self._else_since_ns = None
         if np.isnan(share):
             return
@@ -260,7 +283,7 @@ class Usually:
         self._deviation += LEARNT * (abs(change) - self._deviation)
 
     def else_for_ns(self, time_ns: int) -> int:
-        """Return for how long it has been unusual."""
+        """Return for how long the fraction has been unusual, since the last `learn` [ns]."""
         if self._else_since_ns is None:
             self._else_since_ns = time_ns
         return time_ns - self._else_since_ns

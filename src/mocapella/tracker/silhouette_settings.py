@@ -18,10 +18,9 @@ from mocapella.settings import check
 class Steadiness:
     """Penalty on jitter, as standard deviations of people's accelerations.
 
-    Most of it acts on points of the surface: parameters that images hardly determine, such as the rotation of the
-        pelvis
-    within the body, hardly move the surface either, so they are constrained as much as well-determined ones. Fast or
-    recently accelerated points may accelerate more.
+    Most of it acts on points of the surface. Parameters that images hardly determine, such as the rotation of the
+    pelvis within the body, hardly move the surface either, so they are constrained as much as well-determined ones.
+    Fast or recently accelerated points may accelerate more.
 
     Attributes:
         point_m_per_s2: of a point of the surface at rest [m/s²] …
@@ -53,7 +52,11 @@ class Steadiness:
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
     def penalty(self, per_s2: float) -> JitterPenalty:
-        """Return the penalty, if an acceleration of 1 displaces the body by 1 / ``per_s2``."""
+        """Return the penalty on deviations from the predicted pose.
+
+        Args:
+            per_s2: 1 / T² [1/s²]: an acceleration a between two frames displaces the body by a · T².
+        """
         return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
 
     def times(self, weight: float) -> Steadiness:
@@ -77,14 +80,15 @@ class SilhouetteSettings:
         step_px: sampling step; 0 chooses it so that a body is about 200 samples high.
         margin_steps: search distance of the outline from the predicted body.
         rounds: pose fits per frame; one less if the first did not move the body.
-        segmented: in how many of these rounds, the first ones, the images are segmented; once where that did not move
-            the body.
-        expected_steps: a body that is so near to where it was expected, in samples, is looked for as `closer` says.
-        settled_steps: the first round has moved it where it has moved it farther.
-        usual_per_rad: how little angles that nothing shows stray from the resting pose [1/rad].
-        unlike: a camera whose background changed by more than this fraction of its usually unchanged part shows
-            something else.
-        something_else_s: after so long it is taken for a new background: the light changed, or the camera moved [s].
+        segmented: number of rounds, from the first, in which the images are segmented; only the first if it did not
+            move the body.
+        expected_steps: if the last frame's body was within this distance of its prediction, the settings `closer` are
+            used at once [samples].
+        settled_steps: the first round counts as having moved the body if it moved it farther than this [samples].
+        usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it [1/rad].
+        unlike: an image is rejected if more than this fraction of the usually unchanged background has changed.
+        something_else_s: after being rejected for so long, an image becomes the new background, because the light has
+            changed or the camera has moved [s].
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)

@@ -29,11 +29,11 @@ AT_FIRST_M_PER_S = 4.0
 
 
 class SurfacePrior:
-    """The points of one body: call `expect`, then `steady` for each pose fit, then `learn`.
+    """Prior on points of one body's surface: call `expect`, then `steady` for each pose fit, then `learn`.
 
     Args:
-        body: see there.
-        steadiness: see there.
+        body: whose vertices ``skin`` are the points.
+        steadiness: usual accelerations of the points.
     """
 
     def __init__(self, body: SilhouetteBody, steadiness: Steadiness) -> None:
@@ -54,12 +54,12 @@ class SurfacePrior:
         vars(self).update(memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
-        """Set the predicted surface.
+        """Set the points' predicted positions, and their weights.
 
         Args:
-            stands: the predicted body.
+            stands: the body in its predicted pose.
             since_s: time since the last frame [s].
-            per_s2: an acceleration of 1 displaces points by 1 / this.
+            per_s2: 1 / T² [1/s²]: an acceleration a since the last frame displaces a point by a · T².
         """
         s = self._steadiness
         self._onward, self._since_s, self._per_s2 = stands.vertices[self._body.skin], since_s, per_s2
@@ -70,17 +70,17 @@ class SurfacePrior:
         self._weights = (per_s2 / np.hypot(usual, s.point_per_past * self._acceleration)) ** 2
 
     def steady(self, stands: Standing, motions: tuple[Float64, Float64]) -> OnPoints:
-        """Return the constraint of the points at their predicted positions.
+        """Return the constraint that pulls the points to their predicted positions.
 
         Args:
-            stands: the present body.
-            motions: R (parts, 9) and t (parts, 3) of the fitted tree there.
+            stands: the body in its present pose.
+            motions: R (parts, 9) and t (parts, 3) of the kinematic tree in that pose.
         """
         rest = at_rest(stands.vertices[self._body.skin], self._part, motions)
         return OnPoints(self._part, rest, self._onward, self._weights)
 
     def learn(self, stands: Standing) -> None:
-        """Take in the body of this frame."""
+        """Update the points' speeds and accelerations with the fitted body of this frame."""
         self._last = stands.vertices[self._body.skin]
         if self._per_s2:
             acceleration = self._per_s2 * np.linalg.norm(self._last - self._onward, axis=1)

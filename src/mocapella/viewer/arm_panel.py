@@ -1,4 +1,4 @@
-"""How steady and how right the arms are, in one browser: shown while there are any."""
+"""Panel with quality metrics of the tracked arms, shown in one browser while arms are tracked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MANY: Final = 6.0
 
 
 class ArmPanel:
-    """A folder of its own, which is there while arms are."""
+    """The folder "Arms" of the panel, visible while arms are tracked."""
 
     def __init__(self, place: PanelPlace) -> None:
         self._folder = place.gui.add_folder("Arms", order=place.order, visible=False)
@@ -30,7 +30,7 @@ class ArmPanel:
         self._visible, self._shown_s = False, -EVERY_S
 
     def show(self, state: PanelState) -> None:
-        """Bring it up to the newest, a few times a second."""
+        """Update the metrics, at most a few times a second."""
         if state.visible != self._visible:
             self._visible = self._folder.visible = state.visible
         quality = None if state.shown is None else state.shown.quality
@@ -41,7 +41,7 @@ class ArmPanel:
 
 
 def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
-    """What every hand does, the noise of each joint, and misdetections a minute."""
+    """Return as HTML each hand's gesture, the noise of each joint, and the misdetections per minute."""
     grey = GREY.css
     hands = "".join(
         f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {escape(arm.gesture) or 'no gesture'}"

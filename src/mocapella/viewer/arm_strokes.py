@@ -29,7 +29,7 @@ _OF_LANE: Final = 0.6
 
 
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
-    """Lines, balls and hollow balls of an arm.
+    """Return the strokes of an arm: lines, balls, and translucent balls for inferred joints.
 
     Args:
         p: (8, 3) of `mocapella.model.arms.ARM_JOINTS` where they are drawn [m].
@@ -59,12 +59,12 @@ def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
 
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """A depth camera's image as it stands in its lane: its edge, and the arms in it.
+    """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in it.
 
     Args:
         frame: what the camera saw.
-        origin: (3,) where the lane begins [m].
-        colour: the camera's own.
+        origin: (3,) front of the lane, in the view's space [m].
+        colour: of the camera.
     """
     picture = LanePicture(frame.size_px, origin, _OF_LANE)
     lines, balls = [picture.edge(colour)], []

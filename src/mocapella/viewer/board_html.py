@@ -1,4 +1,4 @@
-"""A calibration with a board as HTML: what each camera has seen, what to do next, and how good the rig is."""
+"""Progress of a calibration with a board, as HTML: each camera's detections, the next step, and the rig's errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ _DARK, _LINE = "#141b28", "#2c3748"
 
 
 def board_html(progress: BoardProgress, colours: SensorColours, typed: str) -> str:
-    """All of it; what to do next in large letters. ``typed``: the board that a start would look for."""
+    """Return the progress as HTML, with the next step in large letters.
+
+    Args:
+        progress: of the calibration.
+        colours: of the cameras.
+        typed: description of the board that the next calibration would use.
+    """
     parts = [_headline(progress, typed)]
     if progress.problem:
         parts.append(f'<div style="color:{RED.css};padding-bottom:6px">{escape(progress.problem)}</div>')

@@ -29,7 +29,7 @@ Send = Callable[[str, dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class BoardFields:
-    """What is typed about the board."""
+    """Values of the panel's inputs that describe the board."""
 
     kind: str
     file: str
@@ -41,7 +41,7 @@ class BoardFields:
 
     @property
     def words(self) -> str:
-        """As it would be looked for."""
+        """Description of the board, such as ``chessboard, 9 × 6 squares of 25 mm``."""
         if self.kind == FILE:
             return f"the board of {self.file.strip()}"
         squares = f"{self.columns:g} × {self.rows:g} squares of {self.square_mm:g} mm"
@@ -50,7 +50,7 @@ class BoardFields:
         return f"ChArUco board ({self.dictionary}), {squares}, markers of {self.marker_mm:g} mm"
 
     def arguments(self) -> dict[str, Any]:
-        """Of ``calibrate``.
+        """Return the arguments of the command ``calibrate``.
 
         Raises:
             SettingsError: an invalid field; the message names it and the valid values.
@@ -78,7 +78,7 @@ class BoardFields:
 
 
 class BoardPanel:
-    """Made when the first camera is there."""
+    """The folder of the calibration with a board: its inputs, buttons and progress."""
 
     def __init__(
         self,
@@ -120,14 +120,14 @@ class BoardPanel:
 
     @property
     def fields(self) -> BoardFields:
-        """What is typed."""
+        """Present values of the inputs."""
         return BoardFields(
             self._kind.value, self._file.value, self._columns.value, self._rows.value, self._square.value,
             self._marker.value, self._dictionary.value,
         )  # fmt: skip
 
     def show(self, progress: BoardProgress) -> None:
-        """Bring it up to how it goes; costs next to nothing when that is shown already."""
+        """Show the progress of the calibration; does nothing if neither it nor an input has changed."""
         fields = self.fields
         if progress is self._progress and fields == self._shown:
             return
@@ -167,7 +167,7 @@ class BoardPanel:
 
 
 class BoardPlace:
-    """Where the panel comes, as soon as there is a camera, and a view that can calibrate.
+    """Creates the `BoardPanel` once the session has a camera, if the server can calibrate.
 
     Args:
         make: makes the panel; its argument is whether the panel is unfolded.
@@ -178,7 +178,7 @@ class BoardPlace:
         self._panel: BoardPanel | None = None
 
     def show(self, status: SessionStatus | None, progress: BoardProgress | None) -> None:
-        """Bring it up to how it goes."""
+        """Show the progress, and create the panel before if necessary; ``progress`` is None without calibration."""
         if progress is None:
             return
         if self._panel is None:

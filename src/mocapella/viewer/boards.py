@@ -44,12 +44,12 @@ _NEAR_M: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class ShownBoard:
-    """What one board shows.
+    """Content of one board.
 
     Attributes:
-        words: over it.
-        picture: None where there is none now.
-        lines: in it.
+        words: text above the board.
+        picture: camera image; None if there is none at present.
+        lines: drawn over the image.
     """
 
     words: str
@@ -58,7 +58,7 @@ class ShownBoard:
 
 
 def image_lines(scene: Scene, troubles: PluginErrors) -> dict[str, ImageLines]:
-    """What all parts of a scene have drawn into cameras' images, by camera."""
+    """Return the lines that the scene's parts draw over camera images, by camera."""
     found: dict[str, list[ImageLines]] = {}
     for name, parts in scene.parts.items():
         how = drawing_of(name, troubles)
@@ -79,7 +79,7 @@ def _joined(told: list[ImageLines]) -> ImageLines:
 
 
 def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
-    """Where each camera's picture stands: beside each other, the first at the left of the screen, all of one height."""
+    """Return each camera's picture plane: side by side from the left of the screen, all ``tall_m`` high [m]."""
     if not sizes_px:
         return {}
     ratios = [width / height for width, height in sizes_px.values()]
@@ -96,7 +96,7 @@ def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[
 
 
 class BoardNodes:
-    """The boards in one browser, about the origin of their own space, which `place` moves."""
+    """The boards of one browser; their planes are relative to a frame that `place` moves."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
@@ -106,12 +106,12 @@ class BoardNodes:
         self.planes: Mapping[str, Plane] = {}
 
     def place(self, at: Float64) -> None:
-        """Bring all of them there (3,) [m]."""
+        """Move all boards: ``at`` (3,) is the new origin of their frame [m]."""
         if np.abs(at - self._root.position).max() > _NEAR_M:
             self._root.position = at
 
     def draw(self, planes: Mapping[str, Plane], boards: Mapping[str, ShownBoard], *, new_pictures: bool) -> None:
-        """Show exactly these, on their planes; a picture that is there stays, where there are to be no new ones."""
+        """Show exactly these boards on their planes; unless ``new_pictures``, shown images are not replaced."""
         self.planes = planes
         for name, plane in planes.items():
             node = self._nodes.get(name)

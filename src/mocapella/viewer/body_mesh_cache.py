@@ -15,7 +15,7 @@ MOST: Final = 64
 
 
 class BodyMeshCache:
-    """A cache by the text of the build."""
+    """Cache of body meshes, by the JSON description of the mesh (`TrackedBody.build`)."""
 
     def __init__(self) -> None:
         self._meshes: dict[str, RiggedMesh | None] = {}
@@ -23,7 +23,7 @@ class BodyMeshCache:
         self._worker: ThreadPoolExecutor | None = None
 
     def mesh(self, build: str) -> RiggedMesh | None:
-        """The mesh; None while it is being made, and where it cannot be made. Returns at once."""
+        """Return the mesh at once; None while it is being built, or if it cannot be built."""
         if not build:
             return None
         with self._lock:
@@ -36,7 +36,7 @@ class BodyMeshCache:
         return None
 
     def put(self, build: str, mesh: RiggedMesh) -> None:
-        """Keep a mesh that is known, such as a file's."""
+        """Store a mesh that is already built, such as one read from a file."""
         with self._lock:
             self._keep(build, mesh)
 

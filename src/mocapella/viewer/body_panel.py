@@ -1,4 +1,4 @@
-"""What stands beside fitted bodies: how well each camera agrees with them, and their joints' angles over time."""
+"""Panel of fitted bodies: the overlap of outlines in each camera, and charts of the joint angles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PLAIN: Final = Rgb(222, 228, 238)
 
 
 class BodyPanel:
-    """The folder "Bodies", which is there from the first body on."""
+    """The folder "Bodies", visible from the first body on."""
 
     def __init__(self, place: PanelPlace) -> None:
         self._gui = place.gui
@@ -40,11 +40,11 @@ class BodyPanel:
 
     @property
     def whose(self) -> str:
-        """What the body is called whose angles are shown."""
+        """Name of the body whose joint angles are shown."""
         return str(self._whose.value)
 
     def show(self, state: PanelState) -> None:
-        """Bring it up to the newest."""
+        """Update the overlaps and the charts."""
         bodies: Sequence[TrackedBody] = state.parts
         self._had = self._had or bool(bodies)
         if (visible := state.visible and self._had) != self._visible:
@@ -88,7 +88,7 @@ def called(body: TrackedBody) -> str:
 
 
 def outlines_html(bodies: Sequence[TrackedBody]) -> str:
-    """Each camera's overlap with each body, or why it does not count; what the lines in the pictures are."""
+    """Return as HTML each camera's overlap with each body, or why it is not used, and a legend of the lines."""
     cameras = dict.fromkeys(view.camera for body in bodies for view in body.views)
     gone = ", ".join(escape(called(body)) for body in bodies if body.lost and body.name)
     missing = f'<div style="color:{AMBER.css}">not there: {gone}</div>' if gone else ""

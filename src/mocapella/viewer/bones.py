@@ -59,7 +59,7 @@ NO_STROKES = Strokes(
 
 
 def join(parts: list[Strokes]) -> Strokes:
-    """All strokes as one set."""
+    """Concatenate strokes."""
     if not parts:
         return NO_STROKES
     return Strokes(
@@ -91,7 +91,7 @@ def checked(strokes: Strokes) -> Strokes:
 
 
 def padded(strokes: Strokes, count: int) -> Strokes:
-    """The strokes, and after them as many of no size as make ``count``: they draw nothing."""
+    """Return the strokes, filled up to ``count`` by invisible ones of scale 0."""
     missing = count - len(strokes)
     identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
     nothing = np.zeros((missing, 3), np.float32)
@@ -100,7 +100,7 @@ def padded(strokes: Strokes, count: int) -> Strokes:
 
 
 def doubt(sd: Any) -> Float32:
-    """How unsure a joint looks, 0 to 1, by the standard deviation of a coordinate [m]; 0 where it is not known."""
+    """Return how uncertain joints are drawn, 0 to 1, from the standard deviation of a coordinate [m]; 0 for NaN."""
     span = UNSURE_SD_M - SURE_SD_M
     return np.asarray(np.clip(np.nan_to_num((np.asarray(sd, np.float32) - SURE_SD_M) / span), 0, 1), np.float32)
 
@@ -108,10 +108,10 @@ def doubt(sd: Any) -> Float32:
 def bone_strokes(
     positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = None
 ) -> Strokes:
-    """Make a stroke along +y of the mesh for every bone whose two joints are there.
+    """Make a stroke, along +y of the mesh, for every bone whose two joints have positions.
 
-    A bone is inferred, and thin, where one of its joints is; it is not there where a joint is not tracked, has a NaN
-    coordinate, or both joints are in one place.
+    A bone is drawn thin if one of its joints is inferred. It is left out if a joint is not tracked or has a NaN
+    coordinate, or if both joints are at the same position.
 
     Args:
         positions: (skeletons, joints, 3) [m].
@@ -143,7 +143,7 @@ def bone_strokes(
 
 
 def line_strokes(points: Any, colour: Any, radius: float) -> Strokes:
-    """A stroke for each piece of a line through points (n, 3) [m]."""
+    """Return a stroke for each segment of a line through points (n, 3) [m]."""
     p = np.asarray(points, np.float32)
     along = p[1:] - p[:-1]
     length = np.linalg.norm(along, axis=-1)
@@ -159,7 +159,7 @@ def line_strokes(points: Any, colour: Any, radius: float) -> Strokes:
 
 
 def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doubts: Any = None) -> Strokes:
-    """A stroke of equal size along all axes for every joint that is there; an inferred or unsure joint is smaller.
+    """Return a ball for every joint with a position; inferred and uncertain joints are smaller.
 
     Args:
         positions: (skeletons, joints, 3) [m].
@@ -178,7 +178,7 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
 
 
 def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes:
-    """A translucent ball about every joint that is unsure: one standard deviation of a coordinate in radius.
+    """Return a translucent ball around every uncertain joint; its radius is one standard deviation of a coordinate.
 
     Args:
         positions: (skeletons, joints, 3) [m].

@@ -29,7 +29,7 @@ MOVED_M: Final = 0.001
 
 
 class BrowserCamera:
-    """See the module. Its methods belong to the loop that draws.
+    """Moves the camera of one browser, until its user does. Call the methods from the drawing loop only.
 
     Args:
         client: the browser.
@@ -53,12 +53,12 @@ class BrowserCamera:
 
     @property
     def aspect(self) -> float:
-        """Width of its picture over its height."""
+        """Width of the browser's canvas over its height."""
         return max(self._camera.image_width, 1) / max(self._camera.image_height, 1)
 
     @property
     def ready(self) -> bool:
-        """Whether the browser has said how large its picture is."""
+        """Whether the browser has reported the size of its canvas."""
         return bool(self._camera.image_width)
 
     @property
@@ -74,7 +74,7 @@ class BrowserCamera:
 
     @property
     def touched(self) -> bool:
-        """Whether the user moved the camera since we did."""
+        """Whether the user has moved the camera since the program last did."""
         if self._follows:
             return self._by_hand
         if self._look is None or self._calls_since_move <= _SETTLED:
@@ -82,7 +82,7 @@ class BrowserCamera:
         return not np.allclose(self._camera.position, self._look.position, atol=_ELSEWHERE_M)
 
     def beat(self, now_s: float | None = None) -> None:
-        """Take in where the browser says that its camera was: where it was put, one place after the other, or not."""
+        """Process the camera positions that the browser reported; one that was never sent to it is the user's move."""
         self._calls_since_move += 1
         while self._reported:
             at = self._reported.popleft()
@@ -98,12 +98,12 @@ class BrowserCamera:
                 self._by_hand = True
 
     def put(self, look: Look) -> None:
-        """Put it there, wherever it is."""
+        """Move the camera, even if the user has moved it."""
         self._follows = self._by_hand = False
         self._place(look)
 
     def follow(self, look: Look) -> None:
-        """Go along: put it there, unless a person has moved it since it goes along."""
+        """Move the camera along with its target, unless the user has moved it since the first such call."""
         if not self._follows:
             self._follows, self._by_hand, self._heard = True, False, False
             self._place(look)

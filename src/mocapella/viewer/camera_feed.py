@@ -1,4 +1,4 @@
-"""Cameras' pictures for all browsers: asked for only while one shows them, so often at most, each once for all.
+"""Camera images for all browsers: requested only while a browser shows them, at a limited rate, once for all.
 
 Nothing blocks: separate threads send the requests, and the drawing loop takes the answers that have arrived.
 """
@@ -16,39 +16,39 @@ from mocapella.settings import check
 
 
 class CameraAnswer(Protocol):
-    """What a camera's node answers (`mocapella.wire.questions.NodeAnswer`)."""
+    """Answer of a camera's node to a request (`mocapella.wire.questions.NodeAnswer`)."""
 
     @property
     def ok(self) -> bool:
-        """Whether it could be done."""
+        """Whether the request succeeded."""
 
     @property
     def message(self) -> str:
-        """What was done, or what would have worked."""
+        """What was done; after a failure, what would have worked."""
 
     @property
     def time_ns(self) -> int:
-        """Of the picture, on the camera's clock."""
+        """Capture time of the image, on the camera's clock."""
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the camera's picture."""
+        """(width, height) of the camera's image, before it was scaled."""
 
     @property
     def image(self) -> bytes:
-        """The picture's file."""
+        """The encoded image."""
 
     @property
     def format(self) -> str:
-        """Of ``image``: jpeg or png."""
+        """Format of ``image``: jpeg or png."""
 
     @property
     def names(self) -> list[str] | None:
-        """Of the markers."""
+        """Names of the markers."""
 
     @property
     def positions_px(self) -> list[tuple[float, float] | None] | None:
-        """x, y of each in the camera's picture; None where it is not seen."""
+        """x, y of each marker in the camera's image; None for a marker that is not seen."""
 
     @property
     def report(self) -> dict[str, Any] | None:
@@ -68,7 +68,7 @@ Done = Callable[[CameraAnswer | None, str], None]
 
 
 class FeedMode(StrEnum):
-    """What a browser shows of a camera."""
+    """Type of image that a browser shows of a camera."""
 
     OFF = "off"
     PICTURE = "picture"
@@ -80,15 +80,15 @@ _REPORT = "report"
 
 @dataclass(frozen=True)
 class FeedSettings:
-    """How often is asked.
+    """Rates and limits of the requests to the cameras' nodes.
 
     Attributes:
-        rate_hz: questions a second at most, for all browsers and cameras together.
+        rate_hz: highest rate of requests, for all browsers and cameras together.
         timeout_s: how long an answer is waited for.
-        patience_s: between two questions where there was no answer.
-        report_s: between two questions for the report of a camera that is shown.
-        wanted_s: how long after a browser last wanted something it is still asked for.
-        workers: questions under way at once.
+        patience_s: interval between two requests after a failure.
+        report_s: interval between two requests for the report of a camera that is shown.
+        wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it.
+        workers: largest number of requests at the same time.
     """
 
     rate_hz: float = 5.0
@@ -108,12 +108,12 @@ class FeedSettings:
 
 @dataclass
 class FeedImage:
-    """The newest of one kind of one camera.
+    """The newest image, mask or report of one camera.
 
     Attributes:
-        answer: the last that was good; None before the first.
-        problem: why nothing newer comes, in words; empty where it does.
-        number: changes with every answer, good or not.
+        answer: the last successful one; None before the first.
+        problem: why the last request failed; empty if it succeeded.
+        number: of answers so far, failures included.
     """
 
     answer: CameraAnswer | None = None
@@ -128,11 +128,11 @@ class _Wish:
 
 
 class CameraFeed:
-    """See the module. Its methods belong to the loop that draws.
+    """Requests camera images for all browsers. Call the methods from the drawing loop only.
 
     Args:
-        ask: asks a node; may block.
-        settings: see there.
+        ask: sends a request to a camera's node and returns the answer; may block.
+        settings: rates and limits of the requests.
     """
 
     def __init__(self, ask: Ask, settings: FeedSettings | None = None) -> None:
@@ -150,22 +150,22 @@ class CameraFeed:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras whose nodes answer questions, by name."""
+        """Names of the cameras whose nodes answer requests, sorted."""
         return tuple(sorted(self._cameras & self._answering))
 
     def looks(self, camera: str) -> bool:
-        """Whether its node detects coloured markers in its images, so that colours can be learnt."""
+        """Whether the camera's node detects coloured markers, so that colours can be learnt."""
         return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
-        """A browser shows it, so wide; returns the newest there is."""
+        """Register that a browser shows this image ``width_px`` wide; return the newest one."""
         key = camera, shown.value
         wish = self._wishes.setdefault(key, _Wish())
         wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s
         return self._shots.setdefault(key, FeedImage())
 
     def report(self, camera: str) -> dict[str, Any]:
-        """The newest report of a camera; empty before the first."""
+        """Return the newest report of a camera; empty before the first."""
         shot = self._shots.get((camera, _REPORT))
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
@@ -173,7 +173,7 @@ class CameraFeed:
         """Send the requests that are due; return at once. Call it steadily while a browser is connected.
 
         Args:
-            cameras: the cameras whose nodes are there now.
+            cameras: the cameras with a node at present.
             now_s: of a monotonic clock [s].
             plain: cameras whose nodes detect nothing in their images.
         """
@@ -186,15 +186,15 @@ class CameraFeed:
             self._send(min(due, key=lambda key: self._asked_s.get(key, -1e9)), now_s)
 
     def order(self, camera: str, question: dict[str, Any], done: Done, timeout_s: float = 30.0) -> None:
-        """Ask once, after nothing else; ``done`` is called on another thread."""
+        """Send one request at once; ``done`` is called with the answer on another thread."""
         self._orders.submit(self._carry_out, camera, question, done, timeout_s).add_done_callback(_raise_again)
 
     def hasten(self, camera: str) -> None:
-        """Something has changed: ask for the report as soon as may be."""
+        """Request a camera's report as soon as possible, because it has changed."""
         self._asked_s.pop((camera, _REPORT), None)
 
     def close(self) -> None:
-        """Ask nothing more."""
+        """Send no more requests."""
         for pool in (self._pool, self._orders):
             pool.shutdown(wait=False, cancel_futures=True)
 

@@ -21,13 +21,13 @@ _MOST_PROBLEMS = 6
 
 
 def found(answer: CameraAnswer) -> dict[str, Point]:
-    """Where each marker that was found is."""
+    """Return the position of each detected marker [px], by name."""
     pairs = zip(answer.names or (), answer.positions_px or (), strict=False)
     return {name: (float(at[0]), float(at[1])) for name, at in pairs if at is not None}
 
 
 def radius_px(size_px: tuple[int, int]) -> float:
-    """Of a marker's circle in a picture of that size."""
+    """Return the radius of the circle around a marker, for an image of that size [px]."""
     return _RADIUS * size_px[0]
 
 
@@ -36,7 +36,7 @@ def picture_html(
 ) -> str:
     """Return a camera's image with a circle around each marker, or its mask, and the camera's problems.
 
-    ``large``: the picture itself stands before the stages, and not here. ``looks``: markers are looked for in it.
+    ``large``: the image is shown in front of the stages, and not in the panel. ``looks``: the camera detects markers.
     """
     if shown is FeedMode.OFF or shot is None:
         return ""
@@ -99,12 +99,12 @@ def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
 
 
 def waiting_html(text: str) -> str:
-    """That something is under way."""
+    """Return the text as HTML, as a note that an operation is in progress."""
     return _box(_line(text, GREY.css))
 
 
 def separability_html(separability: Mapping[str, Any]) -> str:
-    """Return the share of each colour that is told from the background, and the problems with their remedies."""
+    """Return how well each marker colour is separated from the background, and problems with their remedies."""
     kept, rows = separability.get("kept"), []
     for name, share in kept.items() if isinstance(kept, Mapping) else ():
         part = min(max(float(share), 0.0), 1.0) if isinstance(share, int | float) else 0.0
@@ -132,7 +132,7 @@ def separability_html(separability: Mapping[str, Any]) -> str:
 
 
 def unsaved_html(camera: str) -> str:
-    """That the colours in use are not in the node's profile."""
+    """Return a note as HTML that the colours in use are not saved in the node's profile."""
     return _box(_line(f"The colours that {camera} uses now are not saved.", AMBER.css))
 
 

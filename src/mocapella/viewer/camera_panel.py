@@ -1,4 +1,4 @@
-"""A camera's picture or mask in one browser, and how its colours are learnt by pointing at them."""
+"""Panel with a camera's image or mask in one browser, where the user clicks on markers to teach their colours."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Say = Callable[[str, str, bool], None]
 
 
 class Lesson(Enum):
-    """How far the learning is."""
+    """Step of learning the marker colours."""
 
     NONE = auto()
     FREEZING = auto()
@@ -38,13 +38,13 @@ class Lesson(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Large:
-    """What stands before the browser's camera.
+    """A camera image shown large, in front of the 3D scene.
 
     Attributes:
-        answer: the picture.
-        points: the circled markers, by name.
-        words: what stands over it.
-        named: whether the circles' names are written.
+        answer: the image.
+        points: positions of the circled markers by name [px].
+        words: text above the image.
+        named: whether the circles are labelled with the markers' names.
     """
 
     answer: CameraAnswer
@@ -54,7 +54,7 @@ class Large:
 
 
 class CameraPanel:
-    """The folder "Cameras". Callbacks of the browser leave wishes, which the loop that draws carries out.
+    """The folder "Cameras". The browser's callbacks leave requests, which the drawing loop carries out.
 
     Attributes:
         large: the image to show in front of the browser's camera; None for none.
@@ -75,7 +75,7 @@ class CameraPanel:
 
     @property
     def wants_clicks(self) -> bool:
-        """Whether clicks into the large picture are waited for."""
+        """Whether the panel waits for clicks into the large image."""
         return self._lesson is Lesson.POINTING and self.large is not None
 
     @property
@@ -86,11 +86,11 @@ class CameraPanel:
         return "" if self._cameras.value == NONE else str(self._cameras.value)
 
     def click(self, at: Point) -> None:
-        """Somebody has pointed there in the large picture; from any thread."""
+        """Take in a click into the large image, at x, y [px]; may be called from any thread."""
         self._wish(lambda: self._point(self._pointing.click(at)))
 
     def leave(self) -> None:
-        """The browser looks elsewhere now."""
+        """Stop showing the large image, because the browser's camera has moved away."""
         set_value(self._enlarge, False)
 
     def show(self, now_s: float) -> None:

@@ -16,7 +16,7 @@ _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe2
 
 
 def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Joints that belong in one chart: left and right of the same name, or one alone; in the model's order."""
+    """Return each chart's joint indices, by title: a left and right pair, or one joint; in the model's order."""
     found: dict[str, list[int]] = {}
     for k, name in enumerate(joint_names):
         plain = name.removeprefix("left ").removeprefix("right ")
@@ -25,7 +25,7 @@ def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
 
 
 class Chart:
-    """Angles [°] of one group of one body's joints over time."""
+    """Chart of the angles of one group of a body's joints over time [°]."""
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
         self._gui, self._names, self._groups = gui, tuple(names), groups(names)
@@ -36,7 +36,7 @@ class Chart:
         self._shown: tuple[str, tuple[str, ...]] = ("", ())
 
     def draw(self, names: Sequence[str], at_s: Float64, angles: Float64) -> None:
-        """Show these: (n,) [s] and (n, joints) [rad] of joints of those names."""
+        """Plot angles (n, joints) [rad] of the named joints over times (n,) [s]."""
         if tuple(names) != self._names:
             self._names, self._groups = tuple(names), groups(names)
             self._choice.options = tuple(self._groups)  # one that it does not have becomes the first that it has

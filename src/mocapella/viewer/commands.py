@@ -1,4 +1,4 @@
-"""Commands from a control to the server and back, without blocking the drawing."""
+"""Send commands to the server, and show its answers, without blocking the drawing."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Commander:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
     def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
-        """Send it when all before it are answered; what the server says is shown in the browser that asked."""
+        """Send a command once all before it are answered; the server's answer is shown in the browser ``client``."""
         self._worker.submit(self._carry_out, verb, arguments, client).add_done_callback(_raise_again)
 
     def close(self) -> None:
-        """Send nothing more; what waits is dropped."""
+        """Send no more commands; drop the waiting ones."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _carry_out(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
@@ -42,7 +42,7 @@ class Commander:
 
 
 def notify(client: viser.ClientHandle, title: str, message: str, *, ok: bool) -> None:
-    """A short notice in one browser."""
+    """Show a short notice in one browser; ``ok`` is False for an error."""
     client.add_notification(
         title, message, auto_close_seconds=_SECONDS_SHOWN, color="teal" if ok else "red", with_close_button=True
     )

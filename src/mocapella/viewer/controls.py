@@ -1,4 +1,4 @@
-"""What can be used now, as functions of the session's status: every browser shows the same."""
+"""Which controls are enabled, as functions of the session's status, so that all browsers show the same."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIRST_TAKE = "take-1"
 
 @dataclass(frozen=True)
 class Allowed:
-    """Which commands make sense in a state; the control of any other is disabled."""
+    """The commands that are possible now; the controls of all others are disabled."""
 
     start: bool = False
     stop: bool = False
@@ -27,7 +27,7 @@ class Allowed:
 
 
 def allowed(status: SessionStatus | None) -> Allowed:
-    """What can be used now; nothing while no server answers. A take notes every setup, which may change at any time."""
+    """Return the possible commands; none without a server. ``setup`` always is, as a take records every setup."""
     if status is None:
         return Allowed()
     return Allowed(
@@ -48,27 +48,27 @@ def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, 
 
 
 def progress_percent(status: SessionStatus | None) -> float | None:
-    """How far the calibration is, 0 to 100; None where none is going on."""
+    """Return the progress of the calibration, 0 to 100; None if none is running."""
     if status is None or status.frames_wanted <= 0 or status.frames_remaining <= 0:
         return None
     return 100.0 * min(max(1.0 - status.frames_remaining / status.frames_wanted, 0.0), 1.0)
 
 
 def perspectives(status: SessionStatus | None, sensors: tuple[str, ...]) -> tuple[str, ...]:
-    """What the perspective can be: free, or any sensor's that the status or a frame ever named."""
+    """Return the possible perspectives: free, and every sensor of the status or of ``sensors``."""
     known = {sensor.name for sensor in status.sensors} if status else set()
     return (FREE, *sorted(known | set(sensors)))
 
 
 def default_perspective(status: SessionStatus | None, sensors: tuple[str, ...]) -> str:
-    """The sensor on the server's own machine; else the first by name, so that people stand apart; else free."""
+    """Return the default perspective: the sensor on the server's machine, else the first by name, else free."""
     rows = sorted(status.sensors, key=lambda row: row.name) if status else []
     local = [row.name for row in rows if row.local]
     return next(iter([*local, *(row.name for row in rows), *sorted(sensors)]), FREE)
 
 
 def take_name(typed: str, before: SessionStatus | None, now: SessionStatus) -> str:
-    """What stands in the field of the take's name: the server's proposal, unless another was typed and not used up."""
+    """Return the text of the take's name field: the server's proposal, unless the user typed an unused name."""
     used = [before.next_take if before else FIRST_TAKE]
     if before is not None and before.recording.active and not now.recording.active:
         used.append(PurePath(now.recording.path).stem)

@@ -31,7 +31,7 @@ _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Tag:
-    """A text in the scene at a position (3,) [m]; an invisible one keeps its position."""
+    """A text label in the scene, at a position (3,) [m]; an invisible one keeps its position."""
 
     text: str
     position: tuple[float, float, float]
@@ -39,7 +39,7 @@ class Tag:
 
 
 class StrokeNode:
-    """A mesh drawn at any number of places; only where ``translucent`` do the strokes' opacities show."""
+    """Scene node with any number of instances of one mesh; opacities apply only if it is ``translucent``."""
 
     def __init__(
         self, scene: viser.SceneApi, name: str, mesh: Mesh, *, shadow: bool = True, translucent: bool = False
@@ -87,7 +87,7 @@ class StrokeNode:
 
 
 class SurfaceNode:
-    """One surface whose corners move, seen from both sides."""
+    """Scene node of a two-sided surface with moving vertices."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -96,7 +96,7 @@ class SurfaceNode:
         self._handle: viser.MeshHandle | None = None
 
     def draw(self, mesh: Mesh, colour: Rgb, opacity: float) -> None:
-        """Show exactly this."""
+        """Show this mesh only."""
         made_of = (id(mesh.faces), colour, opacity)
         if self._handle is None or self._made_of != made_of:
             if self._handle is not None:
@@ -118,13 +118,13 @@ class SurfaceNode:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Hide it."""
+        """Hide the node."""
         if self._handle is not None and self._handle.visible:
             self._handle.visible = False
 
 
 class SkinNode:
-    """A rigged mesh. After its first drawing, only the motions of its parts are sent."""
+    """Scene node of a rigged mesh. After its first drawing, only the motions of its parts are sent."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -133,7 +133,7 @@ class SkinNode:
         self._handle: viser.MeshSkinnedHandle | None = None
 
     def draw(self, mesh: RiggedMesh, T: NDArray[np.float64], colour: Rgb, opacity: float) -> None:
-        """Show it: ``T`` (parts, 4, 4) takes each part from the rest frame to where it is."""
+        """Show the mesh; ``T`` (parts, 4, 4) transforms each part from its rest pose to the view's space."""
         if self._handle is None or mesh is not self._mesh:
             self._add(mesh)
         assert self._handle is not None
@@ -147,7 +147,7 @@ class SkinNode:
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Hide it."""
+        """Hide the node."""
         if self._handle is not None and self._handle.visible:
             self._handle.visible = False
 
@@ -172,7 +172,7 @@ def _summed(mesh: RiggedMesh, parts: int) -> NDArray[np.float64]:
 
 
 class LineNode:
-    """Straight lines, each point of them in a colour of its own."""
+    """Scene node of straight line segments, with a colour for each end point."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, thickness: float) -> None:
         self._scene, self._name, self._thickness = scene, name, thickness
@@ -206,7 +206,7 @@ class LineNode:
 
 
 class TagNodes:
-    """A list of texts in the scene."""
+    """Scene nodes of text labels."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, size: float, anchor: Anchor = "bottom-center") -> None:
         self._scene, self._name, self._size, self._anchor = scene, name, size, anchor
@@ -214,7 +214,7 @@ class TagNodes:
         self._shown: list[Tag] = []
 
     def draw(self, tags: list[Tag]) -> None:
-        """Show exactly these texts."""
+        """Show exactly these labels."""
         if tags == self._shown:
             return
         self._shown = tags
@@ -235,7 +235,7 @@ class TagNodes:
 
 
 class SensorNode:
-    """A sensor, drawn as the frustum of its field of view."""
+    """Scene node of a sensor, drawn as the frustum of its field of view."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, scale: float, thickness: float = 0.012) -> None:
         self._placed: NDArray[np.float64] | None = None
@@ -255,9 +255,9 @@ class SensorNode:
         )
 
     def place(self, T: NDArray[np.float64], colour: Rgb, field_deg: tuple[float, float]) -> None:
-        """Show it in that colour, with its camera space at ``T`` (4, 4) of the view.
+        """Show the sensor at a pose ``T`` (4, 4), from its camera space to the view's space.
 
-        ``field_deg`` is its field of view, across and high [°].
+        ``field_deg`` is its horizontal and vertical field of view [°].
         """
         if field_deg != self._field_deg:
             self._field_deg = field_deg
@@ -272,14 +272,14 @@ class SensorNode:
         self._show(True)
 
     def resize(self, scale: float, thickness: float) -> None:
-        """Make it so large, and its lines so thick [m]."""
+        """Set the size of the frustum and the thickness of its lines [m]."""
         size = (round(scale, 3), round(thickness, 4))
         if size != self._size:
             self._size = size
             self._handle.scale, self._handle.thickness = size
 
     def hide(self) -> None:
-        """Hide it."""
+        """Hide the node."""
         self._show(False)
 
     def _show(self, visible: bool) -> None:
@@ -288,7 +288,7 @@ class SensorNode:
 
 
 class FloorNode:
-    """A piece of floor with a metre grid."""
+    """Scene node of a floor with a grid of one metre."""
 
     def __init__(self, scene: viser.SceneApi, name: str, *, width: float, depth: float, scale: float = 1.0) -> None:
         self._placed: NDArray[np.float64] | None = None
@@ -312,13 +312,13 @@ class FloorNode:
         )
 
     def place(self, centre: NDArray[np.float64]) -> None:
-        """Show it with its centre there (3,) [m]."""
+        """Show the floor with its centre at a position (3,) [m]."""
         if self._placed is None or not np.array_equal(centre, self._placed):
             self._placed = centre.copy()
             self._handle.position = centre
             self._handle.visible = True
 
     def hide(self) -> None:
-        """Hide it."""
+        """Hide the node."""
         if self._placed is not None:
             self._placed, self._handle.visible = None, False

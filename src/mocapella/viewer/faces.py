@@ -20,9 +20,9 @@ _SHORTEST: Final = 1e-3
 
 
 def facings(positions: Any, topology: Topology) -> Float32:
-    """(skeletons, 3) level unit vectors to where each person's shoulders face; NaN where the shoulders are unknown.
+    """Return each person's facing from the shoulders: (skeletons, 3) horizontal unit vectors; NaN without shoulders.
 
-    A skeleton has no direction of the head itself, so that of the shoulders stands for it.
+    It is used for the head, because a skeleton has no orientation of the head itself.
 
     Args:
         positions: (skeletons, joints, 3), y up [m].
@@ -39,13 +39,13 @@ def facings(positions: Any, topology: Topology) -> Float32:
 
 
 def face_strokes(heads: Any, forward: Any, radius: float, colours: Any) -> Strokes:
-    """Make the noses and the eyes as stretched balls.
+    """Return noses and eyes as stretched balls.
 
     Args:
         heads: (n, 3) centres of the heads [m].
-        forward: (n, 3) of `facings`; a row with NaN gets no face.
+        forward: (n, 3) of `facings`; a head with NaN gets no face.
         radius: of a head [m].
-        colours: (n, 3) of the noses.
+        colours: (n, 3) of the noses, red, green and blue.
     """
     at, ahead = np.asarray(heads, np.float32), np.asarray(forward, np.float32)
     there = np.isfinite(at).all(axis=-1) & np.isfinite(ahead).all(axis=-1)

@@ -1,6 +1,6 @@
-"""What of a stage the camera goes along with: it follows those who move, and grows where they go apart.
+"""Region of a stage that the camera shows: it follows people who move, and grows if they move apart.
 
-It stays where it is while they move about in it, so that the picture does not sway with every step.
+It does not move while people stay within it, so that the image does not sway with every step.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ SETTLES_S: Final = 0.35
 
 
 class Framing:
-    """What is looked at.
+    """An upright box on the floor that the camera shows, moved smoothly.
 
     Args:
-        half_m: (2,) how far it reaches along x and z at least, from its middle.
-        tall_m: how high at first.
-        middle: (3,) where it is at first; the origin where left out.
+        half_m: (2,) smallest half widths along x and z.
+        tall_m: initial height.
+        middle: (3,) initial centre of its base; the origin if None.
 
     Attributes:
-        middle: (3,) on the floor; higher if a person reaches above the initial height.
-        half_m: (2,) how far it reaches along x and z now.
+        middle: (3,) centre of its base, on the floor; higher if a person reaches above the initial height.
+        half_m: (2,) present half widths along x and z.
     """
 
     def __init__(self, half_m: Float64, tall_m: float, middle: Float64 | None = None) -> None:
@@ -40,7 +40,7 @@ class Framing:
         self._last_s: float | None = None
 
     def follow(self, low: Float64, high: Float64, now_s: float) -> None:
-        """Somebody is there: (3,) and (3,) of an upright box that all of them are in."""
+        """Move so that the box contains all people, whose bounding box is from ``low`` (3,) to ``high`` (3,) [m]."""
         for axis, k in ((0, 0), (2, 1)):
             wide = 0.5 * (high[axis] - low[axis])
             self._to_half[k] = max(self._least[k], wide - SLACK_M)
@@ -50,7 +50,7 @@ class Framing:
         self.rest(now_s)
 
     def rest(self, now_s: float) -> None:
-        """Nobody is there, or nothing is new: it comes to where it is to be."""
+        """Continue the smooth motion to the last target, without new people or without a new scene."""
         share = 1.0 if self._last_s is None else -np.expm1(-max(0.0, now_s - self._last_s) / SETTLES_S)
         self._last_s = now_s
         self.middle = self.middle + share * (self._to_middle - self.middle)

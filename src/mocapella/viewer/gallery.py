@@ -30,7 +30,7 @@ LANE_TAG_SIZE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class GalleryDrawing:
-    """The gallery, ready to be drawn.
+    """Content of the gallery, in the view's space.
 
     Attributes:
         spaces: of the lanes, by sensor, in their order.
@@ -70,12 +70,12 @@ def gallery_drawing(
 
 
 def lane_tags(drawing: GalleryDrawing) -> list[Tag]:
-    """The names of the sensors before their lanes."""
+    """Return the sensors' names as labels in front of their lanes."""
     return [Tag(sensor, _at(space.origin)) for sensor, space in drawing.spaces.items()]
 
 
 class SensorsStage:
-    """Draws it."""
+    """Scene nodes of the gallery in one browser."""
 
     def __init__(self, scene: viser.SceneApi, fields: Mapping[str, tuple[float, float]]) -> None:
         self._scene, self._fields = scene, fields
@@ -89,7 +89,7 @@ class SensorsStage:
         self._drawn: GalleryDrawing | None = None
 
     def draw(self, drawing: GalleryDrawing) -> None:
-        """Show exactly this; nothing is sent where it is the one already shown."""
+        """Show exactly this drawing; nothing is sent if it is already shown."""
         if drawing is self._drawn:
             return
         self._drawn = drawing

@@ -1,4 +1,4 @@
-"""Outlines of a body in an image: the model's, and where the image's own is elsewhere."""
+"""Lines over a camera image: a body model's outline, and the parts of the image's contour that deviate from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_POINTS: Final = 160
 
 
 def closed_lines(points_px: Float32) -> Iterator[Float64]:
-    """(k, 2) each closed line of (n, 2), where rows of NaN separate lines; lines of one point are left out."""
+    """Yield each closed line (k, 2) of points (n, 2) that rows of NaN separate; lines of one point are left out."""
     points = np.asarray(points_px, np.float64).reshape(-1, 2)
     gaps = np.flatnonzero(~np.isfinite(points).all(axis=1))
     for part in np.split(points, gaps):
@@ -31,21 +31,21 @@ def closed_lines(points_px: Float32) -> Iterator[Float64]:
 
 
 def pieces(points_px: Float32) -> Float32:
-    """(m, 2, 2) the straight pieces of closed lines (n, 2)."""
+    """Return the segments (m, 2, 2) of closed lines, (n, 2) with rows of NaN between the lines [px]."""
     lines = [line[:: _every(line)] for line in closed_lines(points_px)]
     made = [np.stack([line, np.roll(line, -1, axis=0)], axis=1) for line in lines]
     return np.concatenate([np.zeros((0, 2, 2)), *made]).astype(np.float32)
 
 
 def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float32]:
-    """Where an image's contour lies beside the model's outline, by a sample of it and more.
+    """Return where an image's contour deviates from the model's outline by one sample or more.
 
     Args:
         outline_px: (n, 2) of the model, closed lines with rows of NaN between.
         contour_px: (m, 2) of the image, likewise.
 
     Returns:
-        (a, 2, 2) straight pieces of the contour outside of the model, and (b, 2, 2) inside of it.
+        Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it.
     """
     outlines = list(closed_lines(outline_px))
     if not outlines:

@@ -1,4 +1,4 @@
-"""Keeps labels of the 3D scene apart: each that would cover another one moves up on the screen."""
+"""Keep labels of the 3D scene apart: a label that would cover another one is moved up on the screen."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ class LabelCamera:
     def looking(
         cls, position: Float64, target: Float64, up: Float64, fov: float, height_px: float
     ) -> LabelCamera | None:
-        """Make the camera at ``position`` that looks at ``target``; None where no direction follows from these."""
+        """Return the camera at ``position`` that looks at ``target``; None if these define no direction.
+
+        ``fov`` is the vertical field of view [rad], ``height_px`` the height of the canvas.
+        """
         forward = np.asarray(target, np.float64) - position
         right = np.cross(forward, up)
         length, across = np.linalg.norm(forward), np.linalg.norm(right)
@@ -54,7 +57,7 @@ class LabelCamera:
 
 
 def apart(groups: Sequence[tuple[float, Sequence[Tag]]], camera: LabelCamera) -> list[list[Tag]]:
-    """Move labels up until none covers another; earlier ones stay before later ones move.
+    """Return the groups with labels moved up until none covers another; earlier labels take precedence.
 
     Args:
         groups: font scale and labels, whose positions are the middles of their lower borders.

@@ -1,4 +1,4 @@
-"""A camera's picture as it stands upright in its lane of the gallery."""
+"""A camera image, upright in its lane of the gallery."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _LOW_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class LanePicture:
-    """Where a picture stands.
+    """Position and size of an image in a lane.
 
     Attributes:
         size_px: (width, height).
-        origin: (3,) where the lane begins [m].
-        part: of the lane's width.
+        origin: (3,) front of the lane, in the view's space [m].
+        part: width of the image as a fraction of the lane's width.
     """
 
     size_px: tuple[int, int]
@@ -33,22 +33,22 @@ class LanePicture:
 
     @property
     def wide_m(self) -> float:
-        """How wide it is."""
+        """Width of the image in the view's space."""
         return self.part * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
 
     @property
     def px(self) -> float:
-        """How large a pixel is [m]."""
+        """Size of a pixel in the view's space [m]."""
         return self.wide_m / self.size_px[0]
 
     def at(self, pixels: Float64) -> Float64:
-        """(..., 3) of pixels (..., 2) [m]."""
+        """Return the positions (..., 3) of pixels (..., 2) in the view's space [m]."""
         x = 0.5 * self.wide_m - self.px * pixels[..., 0]
         y = _LOW_M + self.px * (self.size_px[1] - pixels[..., 1])
         return np.asarray(self.origin + np.stack([x, y, np.full(x.shape, _DEEP_M)], axis=-1))
 
     def edge(self, colour: Rgb) -> Strokes:
-        """The line about it."""
+        """Return the border of the image."""
         width, height = self.size_px
         corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
         return line_strokes(self.at(corners), colour.paint, 0.008)

@@ -38,12 +38,12 @@ SENSOR_RADIUS_M: Final = 0.03
 
 @dataclass(frozen=True, eq=False)
 class LaneSpace:
-    """Where a lane is.
+    """Position, orientation and colour of a lane.
 
     Attributes:
-        origin: (3,) where it begins, in the view's own space [m].
+        origin: (3,) front of the lane, in the view's space [m].
         T_level: (4, 4) from the sensor's camera space to one whose floor is level and at y = 0.
-        colour: the sensor's own.
+        colour: of the sensor.
     """
 
     origin: Float64
@@ -53,7 +53,7 @@ class LaneSpace:
 
 @dataclass(frozen=True, eq=False)
 class LaneDrawing:
-    """What is drawn of a frame, in the view's own space: lines, and balls."""
+    """Drawing of a frame, in the view's space: lines and balls."""
 
     lines: Strokes = NO_STROKES
     balls: Strokes = NO_STROKES
@@ -75,10 +75,10 @@ class Lane:
     """How frames of one type are drawn.
 
     Attributes:
-        draw: a frame in a `LaneSpace` as a `LaneDrawing`.
+        draw: function that draws a frame in a `LaneSpace`.
         keep: reduces a frame to the data needed to draw it again, for the timeline.
-        on_floor: whether frames have ``tilt``, ``height`` and ``positions`` of people, to learn the floor from.
-        size_px: (width, height) of the image that a frame is; None where it is none.
+        on_floor: whether frames are `OnFloor`, so that the floor is estimated from them.
+        size_px: function that returns the (width, height) of an image frame; None for other frames.
     """
 
     draw: Callable[[Any, LaneSpace], LaneDrawing]
@@ -114,7 +114,7 @@ def _image_size(frame: ImageFrame) -> tuple[int, int] | None:
 
 
 def lane_bones(frame: BodyFrame, space: LaneSpace) -> Strokes:
-    """The frame's skeletons in the gallery's scale; bones that the sensor only infers are faint."""
+    """Return the strokes of the frame's skeletons in the gallery's scale; inferred bones are faint."""
     positions = apply(space.T_level, frame.positions) * SENSORS_SCALE + space.origin
     ends = np.asarray(frame.states)[:, np.array(frame.topology.bones)]
     measured = (ends == JointState.TRACKED).all(axis=-1)
@@ -130,7 +130,7 @@ IMAGES: Final = Lane(_image, keep=_without_pixels, size_px=_image_size)
 
 
 def lane_of(frame: SensorFrame, troubles: PluginErrors) -> Lane | None:
-    """The lane of a frame's type; None where it has none, is not installed, or its lane cannot be imported."""
+    """Return the lane of a frame's type; None if the type has none, or cannot be imported."""
     kind = frame_type_of(frame)
     if kind is None or not kind.lane:
         return None
@@ -151,7 +151,7 @@ def _drawn(lane: Lane, frame: SensorFrame, space: LaneSpace) -> LaneDrawing:
 
 
 def kept(frame: SensorFrame, troubles: PluginErrors) -> SensorFrame | None:
-    """The frame as the timeline keeps it; None where nothing would be drawn of it."""
+    """Return the frame as the timeline stores it; None if nothing of it would be drawn."""
     lane = lane_of(frame, troubles)
     return None if lane is None else troubles.attempt(_called(frame), lambda: lane.keep(frame), None)
 

@@ -1,4 +1,4 @@
-"""Where things stand: the Tracking stage in front, the Sensors gallery raised behind it, the cameras before them.
+"""Layout of the 3D scene: the Tracking stage in front, and the raised Sensors gallery behind it.
 
 The view's own space has y up; its camera looks along +z, so that, as in a sensor's camera space, +x is to the left of
 the screen. A stage's floor is y = 0 of the stage.
@@ -47,13 +47,13 @@ class BoundingBox:
 
     @property
     def corners(self) -> Float64:
-        """(8, 3)."""
+        """The eight corners (8, 3)."""
         pick = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
         return np.where(pick == 0, self.low, self.high)
 
 
 def lane_origins(count: int) -> Float64:
-    """(count, 3): where each sensor's lane begins, the first at the left of the screen."""
+    """Return the front (3,) of each sensor's lane as (count, 3) [m], the first at the left of the screen."""
     if count == 0:
         return np.zeros((0, 3))
     width = LANE_WIDTH_M * SENSORS_SCALE + LANE_GAP
@@ -67,7 +67,7 @@ def lane_origins(count: int) -> Float64:
 
 
 def tracking_box() -> BoundingBox:
-    """What the Tracking stage fills."""
+    """Return the extent of the Tracking stage."""
     half = TRACKING_WIDTH_M / 2
     return BoundingBox(
         np.array([-half, 0.0, -BEHIND_SENSOR_M]), np.array([half, PERSON_HEIGHT_M, TRACKING_DEPTH_M - BEHIND_SENSOR_M])
@@ -75,13 +75,13 @@ def tracking_box() -> BoundingBox:
 
 
 def arms_box() -> BoundingBox:
-    """What the stage of arms fills, with their titles."""
+    """Return the extent of the ARMS stage with its titles."""
     _, _, deep = stage_centre()
     return BoundingBox(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
 
 
 def sensors_box(count: int) -> BoundingBox:
-    """What the gallery of that many sensors fills; one lane where there is none."""
+    """Return the extent of a gallery of ``count`` sensors; of one lane for 0."""
     origins = lane_origins(max(count, 1))
     half = LANE_WIDTH_M * SENSORS_SCALE / 2
     size = np.array([half, PERSON_HEIGHT_M * SENSORS_SCALE, LANE_DEPTH_M * SENSORS_SCALE])
@@ -89,34 +89,34 @@ def sensors_box(count: int) -> BoundingBox:
 
 
 def stage_centre() -> tuple[float, float, float]:
-    """The middle of the Tracking stage, at the height of a chest."""
+    """Return the centre of the Tracking stage at chest height [m]."""
     return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
 
 
 def aside(place: int) -> Float64:
-    """(4, 4), where a sensor is shown whose place is not known: in a row at the right edge of the Tracking stage."""
+    """Return the pose (4, 4) of a sensor mark with unknown pose: in a row at the Tracking stage's right edge."""
     T = np.eye(4)
     T[:3, 3] = 0.3 - TRACKING_WIDTH_M / 2, 0.35, 0.7 * place - 0.2
     return T
 
 
 def title_place(box: BoundingBox) -> tuple[float, float, float]:
-    """Where the title of a stage begins: at the left end of its front edge."""
+    """Return the position of a stage's title: the left end of its front edge [m]."""
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 
 
 def frame(
     points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05, lowest: float = -1.0
 ) -> Look:
-    """The nearest camera that looks along +z, down by ``elevation`` [rad], and has all the points in its picture.
+    """Return the nearest camera that looks along +z, down by ``elevation``, and sees all the points.
 
     Args:
         points: (n, 3) that must be visible.
         fov: vertical field of view [rad].
-        aspect: width of the picture over its height.
+        aspect: width of the canvas over its height.
         elevation: how far the camera looks down [rad].
-        margin: how much wider the picture is than it need be.
-        lowest: where the part of the picture begins that is not covered, from −1, its lower border, to 1, its upper.
+        margin: factor by which the image is wider than necessary.
+        lowest: height in the canvas below which other elements cover it, from −1 (lower border) to 1 (upper border).
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
     up = np.array([0.0, np.cos(elevation), np.sin(elevation)])
@@ -137,6 +137,6 @@ def frame(
 
 
 def eyes(tilt: float, height: float, fov: float) -> Look:
-    """The camera of the perspective's sensor: tilted up by ``tilt`` [rad], ``height`` [m] over the floor."""
+    """Return a camera at a sensor's pose: tilted up by ``tilt`` [rad], ``height`` [m] above the floor."""
     position = np.array([0.0, height, 0.0])
     return Look(position, position + 3.0 * np.array([0.0, np.sin(tilt), np.cos(tilt)]), fov)

@@ -33,7 +33,7 @@ class Legend:
         self._html = gui.add_html("", visible=False)
 
     def show(self, perspective: str, *, people: bool, obstacle: bool) -> None:
-        """Bring it up to date.
+        """Update the legend.
 
         Args:
             perspective: a sensor's name, or `FREE`.
@@ -48,7 +48,7 @@ class Legend:
 
 
 def legend_html(perspective: str, *, obstacle: bool) -> str:
-    """The legend as HTML; a sensor's name is escaped."""
+    """Return the legend as HTML; a sensor's name is escaped."""
     if perspective == FREE:
         rows = [_row(FUSED, _THICK, "measured by at least one sensor")]
     else:

@@ -1,4 +1,4 @@
-"""Markers in a camera's lane of the gallery, in the colours that they are called by."""
+"""Markers in a camera's lane of the gallery, in the colours that their names mean."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAMED: Final = {
 
 
 def marker_colour(name: str) -> Rgb:
-    """The colour that a marker is called, or else one that its name always gets."""
+    """Return the colour that the marker's name means, such as red; else a colour that depends on the name only."""
     for word in name.lower().replace("-", " ").split():
         if word in _NAMED:
             return Rgb(*_NAMED[word])
@@ -34,12 +34,13 @@ def marker_colour(name: str) -> Rgb:
 
 
 def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """A camera's picture as it stands in its lane: its edge, and the markers in it, at their sizes.
+    """Return the strokes of a marker camera's lane, lines and balls: the image's border, and the markers in their
+    sizes.
 
     Args:
         frame: what the camera saw.
-        origin: (3,) where the lane begins [m].
-        colour: the camera's own.
+        origin: (3,) front of the lane, in the view's space [m].
+        colour: of the camera.
     """
     picture = LanePicture(frame.size_px, origin)
     p = picture.at(frame.positions_px.astype(np.float64))

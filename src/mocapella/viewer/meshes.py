@@ -1,4 +1,4 @@
-"""The two meshes that everything is made of, as surfaces of revolution about +y."""
+"""The two meshes of all strokes, as surfaces of revolution about +y."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Mesh:
 
 
 def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int) -> Mesh:
-    """The closed surface of a profile turned about +y, without the triangles that have no area.
+    """Return the closed surface of a profile that is rotated about +y, without triangles of no area.
 
     Args:
         heights: (rings,), rising.
@@ -44,7 +44,7 @@ def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int
 
 
 def bone_mesh() -> Mesh:
-    """From the origin to (0, 1, 0), at most 1 wide: slightly thicker at the parent, rounded at both ends."""
+    """Return a bone from the origin to (0, 1, 0), at most 1 wide: thicker at the origin, rounded at both ends."""
     heights = np.array([0.0, 0.05, 1.0 - 0.05, 1.0])
     radii = np.array([0.0, 1.0, 0.8, 0.0])
     return revolve(heights, radii, BONE_SIDES)

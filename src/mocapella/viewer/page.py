@@ -24,16 +24,16 @@ _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 
 @contextlib.contextmanager
 def unprinted() -> Iterator[None]:
-    """viser prints a banner and a farewell; standard output is for results."""
+    """Suppress the messages that viser prints, because standard output is for results."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 @contextlib.contextmanager
 def tolerated() -> Iterator[None]:
-    """viser 1.1 sets an `asyncio.Event` from this thread; that fails where its own waits for it in that instant.
+    """Ignore a race of viser 1.1, which sets an `asyncio.Event` from this thread while its own thread waits for it.
 
-    The message is queued by then, and the next call draws what this one did not come to.
+    The message is queued before the error, and the next call draws the rest.
     """
     try:
         yield
@@ -43,26 +43,26 @@ def tolerated() -> Iterator[None]:
 
 
 class PageServer(viser.ViserServer):
-    """viser's, without its tunnel."""
+    """The server of viser, without its public tunnel."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """No: what a sensor sees of people does not leave through a public tunnel because of a message from a page."""
+        """Refuse to open a public tunnel, so that no page can publish images of people."""
         return None
 
     @property
     def url(self) -> str:
-        """Where a browser finds the page."""
+        """Address of the page."""
         host = self.get_host()
         return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}"
 
 
 def open_page(host: str, port: int, panel_px: int) -> PageServer:
-    """Serve a page, still empty, whose panel is so wide.
+    """Serve an empty page with a control panel.
 
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        panel_px: the panel's width.
+        panel_px: width of the panel.
 
     Raises:
         AddressInUseError: the port is in use.

@@ -1,4 +1,4 @@
-"""Colours that stay apart on a dark ground, also for colour-blind eyes as far as six colours can."""
+"""Colours that are distinct on a dark background, as far as possible also for colour-blind people."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Rgb(NamedTuple):
 
     @property
     def paint(self) -> Rgb:
-        """Deeper: what a surface under the scene's lights must have to look like this colour."""
+        """A darker colour, with which a surface under the scene's lights looks like this one."""
         return Rgb(*(round(255 * (channel / 255) ** _PAINT_GAMMA) for channel in self))
 
     @property
     def faint(self) -> Rgb:
-        """The colour of lines and bones of the background."""
+        """A weaker colour, for lines and bones in the background."""
         return Rgb(*(round(0.35 * channel) for channel in self.paint))
 
 
@@ -71,27 +71,27 @@ SENSORS = (
 
 
 def person_colour(person: int) -> Rgb:
-    """The colour of the person of that id: it stays, whoever comes or goes."""
+    """Return a person's colour, which depends on the id only."""
     return PEOPLE[person % len(PEOPLE)]
 
 
 class SensorColours:
-    """Gives the sensors their colours in the order of their names: the same room always has the same colours."""
+    """Assigns colours to sensors in the order of their names, so that the same room always has the same colours."""
 
     def __init__(self) -> None:
         self._sensors: tuple[str, ...] = ()
 
     def learn(self, sensors: Collection[str]) -> None:
-        """Hear of sensors. One that is new moves the colours of those whose names come after its own."""
+        """Add sensors. A new one changes the colours of the sensors whose names follow it."""
         if not set(self._sensors).issuperset(sensors):
             self._sensors = tuple(sorted({*self._sensors, *sensors}))
 
     def of(self, sensor: str) -> Rgb:
-        """The sensor's colour."""
+        """Return a sensor's colour."""
         self.learn((sensor,))
         return SENSORS[self._sensors.index(sensor) % len(SENSORS)]
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """All sensors ever heard of, by name."""
+        """Names of all sensors so far, sorted."""
         return self._sensors

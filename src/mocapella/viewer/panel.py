@@ -62,10 +62,10 @@ class PanelNews:
     """The state that a browser's panel shows.
 
     Attributes:
-        status: the session's newest; None while no server answers, and where there is none.
+        status: newest status of the session; None without a server, or while it does not answer.
         moment: the moment that this browser shows.
         board: progress of a camera calibration; None if calibration is unavailable.
-        pictures: cameras whose pictures stand over the stage.
+        pictures: cameras whose images are shown above the stage.
         now_s: of a monotonic clock [s].
     """
 
@@ -81,16 +81,16 @@ class Panel:
 
     Args:
         client: the browser.
-        commander: sends commands; None where there is no server: then what commands it is not there.
+        commander: sends commands; None without a server: then the panel has no controls for commands.
         methods: names of the tracker's methods.
         known: memory of the view.
         aim: is called with the target that the user chose.
-        feed: of cameras' pictures.
+        feed: requests camera images.
         timeline: the recent scenes.
         playhead: this browser's.
 
     Attributes:
-        cameras: their pictures, and the learning of marker colours.
+        cameras: folder with the camera images and the learning of marker colours.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Panel:
 
     @property
     def picture(self) -> str:
-        """The camera whose picture fills the view; empty if none does."""
+        """Name of the camera whose image fills the view; empty if none does."""
         return "" if self._picture.value == NO_PICTURE else str(self._picture.value)
 
     @property
@@ -164,7 +164,7 @@ class Panel:
         return default_perspective(self._status, self._colours.sensors)
 
     def show(self, news: PanelNews) -> None:
-        """Update everything; costs almost nothing without news."""
+        """Update all controls and readouts; does almost nothing if ``news`` has not changed."""
         status, moment = news.status, news.moment
         self._watchdog.beat(news.now_s)
         self.cameras.show(news.now_s)

@@ -13,12 +13,12 @@ from mocapella.model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class PanelPlace:
-    """Where a panel goes.
+    """Place of a folder in a browser's panel.
 
     Attributes:
         gui: of the browser.
-        order: among the other folders.
-        send: sends a command to the server; None where there is no server.
+        order: position among the other folders.
+        send: sends a command with its arguments to the server; None without a server.
     """
 
     gui: viser.GuiApi
@@ -28,17 +28,17 @@ class PanelPlace:
 
 @dataclass(frozen=True, eq=False)
 class PanelState:
-    """What a panel is to show.
+    """State that a folder shows.
 
     Attributes:
-        scene: that this browser shows; None where it shows none.
-        parts: of the panel's type in it.
-        shown: what the memory of the stage made of it.
-        visible: whether there can be such parts at all.
+        scene: shown in this browser; None before the first.
+        parts: the scene's parts of the folder's type.
+        shown: value that the stage's memory derived from the scene (`StageMemory.update`).
+        visible: whether the method can make parts of this type.
         can_name: whether a person can be given a name now.
-        changed: whether the scene or the session's status is another one than at the last call.
+        changed: whether the scene or the session's status has changed since the last call.
         now_s: of a monotonic clock [s].
-        lately: scenes of the last seconds up to the shown scene, and the time of each [s].
+        lately: function of a duration [s] that returns the times [s] and scenes of that time before the shown scene.
     """
 
     scene: Scene | None
@@ -52,10 +52,10 @@ class PanelState:
 
 
 class PartPanel(Protocol):
-    """A folder of the panel."""
+    """Interface of a folder in the panel."""
 
     def show(self, state: PanelState) -> None:
-        """Bring it up to the newest."""
+        """Update the folder."""
 
 
 MakePanel = Callable[[PanelPlace], PartPanel]

@@ -1,9 +1,9 @@
-"""People and frames as a sensor sees them, with its floor made level.
+"""Transforms of people and frames into the perspective of one sensor, with a level floor.
 
-A method that gives every sensor a place has one world for all, which every sensor's perspective shows from there. The
-``stand-still`` method centres every person on itself, so that in its world all stand in one place: from a sensor's
-perspective each person goes back through the calibration of *that sensor's view of that person* and stands where the
-sensor saw it.
+Most methods estimate one pose per sensor in one shared world, which each sensor's perspective shows from that pose. The
+method ``stand-still`` centres every person on itself, so all people stand at the same place in its world. In a sensor's
+perspective, each person is therefore transformed by the calibration of *that sensor's view of that person*, and stands
+where the sensor saw it.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
 
 
 class OnFloor(Protocol):
-    """A frame of a sensor that stands over the floor on which people are."""
+    """A frame of a sensor whose height above the floor matters."""
 
     @property
     def sensor(self) -> str:
-        """Its name."""
+        """The sensor's name."""
 
     @property
     def tilt(self) -> float:
-        """Of the sensor, upwards positive [rad]."""
+        """Tilt of the sensor, upwards positive [rad]."""
 
     @property
     def height(self) -> float:
-        """Of the sensor over the floor [m]; 0 where not known."""
+        """Height of the sensor above the floor [m]; 0 if unknown."""
 
     @property
     def positions(self) -> NDArray[np.float32]:
-        """(..., 3) of people's joints, camera space [m]."""
+        """People's joints (..., 3) in camera space [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageSpace:
-    """How a world lies on the stage in the `FREE` perspective, where the scene's parts say it.
+    """Pose of the world on the stage in the `FREE` perspective, if the scene's parts define it.
 
     Attributes:
         T_stage_world: (4, 4); y is up on the stage, and the floor at 0.
-        tall_m: how high over the floor the parts reach at first.
-        half_wide_m: how far from the stage's middle they reach along x at first.
+        tall_m: initial height of the parts above the floor.
+        half_wide_m: initial largest distance of the parts from the stage's centre along x.
     """
 
     T_stage_world: Float64
@@ -65,14 +65,15 @@ class StageSpace:
 
 
 def level(tilt: float, height: float) -> Float64:
-    """(4, 4) T_stage_sensor: camera space of a sensor tilted up by ``tilt`` [rad], ``height`` [m] over a floor."""
+    """Return T_stage_sensor (4, 4) of a sensor tilted up by ``tilt`` [rad], ``height`` [m] above the floor."""
     return rigid(rotation_about_x(-tilt), (0.0, height, 0.0))
 
 
 def upright(T_world_sensor: Float64, floor: float = 0.0) -> Float64:
-    """(4, 4) T_stage_sensor of a sensor with a place in an upright world, ``floor`` [m] over its floor.
+    """Return T_stage_sensor (4, 4) of a sensor with a known pose in an upright world.
 
-    The stage's origin is under the sensor, and its +z goes where the sensor looks.
+    The stage's origin is on the floor under the sensor, and +z is the horizontal direction in which it looks.
+    ``floor`` is the height of the world's origin above the floor [m].
     """
     R, (_, y, _) = T_world_sensor[:3, :3], T_world_sensor[:3, 3]
     return rigid(rotation_about_y(-np.arctan2(R[0, 2], R[2, 2])) @ R, (0.0, y + floor, 0.0))
@@ -91,7 +92,7 @@ class Floors:
         self._tilts: dict[str, float] = {}
 
     def learn_frame(self, frame: OnFloor, pose: SensorPose | None = None) -> None:
-        """Learn of a sensor's frame; ``pose`` was set up for the sensor, and goes before what the frame says."""
+        """Update a sensor's tilt and height from its frame; a configured ``pose`` takes precedence over the frame's."""
         tilt, height = (frame.tilt, frame.height) if pose is None else (pose.tilt, pose.height)
         self._tilts[frame.sensor] = tilt
         if height > 0:
@@ -100,7 +101,7 @@ class Floors:
             self._learn_lowest(frame.sensor, apply(level(tilt, 0.0), frame.positions))
 
     def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Learn of the free world, and of the sensors that have a place in it; ``space`` is what its parts say."""
+        """Update the world's floor and its sensors' poses; ``space`` is defined by the scene's parts, or None."""
         self._places = places_of(scene)
         if space is not None:
             self._places = {name: space.T_stage_world @ T for name, T in self._places.items()}
@@ -111,19 +112,19 @@ class Floors:
             self._learn_lowest(FREE, np.concatenate([person.positions for person in scene.people]))
 
     def height(self, perspective: str) -> float:
-        """Of that sensor, or of the free world's origin, over the floor [m]; 0 where nothing is known."""
+        """Return the height of a sensor, or for `FREE` of the world's origin, above the floor [m]; 0 if unknown."""
         if perspective in self._places:
             return float(self._places[perspective][1, 3]) + self._heights.get(FREE, 0.0)
         return self._heights.get(perspective, 0.0)
 
     def tilt(self, perspective: str) -> float:
-        """Of that sensor, upwards positive [rad]; 0 for the free world, and where nothing is known."""
+        """Return the tilt of a sensor, upwards positive [rad]; 0 for `FREE`, and if unknown."""
         if perspective in self._places:
             return float(np.arcsin(np.clip(self._places[perspective][1, 2], -1.0, 1.0)))
         return self._tilts.get(perspective, 0.0)
 
     def level(self, perspective: str) -> Float64:
-        """(4, 4) T_stage_perspective: to a stage whose floor is level and at y = 0."""
+        """Return T_stage_perspective (4, 4), to a stage whose floor is level and at y = 0."""
         if perspective in self._places:
             return upright(self._places[perspective], self._heights.get(FREE, 0.0))
         return level(self.tilt(perspective), self.height(perspective))
@@ -138,7 +139,7 @@ class Floors:
 
 
 def places_of(scene: Scene) -> dict[str, Float64]:
-    """(4, 4) T_world_sensor of every sensor that has a place now, by name."""
+    """Return T_world_sensor (4, 4) of every sensor with a known pose, by name."""
     return {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
 
 
@@ -164,7 +165,7 @@ class Perspectives:
         return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Take up the scene's places and views, and forget those who are gone; ``space`` is what its parts say."""
+        """Update with the sensor poses and views of a scene, and drop absent people; ``space`` is as in `Floors`."""
         self.T_free_world = np.eye(4) if space is None else space.T_stage_world
         now = places_of(scene)
         if scene.step < self._step or _laid_anew(self._newest, now):
@@ -182,9 +183,9 @@ class Perspectives:
         self._T_world_sensor = before | views
 
     def from_world(self, person: Person, perspective: str) -> Float64 | None:
-        """(4, 4), world to the perspective's camera space; None where the person cannot be placed in it.
+        """Return the transform (4, 4) from a person's world to the perspective's camera space, None if unknown.
 
-        That is where the sensor has no place of its own and never saw the person.
+        It is unknown if the sensor has no pose and never saw the person.
         """
         if perspective == FREE:
             return self.T_free_world
@@ -192,7 +193,7 @@ class Perspectives:
         return None if T is None else inverse(T)
 
     def from_shared_world(self, perspective: str) -> Float64 | None:
-        """(4, 4), the world that all share to the perspective's camera space; None where its place in it is unknown."""
+        """Return the transform (4, 4) from the shared world to the perspective's camera space; None if unknown."""
         if perspective == FREE:
             return self.T_free_world
         T = self.places.get(perspective)

@@ -1,4 +1,4 @@
-"""A camera's picture as an upright rectangle in the scene: from its pixels to the scene, and back along a ray."""
+"""A camera image as an upright rectangle in the 3D scene, and the mapping between pixels and the scene."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 class Encoded(Protocol):
-    """A picture as a file, such as a `CameraAnswer`."""
+    """An encoded image, such as that of a `CameraAnswer`."""
 
     @property
     def image(self) -> bytes:
-        """The file."""
+        """The encoded image."""
 
     @property
     def format(self) -> str:
-        """Of ``image``: jpeg or png."""
+        """Format of ``image``: jpeg or png."""
 
 
 class SizedPicture(Encoded, Protocol):
-    """A camera's picture as a file, and how large the camera's own is."""
+    """An encoded camera image, and the size of the original."""
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the camera's picture, before it was scaled; None where not known."""
+        """(width, height) of the camera's image, before it was scaled; None if unknown."""
 
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """A `SizedPicture` of an image that is in memory already.
+    """A `SizedPicture` of an image in memory.
 
     Attributes:
-        image: the file.
-        size_px: (width, height) of the camera's picture, before it was scaled.
+        image: the encoded image.
+        size_px: (width, height) of the camera's image, before it was scaled.
         format: jpeg or png.
     """
 
@@ -61,12 +61,12 @@ class CameraPicture:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Where a picture stands, seen by whoever looks along +z.
+    """Rectangle of an image in the scene, parallel to the x and y axes and facing −z.
 
     Attributes:
-        middle: (3,) of the picture [m].
+        middle: (3,) centre of the image [m].
         wide_m: its width in the scene.
-        size_px: (width, height) of the camera's picture.
+        size_px: (width, height) of the camera's image.
     """
 
     middle: Float64
@@ -75,42 +75,42 @@ class Plane:
 
     @property
     def px_m(self) -> float:
-        """A pixel's side in the scene [m]."""
+        """Size of a pixel in the scene [m]."""
         return self.wide_m / self.size_px[0]
 
     @property
     def high_m(self) -> float:
-        """The picture's height in the scene."""
+        """The image's height in the scene."""
         return self.px_m * self.size_px[1]
 
     @property
     def at_origin(self) -> Plane:
-        """The same plane with its centre in the origin, for drawing in a space of its own."""
+        """The same plane with its centre at the origin, for drawing relative to a scene node."""
         return Plane(np.zeros(3), self.wide_m, self.size_px)
 
     def moved(self, by_m: Float64) -> Plane:
-        """The same elsewhere, by (3,)."""
+        """Return the plane translated by (3,) [m]."""
         return Plane(self.middle + by_m, self.wide_m, self.size_px)
 
     @property
     def corners(self) -> Float64:
-        """(4, 3): left and above first, then clockwise."""
+        """The corners (4, 3) [m], clockwise from the upper left one."""
         width, height = self.size_px
         return self.place(np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5)
 
     def place(self, points_px: Float64, lift_m: float = 0.0) -> Float64:
-        """(..., 3) in the scene of points (..., 2) in the picture, ``lift_m`` before it."""
+        """Return the positions (..., 3) in the scene of pixels (..., 2), ``lift_m`` in front of the image [m]."""
         width, height = self.size_px
         x, y = (width - 1) / 2 - points_px[..., 0], (height - 1) / 2 - points_px[..., 1]
         placed: Float64 = self.middle + np.stack([self.px_m * x, self.px_m * y, np.full(x.shape, -lift_m)], axis=-1)
         return placed
 
     def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
-        """Where a ray meets the picture; None where it does not.
+        """Return the pixel where a ray meets the image; None if it misses.
 
         Args:
-            origin: (3,) [m].
-            direction: (3,).
+            origin: (3,) start of the ray [m].
+            direction: (3,) of the ray.
         """
         along = float(direction[2])
         if abs(along) < 1e-9 or (reach := float(self.middle[2] - origin[2]) / along) <= 0:
@@ -125,7 +125,7 @@ class Plane:
 def rings(
     plane: Plane, points_px: Mapping[str, tuple[float, float]], colours: Mapping[str, Rgb], radius_px: float
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """A circle around each point, as lines a little before the picture: points and colours, both (n, 2, 3)."""
+    """Return a circle around each point, as segments just in front of the image: points and colours, (n, 2, 3) each."""
     turns = np.linspace(0.0, 2 * np.pi, _CORNERS + 1)
     circle = radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     lines, painted = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
@@ -137,10 +137,10 @@ def rings(
 
 
 class PictureNode:
-    """A picture in the scene, which changes without being made anew.
+    """Scene node of an image that can be replaced without creating a new node.
 
-    The library's own images are white until a browser has decoded the first one, which a busy browser is long about;
-    the picture of its frusta is not there until then. So this is a frustum without lines, and as good as flat.
+    An image node of viser is white until the browser has decoded the image, which can take long. The image of a frustum
+    is invisible until then, so this node is a nearly flat frustum without lines.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
@@ -150,7 +150,7 @@ class PictureNode:
         self._answer: Encoded | None = None
 
     def draw(self, plane: Plane, answer: Encoded) -> None:
-        """Show it there; nothing is sent where it is the one already shown."""
+        """Show an image on a plane; nothing is sent if it is already shown."""
         where = (*plane.middle.tolist(), plane.wide_m, plane.size_px)
         if self._answer is answer and self._where == where:
             return
@@ -169,7 +169,7 @@ class PictureNode:
         self._where, self._answer = where, answer
 
     def hide(self) -> None:
-        """Show it no more."""
+        """Hide the node."""
         if self._answer is not None and self._handle is not None:
             self._handle.visible, self._answer = False, None
 

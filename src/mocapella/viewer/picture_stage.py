@@ -1,4 +1,4 @@
-"""A camera's picture, large before all else in the 3D scene of one browser."""
+"""A camera image shown large, in front of the 3D scene of one browser."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _OVER_M = 0.06
 
 
 def large_plane(size_px: tuple[int, int]) -> Plane:
-    """Where a picture of that size stands when it is large."""
+    """Return the plane of a large image of that size."""
     return Plane(_LARGE_AT, _LARGE_M, size_px)
 
 
 class PictureStage:
-    """Shows what `mocapella.viewer.camera_panel.CameraPanel` says.
+    """Shows the large image of `mocapella.viewer.camera_panel.CameraPanel`.
 
     Attributes:
-        plane: where the large picture stands; None where there is none.
+        plane: of the large image; None if none is shown.
     """
 
     def __init__(self, scene: viser.SceneApi) -> None:
@@ -39,7 +39,7 @@ class PictureStage:
         self._words = TagNodes(scene, "/picture/words", size=1.3, anchor="bottom-left")
 
     def draw(self, large: Large | None) -> None:
-        """Show exactly this."""
+        """Show the large image; None hides it."""
         if large is None or large.answer.size_px is None:
             self.plane = None
             self._large.hide()
@@ -59,5 +59,5 @@ class PictureStage:
 
 
 def colour_of(name: str) -> Rgb:
-    """Of a marker's circle; skin's is white."""
+    """Return the colour of a marker's circle; white for skin."""
     return Rgb(255, 255, 255) if name == SKIN else marker_colour(name)

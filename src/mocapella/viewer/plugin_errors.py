@@ -15,7 +15,7 @@ _LOG: Final = logging.getLogger("mocapella.viewer")
 
 
 class PluginErrors:
-    """What could not be drawn, in words, once each.
+    """Collects messages about failed drawings, each once.
 
     Attributes:
         lines: oldest first.
@@ -26,7 +26,7 @@ class PluginErrors:
         self._told: set[str] = set()
 
     def tell(self, what: str, error: Exception) -> None:
-        """Keep the first error of ``what``, such as ``lane of markers``; later ones change nothing."""
+        """Record the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
         if what in self._told or len(self._told) >= MOST:
             return
         self._told.add(what)

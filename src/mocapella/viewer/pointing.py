@@ -1,4 +1,4 @@
-"""Which marker is to be pointed at next, and where the others were: of one picture, in one browser."""
+"""Progress of a user who points at the markers in one image, in one browser."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _WHERE: Final = dict(
 
 @dataclass(frozen=True)
 class Pointing:
-    """Somebody points at the markers of a picture, one after the other, and at skin at last.
+    """Markers of an image that the user points at, one after the other, and finally skin.
 
     Attributes:
         names: of the markers, in the order of pointing; the last is `SKIN`.
-        done: where each of the first of them was pointed at; None where it was left out.
+        done: positions of the first markers, as clicked [px]; None for a skipped marker.
     """
 
     names: tuple[str, ...] = (*MARKERS, SKIN)
@@ -39,41 +39,41 @@ class Pointing:
 
     @property
     def points(self) -> dict[str, Point]:
-        """Where each was pointed at."""
+        """Clicked positions by name [px]."""
         return {name: at for name, at in zip(self.names, self.done, strict=False) if at is not None}
 
     @property
     def enough(self) -> bool:
-        """Whether a marker was pointed at, so that something can be learnt."""
+        """Whether at least one marker was clicked, so that colours can be learnt."""
         return any(name != SKIN for name in self.points)
 
     def click(self, at: Point) -> Pointing:
-        """It is there, to a hundredth of a pixel; nothing, where all were pointed at."""
+        """Return the state after a click on the next marker, rounded to 0.01 px; unchanged if all are done."""
         return self if self.next is None else replace(self, done=(*self.done, (round(at[0], 2), round(at[1], 2))))
 
     def skip(self) -> Pointing:
-        """It is not in the picture, or is not to be learnt."""
+        """Return the state with the next marker skipped, because it is not visible or shall not be learnt."""
         return self if self.next is None else replace(self, done=(*self.done, None))
 
     def back(self) -> Pointing:
-        """The last one again."""
+        """Return the state without the last click or skip."""
         return replace(self, done=self.done[:-1])
 
     def again(self) -> Pointing:
-        """All again."""
+        """Return the state without any clicks."""
         return replace(self, done=())
 
     def named(self, names: tuple[str, ...]) -> Pointing:
-        """Other names; what stands before the first that differs stays pointed at."""
+        """Return the state with other names; clicks before the first changed name are kept."""
         same = next((k for k, (a, b) in enumerate(zip(self.names, names, strict=False)) if a != b), len(self.names))
         return Pointing(names, self.done[:same])
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """The names of markers, and `SKIN` at last, of a text such as ``red, blue``.
+    """Return the marker names in a text such as ``red, blue``, followed by `SKIN`.
 
     Raises:
-        SettingsError: none, one twice, or one that cannot be a name.
+        SettingsError: no name, a repeated or too long name, or too many names.
     """
     names = tuple(part for part in (part.strip() for part in text.split(",")) if part and part != SKIN)
     if not names:
@@ -89,12 +89,12 @@ def read_names(text: str) -> tuple[str, ...]:
 
 
 def where(name: str) -> str:
-    """On which part of a hand the marker of that name is, if it has one of the usual names; else nothing."""
+    """Return the part of the hand where the marker of a usual name is; empty for other names."""
     return _WHERE.get(name, "")
 
 
 def asks_for(name: str | None) -> str:
-    """What to do, in words."""
+    """Return the instruction to the user, for the next marker's name; None: all are done."""
     if name is None:
         return "All are pointed at: press Learn"
     if name == SKIN:

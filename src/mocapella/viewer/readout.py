@@ -1,4 +1,4 @@
-"""The status, the sensors and the recording as HTML. Every text that came over the wire is escaped."""
+"""Status, sensors and recording as HTML. Every text received from the server is escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How parts of a scene are drawn life-size on the ROOM stage, all in one room.
+"""Drawing of a scene's parts on the ROOM stage, life-size in one room.
 
 A part type names its drawing by reference (`mocapella.model.part_types.PartType.drawing`): a `DrawPart`, or just a
 function like `DrawPart.draw`:
@@ -37,12 +37,12 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RoomView:
-    """From where the room is looked at.
+    """Viewpoint from which the room is drawn.
 
     Attributes:
         perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
-        seen: from where each person was seen.
-        floors: how high the perspective is over the floor.
+        seen: last known poses of the sensors and of each person's views.
+        floors: height of each perspective above the floor.
     """
 
     perspective: str
@@ -51,35 +51,36 @@ class RoomView:
 
     @property
     def T_stage_perspective(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4) from the perspective's camera space to the stage, whose floor is level and at y = 0."""
+        """Transform (4, 4) from the perspective's camera space to the stage, whose floor is level and at y = 0."""
         return self.floors.level(self.perspective)
 
     @property
     def T_stage_world(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4) from the world to the stage; NaN where the perspective's place in the world is not known."""
+        """Transform (4, 4) from the world to the stage; NaN if the perspective's pose in the world is unknown."""
         T = self.seen.from_shared_world(self.perspective)
         return np.full((4, 4), np.nan) if T is None else self.T_stage_perspective @ T
 
     def T_perspective_world(self, person: Person) -> Float64 | None:  # noqa: N802 - the field's notation
-        """(4, 4) from the world to the perspective's camera space; a method may give each person a world of its own.
+        """Return the transform (4, 4) from a person's world to the perspective's camera space.
 
-        None where the perspective's sensor has no place and never saw the person.
+        A method may use a separate world for each person (`mocapella.viewer.perspective`). None if the perspective's
+        sensor has no pose and never saw the person.
         """
         return self.seen.from_world(person, self.perspective)
 
 
 @dataclass(frozen=True, eq=False)
 class PartDrawing:
-    """What is drawn of the parts of one type, in the view's own space.
+    """Drawing of the parts of one type, in the view's space.
 
     Attributes:
         bones, joints: strokes, of `mocapella.viewer.bones`.
         halos: translucent balls.
-        tags: texts.
-        surfaces, skins: meshes; a part's mesh keeps its name.
+        tags: text labels.
+        surfaces, skins: meshes by name; a part's mesh keeps its name.
         unseen: names of parts that cannot be placed in the perspective.
-        sensors: (4, 4) where sensors stand that the parts were seen from, by name.
-        extent: (3,) and (3,) of an upright box that the camera goes along with; None where it need not.
+        sensors: poses (4, 4) by name of the sensors that saw the parts.
+        extent: two opposite corners (3,) of an upright box that the camera follows; None if it follows none.
     """
 
     bones: Strokes = NO_STROKES
@@ -104,12 +105,12 @@ NOTHING: Final = PartDrawing()
 
 @dataclass(frozen=True, eq=False)
 class ImageLines:
-    """What is drawn into a camera's image.
+    """Lines and text drawn over a camera's image.
 
     Attributes:
-        words: over the image, such as ``93%``; empty where there is nothing to say.
-        ends_px: (n, 2, 2) float32 ends of straight lines [px].
-        colours: (n,) of the lines.
+        words: text above the image, such as ``93%``; may be empty.
+        ends_px: (n, 2, 2) float32 end points of line segments [px].
+        colours: (n,) of the segments.
     """
 
     words: str
@@ -127,15 +128,15 @@ def _no_images(parts: tuple[Any, ...]) -> Mapping[str, ImageLines]:
 
 @dataclass(frozen=True, eq=False)
 class DrawPart:
-    """How the parts of one type are shown.
+    """Descriptor of the drawing of one part type.
 
     Attributes:
-        draw: parts, their scene and the `RoomView` as a `PartDrawing`. Where the perspective's place in the world is
-            not known, it is only called if ``own_places``.
-        own_places: whether parts are placed by themselves, with `RoomView.T_perspective_world`.
-        space: pose of the world in the `FREE` perspective, if the parts define one; else the identity.
-        images: drawings in the cameras' images, by camera: these images stand over the stage.
-        panel: makes the folder of such parts in the panel.
+        draw: function of the parts, their scene and the `RoomView`. If the perspective's pose in the world is unknown,
+            it is called only with ``own_places``.
+        own_places: whether each part is placed separately, with `RoomView.T_perspective_world`.
+        space: function that returns the pose of the world in the `FREE` perspective; None for the identity.
+        images: function that returns lines over camera images, by camera; these images are shown above the stage.
+        panel: creates the folder of such parts in the panel.
     """
 
     draw: Callable[[tuple[Any, ...], Scene, RoomView], PartDrawing]
@@ -146,7 +147,7 @@ class DrawPart:
 
 
 def drawing_of(name: str, troubles: PluginErrors) -> DrawPart | None:
-    """How parts of that type are shown; None where the type has no drawing, is unknown, or cannot be imported."""
+    """Return the drawing descriptor of a part type; None if it has none, is unknown, or cannot be imported."""
     kind = PART_TYPES.get(name)
     if kind is None or not kind.drawing:
         return None
@@ -164,7 +165,7 @@ def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, 
 
 
 def called(name: str) -> str:
-    """The drawing of a part type in words, for errors."""
+    """Return the name of a part type's drawing for error messages."""
     return f"scene part {name}"
 
 

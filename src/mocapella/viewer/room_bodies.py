@@ -1,4 +1,4 @@
-"""Fitted bodies in the room: skinned meshes, made again from their builds, and their outlines in cameras' images."""
+"""Draw fitted bodies in the room: skinned meshes, and their outlines over camera images."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ _LIMBS: Final = (
 
 
 def mesh_of(body: TrackedBody) -> RiggedMesh | None:
-    """The body's mesh; None while it is being made, where it cannot be, and where its joints are others."""
+    """Return the body's mesh; None while it is being built, if it cannot be built, or if its joints differ."""
     mesh = SHELF.mesh(body.build)
     return mesh if mesh is not None and mesh.joint_names == body.joint_names else None
 
 
 def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """What bodies show from a perspective: one alone in the colour of skin, several in their outlines' colours."""
+    """Draw bodies in a perspective: a single one in skin colour, several in the colours of their outlines."""
     T = room.T_stage_world
     bones: list[Strokes] = []
     joints: list[Strokes] = []
@@ -102,9 +102,9 @@ def body_tag(body: TrackedBody, scene: Scene) -> str:
 
 
 def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
-    """Where the world of bodies stands: the first one faces the viewer, all stand on the floor in the stage's middle.
+    """Return a pose of the world such that the first body faces the viewer, and all stand in the stage's centre.
 
-    Up is the axis of the world that is nearest to the first body's own.
+    The vertical is the signed world axis nearest to the first body's own up.
     """
     first = bodies[0]
     up = first.T_world_model[:3, 1]
@@ -170,7 +170,7 @@ def _softer(colour: Colour) -> Rgb:
 
 
 def body_images(bodies: tuple[TrackedBody, ...]) -> Mapping[str, ImageLines]:
-    """Each model's outline in its own colour, and the image's where it is outside of it, red, or inside, blue."""
+    """Return each model's outline in its colour, and the image contour's deviations: outside in red, inside in blue."""
     views: dict[str, list[tuple[int, TrackedBody, TrackedBodyView]]] = {}
     for k, body in enumerate(bodies):
         for view in body.views:
@@ -195,7 +195,7 @@ def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
 
 
 def view_words(view: TrackedBodyView) -> str:
-    """How well the outlines agree, or that the image does not count."""
+    """Return the overlap of the outlines in percent, or a note that the image is not used."""
     if view.left_out:
         return "left out"
     return "not in the image" if np.isnan(view.overlap) else f"{view.overlap:.0%}"

@@ -1,4 +1,4 @@
-"""Rigid things in the room: their outlines, and their names."""
+"""Draw rigid objects in the room: boxes and names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OVER: Final = np.array([0.0, 0.05, 0.0])
 
 
 def draw_objects(objects: tuple[TrackedObject, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """What things show from a perspective; thinner where one is only as last seen."""
+    """Draw objects in a perspective; an object that is not seen now has thinner lines."""
     bones: list[Strokes] = []
     tags = []
     for thing in objects:

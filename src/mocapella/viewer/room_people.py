@@ -1,4 +1,4 @@
-"""People in the room: the fused skeleton, and each sensor's view of it in the person's colour.
+"""Draw people in the room: the fused skeleton, and each sensor's view of it in the person's colour.
 
 In a sensor's perspective the fused skeleton shows what the other sensors add: joints that this sensor measures are
 white, joints that only another sensor measures are green, and joints that no sensor measures are grey.
@@ -89,9 +89,9 @@ def called(person: Person) -> str:
 
 
 def joint_colours(person: Person, perspective: str, topology: Topology) -> NDArray[np.uint8]:
-    """(joints, 3) colours of a fused skeleton: who measures each joint, as seen from a perspective.
+    """Return colours (joints, 3) of a fused skeleton, which show the sensors that measure each joint.
 
-    In the `FREE` perspective no sensor is singled out, and every measured joint is white.
+    The colours are those of the module's text; in the `FREE` perspective, every measured joint is white.
     """
     colours = np.tile(np.array(FUSED, np.uint8), (len(topology), 1))
     measured = np.asarray(person.states) == JointState.TRACKED

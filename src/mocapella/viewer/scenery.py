@@ -27,18 +27,18 @@ _DECIMALS: Final = 3
 
 
 def room_surfaces(scenery: Scenery, room: RoomView) -> dict[str, Surface]:
-    """The obstacles in a perspective; none while no pose of a simulated sensor is known in it."""
+    """Return the obstacles in a perspective, by name; none until the pose of a simulated sensor is known in it."""
     T = _stage_room(scenery, room)
     return {} if T is None else _surfaces(scenery, T, _OPACITY)
 
 
 def lane_surfaces(scenery: Scenery, sensor: str, T_view_sensor: Float64) -> dict[str, Surface]:
-    """The obstacles in one sensor's lane; none for a sensor that is not of the simulated room.
+    """Return the obstacles in one sensor's lane, by name; none for a sensor outside the simulated room.
 
     Args:
         scenery: of the room.
-        sensor: whose lane it is.
-        T_view_sensor: (4, 4) from its camera frame to its lane in the view, which has a scale of its own.
+        sensor: name.
+        T_view_sensor: (4, 4) from the sensor's camera space to its lane in the view, including the lane's scale.
     """
     if sensor not in scenery.T_room_sensor:
         return {}

@@ -21,7 +21,7 @@ REACH_M = 4.5
 
 
 class PlaceState(Enum):
-    """How well a sensor's place is known."""
+    """Reliability of a sensor's pose."""
 
     GOOD = "good"
     DOUBTED = "doubted"
@@ -35,11 +35,11 @@ _COLOUR = {PlaceState.DOUBTED: AMBER, PlaceState.LOST: RED, PlaceState.UNKNOWN: 
 
 @dataclass(frozen=True, eq=False)
 class SensorMark:
-    """A sensor on the stage.
+    """Mark of a sensor on the stage.
 
     Attributes:
-        T: (4, 4), from its camera space to the view's own space; beside the stage where its place is unknown.
-        standing: how well the pose is known.
+        T: (4, 4), from its camera space to the view's space; beside the stage if its pose is unknown.
+        standing: reliability of the pose.
         words: its name and problem.
     """
 
@@ -48,19 +48,19 @@ class SensorMark:
     words: str
 
     def colour(self, own: Rgb) -> Rgb:
-        """The sensor's own, or that of the trouble."""
+        """Return the mark's colour: the sensor's ``own``, or that of the problem."""
         return _COLOUR.get(self.standing, own)
 
 
 def standing(place: SensorPlace, was_placed: bool) -> PlaceState:
-    """How well the place is known; ``was_placed``: it was known before."""
+    """Return the reliability of a sensor's pose; ``was_placed``: the pose was known before."""
     if place.T_world_sensor is None:
         return PlaceState.LOST if was_placed else PlaceState.UNKNOWN
     return PlaceState.DOUBTED if place.problem else PlaceState.GOOD
 
 
 def words(place: SensorPlace, how: PlaceState) -> str:
-    """``left``, ``left · not calibrated yet``, ``left · in doubt``, ``left · not used: it was moved``."""
+    """Return a sensor's label, such as ``left``, ``left · not calibrated yet`` or ``left · not used: it was moved``."""
     if how is PlaceState.GOOD:
         return place.sensor
     why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is PlaceState.LOST else ""
@@ -73,9 +73,9 @@ def marks(
     """Return the marks of all sensors of the scene.
 
     Args:
-        places: of the scene.
-        remembered: the last place that each sensor had.
-        T_stage_world: (4, 4); None where the stage's perspective has no place in the world itself.
+        places: sensor poses of the scene.
+        remembered: last known T_world_sensor (4, 4) of each sensor.
+        T_stage_world: (4, 4); None if the perspective's pose in the world is unknown.
     """
     made: dict[str, SensorMark] = {}
     aside = 0
@@ -91,7 +91,10 @@ def marks(
 
 
 def field_lines(T: Float64, field_deg: tuple[float, float]) -> NDArray[np.float32]:
-    """(8, 2, 3), the edges of the field of view of a sensor at ``T`` (4, 4): its pyramid of `REACH_M`."""
+    """Return the edges (8, 2, 3) of a sensor's field of view: a pyramid of height `REACH_M`.
+
+    ``T`` (4, 4) is the sensor's pose, ``field_deg`` its horizontal and vertical field of view [°].
+    """
     x, y = np.tan(np.radians(field_deg) / 2)
     corners = np.array([[x, y, 1.0], [-x, y, 1.0], [-x, -y, 1.0], [x, -y, 1.0]]) * REACH_M
     far = corners @ T[:3, :3].T + T[:3, 3]

@@ -1,7 +1,7 @@
-"""The Setup form's values: from a status to the fields, and back to a `Setup`.
+"""Values of the Setup form, and their conversion from a session's status and to a `Setup`.
 
-The fields are merged three ways, as a text under version control: what a user changed and has not applied yet stays,
-whatever else the server's setup changes under it.
+The fields are merged three ways, like a text under version control: a field that the user has edited but not applied
+keeps its value when the server's setup changes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ TILT_DEG, HEIGHT_M = (-90.0, 90.0), (0.0, 10.0)
 
 @dataclass(frozen=True)
 class PoseField:
-    """A sensor's pose as typed: degrees upwards, and metres above the floor."""
+    """A sensor's pose in the form: upward tilt [°] and height above the floor [m]."""
 
     tilt_deg: float
     height_m: float
 
     def check(self, sensor: str) -> None:
-        """Refuse an impossible pose, in the units of the form.
+        """Check that the pose is possible.
 
         Raises:
             SettingsError: names the sensor, the field, and its range.
@@ -49,7 +49,7 @@ class PoseField:
 
 @dataclass(frozen=True)
 class SetupFields:
-    """What stands in the form, in the units that a person types."""
+    """Values of the form's fields, in the units of the form."""
 
     method: str = Setup.method
     sensors_expected: int = 1
@@ -95,13 +95,13 @@ def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFie
 
 
 def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> dict[str, Any]:
-    """The argument of the ``setup`` command.
+    """Return the argument of the command ``setup``.
 
-    A sensor's pose is part of it when it was set up before or is edited now; any other sensor keeps saying its own.
+    It contains the pose of a sensor that was configured before or is edited now; other sensors report their own.
 
     Args:
-        shown: the form.
-        applied: the form as the server's setup would fill it.
+        shown: the form's present values.
+        applied: the form's values for the server's setup.
         setup: the server's setup.
 
     Raises:

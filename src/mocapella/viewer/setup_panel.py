@@ -26,7 +26,7 @@ HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
 
 
 class PoseInputs:
-    """A sensor's two fields, in a folder of its name. They take any number; `PoseField.check` refuses wrong ones."""
+    """Inputs of a sensor's pose, in a folder of its name; values are checked later, by `PoseField.check`."""
 
     def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
         with gui.add_folder(f"Sensor {sensor}") as self._folder:
@@ -39,7 +39,7 @@ class PoseInputs:
 
     @property
     def value(self) -> PoseField:
-        """What is typed."""
+        """Present values of the inputs."""
         return PoseField(self._tilt.value, self._height.value)
 
     @value.setter
@@ -48,11 +48,11 @@ class PoseInputs:
         set_value(self._height, pose.height_m)
 
     def enable(self, enabled: bool) -> None:
-        """Whether anything can be typed."""
+        """Enable or disable the inputs."""
         self._tilt.disabled = self._height.disabled = not enabled
 
     def remove(self) -> None:
-        """Take the folder away."""
+        """Remove the folder."""
         self._folder.remove()
 
 
@@ -92,7 +92,7 @@ class SetupPanel:
             self._write(self._applied)
 
     def show(self, status: SessionStatus | None, *, enabled: bool) -> None:
-        """Take up the server's setup, except in edited fields."""
+        """Show the server's setup, except in edited fields."""
         if status is not None and status.setup is not self._setup:
             self._take_up(status)
         edited = self._setup is not None and self._read() != self._applied

@@ -1,8 +1,8 @@
-"""What a stage of the view is: a descriptor, found by the references that a tracking method lists.
+"""Descriptor of a stage of the view, which tracking methods list by reference.
 
     METHOD = Method(..., stages=("mocapella.viewer.stages:ARMS", "mocapella.viewer.stages:ROOM"))
 
-The first stage that has something to show is shown, and the last one in any case.
+The view shows the first stage that has content; the last one is shown even without content.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh in the view's own space, seen from both sides."""
+    """A two-sided mesh in the view's space."""
 
     mesh: Mesh
     colour: Rgb
@@ -44,8 +44,8 @@ class Skin:
     """A rigged mesh in a pose.
 
     Attributes:
-        mesh: an unchanged mesh is the same object.
-        T_stage_parts: (parts, 4, 4) each part's motion, from the rest frame to the view's own space.
+        mesh: the mesh; an unchanged one must be the same object, so that it is not sent again.
+        T_stage_parts: (parts, 4, 4) each part's transform from the rest pose to the view's space.
         colour: of its surface.
         opacity: from 0 to 1.
     """
@@ -58,18 +58,18 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class TrackingDrawing:
-    """The Tracking stage of one perspective, ready to be drawn, in the view's own space.
+    """Content of the Tracking stage in one perspective, in the view's space.
 
     Attributes:
         bones, joints: strokes.
-        halos: translucent balls about joints that are unsure or only inferred.
-        tags: texts.
-        sensors: by name.
-        unseen: names of people whom the perspective's sensor never saw, who therefore cannot be placed in it.
-        scale: how many times larger than they are things are drawn.
-        there: whether anything is on the stage; else it says why it is empty.
-        surfaces, skins: by names that stay.
-        extent: (3,) and (3,) of an upright box that the camera goes along with; None where it stands still.
+        halos: translucent balls around uncertain or inferred joints.
+        tags: text labels.
+        sensors: marks by name.
+        unseen: names of people that the perspective's sensor never saw, so that they cannot be placed in it.
+        scale: enlargement of the content.
+        there: whether the stage has content; otherwise it shows why it is empty.
+        surfaces, skins: meshes by name; a part's mesh keeps its name.
+        extent: two opposite corners (3,) of an upright box that the camera follows; None if it stands still.
     """
 
     bones: Strokes = NO_STROKES
@@ -87,12 +87,12 @@ class TrackingDrawing:
 
 @dataclass(frozen=True, eq=False)
 class StageView:
-    """From where a stage is looked at.
+    """Viewpoint of a stage.
 
     Attributes:
         perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
-        seen: from where each person was seen; has learnt the scene.
-        floors: how high the perspective is over the floor.
+        seen: last known poses of the sensors and of each person's views, updated with the scene.
+        floors: height of each perspective above the floor.
         troubles: receives the drawing errors.
         scenery: the obstacles of a simulated room, if there is one.
     """
@@ -105,25 +105,25 @@ class StageView:
 
 
 class StageMemory(Protocol):
-    """What a stage remembers from scene to scene, in one view."""
+    """Interface of the state that a stage keeps from scene to scene."""
 
     def update(self, scene: Scene | None) -> Any:
-        """What is to be shown with the newest scene; None where there is nothing to show.
+        """Update with the newest scene; return the value that the stage draws with it, None if it has nothing to show.
 
-        A scene that was taken in already changes nothing.
+        A repeated scene changes nothing.
         """
 
 
 class NoMemory:
-    """Of a stage that shows each scene by itself."""
+    """Memory of a stage that needs only the scene itself."""
 
     def update(self, scene: Scene | None) -> Any:
-        """The scene."""
+        """Return the scene."""
         return scene
 
 
 def no_memory(props: Mapping[str, Callable[[], Any]]) -> StageMemory:
-    """See `NoMemory`."""
+    """Return a `NoMemory`."""
     return NoMemory()
 
 
@@ -132,16 +132,17 @@ class Stage:
     """A stage of the view.
 
     Attributes:
-        name: in words.
-        draw: a scene, what the memory made of it (both None before the first), and the view, as a drawing.
-        title: what stands before it, of its drawing and the perspective.
+        name: for the user.
+        draw: function of a scene, the value of `StageMemory.update` for it (both None before the first), and the
+            viewpoint.
+        title: function of the drawing and the perspective that returns the title in front of the stage.
         box: extent of its content.
-        elevation: how far the camera looks down at it alone [rad].
-        memory: makes its memory; is given, by name, what makes things that the view was asked to show beside the scene.
-        perspectives: whether it matters from whose eyes it is seen.
+        elevation: angle by which the camera looks down at the stage alone [rad].
+        memory: creates its memory, from functions by name that create props, such as a cloth.
+        perspectives: whether the drawing depends on the perspective.
         box_with_sensors: whether the camera also shows the sensors' gallery, until the user moves it.
-        pictures: whether cameras' images with the drawings of its parts stand over it.
-        panel: makes its readout, which is there while the stage is; None where it has none.
+        pictures: whether camera images with lines of its parts are shown above it.
+        panel: creates its folder in the panel, visible while the stage is; None for none.
     """
 
     name: str
@@ -157,5 +158,5 @@ class Stage:
 
 
 def enlarged_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Of a stage on which things are larger than they are."""
+    """Return the title of a stage with enlarged content."""
     return f"Tracking · {drawing.scale:.1f} times as large"

@@ -61,7 +61,10 @@ _MIDDLE: Final = np.array([0.0, 0.5 * _HIGH_M + 0.12, layout.stage_centre()[2]])
 
 @dataclass(frozen=True)
 class DrawingPanel:
-    """One of the views: its title, where it is (to the left of the middle) [m], and from where it looks [rad]."""
+    """One view of the arms: its title, its distance to the left of the stage's centre [m], and its angles [rad].
+
+    ``turn`` rotates the arms about the vertical, ``tilt`` is the angle by which the view looks down.
+    """
 
     title: str
     left_m: float
@@ -70,13 +73,13 @@ class DrawingPanel:
 
     @property
     def R(self) -> Float64:  # noqa: N802 - the field's notation
-        """(3, 3) from a world whose +z goes away from the camera; turned to who looks at the middle of the stage."""
+        """Rotation (3, 3) from a world whose +z points away from the camera, to the stage as the viewer sees it."""
         aside = np.arctan2(self.left_m, _EYE_M)
         return rotation_about_y(aside) @ rotation_about_x(-self.tilt) @ rotation_about_y(self.turn)
 
     @property
     def middle(self) -> Float64:
-        """(3,) of it on the stage [m]."""
+        """Centre (3,) of the view on the stage [m]."""
         return np.asarray(_MIDDLE + np.array([self.left_m, 0.0, 0.0]))
 
 
@@ -89,12 +92,12 @@ PANELS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class ArmsShown:
-    """What the stage of arms needs beside a scene.
+    """Values that the ARMS stage draws with a scene.
 
     Attributes:
-        centre: (3,) of the world, that is in the middle of each panel [m].
-        quality: how steady and right the arms are.
-        cloth: (rows, columns, 3), world [m]; None where there is none.
+        centre: (3,) point of the world that is the centre of each view [m].
+        quality: metrics of noise and misdetections.
+        cloth: (rows, columns, 3) points of a simulated cloth in the world [m]; None without one.
     """
 
     centre: Float64
@@ -103,11 +106,11 @@ class ArmsShown:
 
 
 def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 | None:
-    """What to look at: it stays while the palms are near, and follows slowly when they go away.
+    """Return the point (3,) to look at [m]: it stays while the palms are near, and follows slowly if they move away.
 
     Args:
-        arms: that there are.
-        before: (3,) previous target of the camera; None at first.
+        arms: present ones.
+        before: (3,) previous result; None at first.
     """
     palms = np.array([arm.points[PALM] for arm in arms]).reshape(-1, 3)
     palms = palms[np.isfinite(palms).all(axis=-1)]
@@ -123,11 +126,12 @@ def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 |
 
 
 class ArmsMemory:
-    """Takes in scenes as they come: what to look at, how good the arms are, and the cloth that they play with.
+    """Memory of the ARMS stage: the point to look at, the quality of the arms, and a cloth that the hands move.
 
     Args:
-        props: may have a cloth, by `CLOTH_PROP`: ``update(arms, eye, at_s)`` gives it, with ``positions`` (n, 3) and
-            its ``shape``, rows and columns, or None.
+        props: functions by name that create props. That of `CLOTH_PROP`, if any, creates a cloth simulation with
+            ``update(arms, eye, at_s)``, which returns a cloth with ``positions`` (n, 3) and ``shape`` (rows,
+            columns), or None.
     """
 
     def __init__(self, props: Mapping[str, Callable[[], Any]]) -> None:
@@ -140,7 +144,7 @@ class ArmsMemory:
         self._shown: ArmsShown | None = None
 
     def update(self, scene: Scene | None) -> ArmsShown | None:
-        """What belongs to the newest scene; None where there are no arms and were none of late."""
+        """Return the values for the newest scene; None if there are no arms and were none recently."""
         if scene is None or scene is self._scene:
             self._shown = None if scene is None else self._shown
             return self._shown
@@ -160,7 +164,7 @@ class ArmsMemory:
 
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
-    """What a scene's arms show in all panels; its ``halos`` are the joints that are inferred, which are hollow."""
+    """Draw a scene's arms in all views; the drawing's ``halos`` are the inferred joints."""
     joints: list[Any] = []
     hollow: list[Any] = []
     lines, tags = [], []
@@ -256,7 +260,7 @@ def _tag(text: str, at: Float64, above_m: float, visible: bool = True) -> Tag:
 
 
 def cloth_mesh(grids: Float64) -> tuple[Mesh, Mesh]:
-    """Several pieces of cloth (pieces, rows, columns, 3) [m] as the checks of one colour, and of the other."""
+    """Return pieces of cloth (pieces, rows, columns, 3) [m] as two meshes, one for each colour of its checks."""
     pieces, rows, columns, _ = grids.shape
     vertices = grids.reshape(-1, 3).astype(np.float32)
     one, other = _cloth_faces(pieces, rows, columns)

@@ -1,6 +1,6 @@
 """The HANDS stage: enlarged hands with their markers, their cameras and the objects that they hold.
 
-The stage's space has the cameras in front: whoever looks at it sees the hand as the cameras do.
+The cameras are in front of the stage, so that the viewer sees the hand as the cameras do.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _OVER: Final = np.array([0.0, 0.18, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class StageOfHands:
-    """From the world to the stage: p_stage = scale · R · (p_world − centre) + middle.
+    """Transform from the world to the stage: p_stage = scale · R · (p_world − centre) + middle.
 
     Attributes:
         R: (3, 3).
         centre: (3,) of the world [m].
-        scale: how many times larger.
+        scale: enlargement.
     """
 
     R: Float64
@@ -70,18 +70,18 @@ class StageOfHands:
         return cls(rotation_about_y(-np.arctan2(forward[0], forward[2])), centre, scale)
 
     def place(self, points: Float64) -> Float64:
-        """(..., 3) on the stage."""
+        """Transform points (..., 3) from the world to the stage [m]."""
         return self.scale * (points - self.centre) @ self.R.T + layout.stage_centre()
 
     def place_sensor(self, T_world_sensor: Float64) -> Float64:
-        """(4, 4) on the stage."""
+        """Return a sensor's pose (4, 4) on the stage."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.R @ T_world_sensor[:3, :3], self.place(T_world_sensor[:3, 3])
         return T
 
 
 def hands_drawing(scene: Scene) -> TrackingDrawing:
-    """What a scene of hands shows."""
+    """Draw a scene of hands."""
     stage = StageOfHands.of(scene)
     bones, joints, halos, tags = [], [], [], []
     hands = [hand for hand in scene.hands if np.isfinite(hand.landmarks).all(axis=-1).any()]
@@ -116,7 +116,7 @@ def hands_drawing(scene: Scene) -> TrackingDrawing:
 
 
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
-    """(21,) whether the landmark's joint is at one of its limits."""
+    """Return for each landmark (21,) whether its joint is at one of its limits."""
     limits, angles = hand_model("full").limits, hand.angles
     at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))
     at_end &= limits[:, 1] > limits[:, 0]

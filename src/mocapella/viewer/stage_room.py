@@ -1,4 +1,4 @@
-"""The ROOM stage: all parts of a scene life-size in one room, seen from a sensor, or free."""
+"""The ROOM stage: all parts of a scene life-size in one room, in a sensor's or the `FREE` perspective."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 
 
 def draw_room(scene: Scene | None, shown: Any, view: StageView) -> TrackingDrawing:
-    """What the room shows from a perspective; without a scene it is empty."""
+    """Draw all parts of a scene in a perspective; the drawing is empty without a scene."""
     room = RoomView(view.perspective, view.seen, view.floors)
     drawn: dict[str, PartDrawing] = {}
     for name, parts in scene.parts.items() if scene is not None else ():
@@ -69,7 +69,7 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
 
 
 def room_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """The frame that people are shown in, and who cannot be shown in it."""
+    """Return the title: the frame of reference, and the people who cannot be shown in it."""
     title = "Tracking · world frame" if perspective == FREE else f"Tracking · camera frame of {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"

@@ -1,4 +1,4 @@
-"""The stages that ship with Mocapella, and which of a method's is shown.
+"""The stages that ship with Mocapella, and the choice among a method's stages.
 
 Methods refer to them as ``mocapella.viewer.stages:ROOM``, ``:ARMS`` and ``:HANDS``.
 """
@@ -30,8 +30,8 @@ class StageChoice:
     """Chooses the stage of each scene, with the memory of all stages of one view.
 
     Args:
-        methods: by name of a method, references to its stages; a method that is not there has the ROOM.
-        props: by name, what makes objects that stages may show beside a scene.
+        methods: references to the stages of each method, by its name; other methods have the ROOM.
+        props: functions by name that create objects that stages may show beside a scene.
         troubles: receives the error of a stage that cannot be used; that stage is skipped.
     """
 
@@ -43,7 +43,7 @@ class StageChoice:
         self._memories: dict[str, StageMemory] = {}
 
     def update(self, scene: Scene | None, method: str) -> tuple[Stage, Any]:
-        """The stage of the newest scene, and what its memory makes of it."""
+        """Return the stage of the newest scene, and the value of its `StageMemory.update`."""
         chosen: tuple[Stage, Any] = ROOM, scene
         found = False
         stages = self._stages(method)

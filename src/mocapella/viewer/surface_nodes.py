@@ -1,4 +1,4 @@
-"""Surfaces of one stage by name: made when they first appear, and hidden while they are not drawn."""
+"""Scene nodes of a stage's surfaces by name: created when they first appear, and hidden while not drawn."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocapella.viewer.stage import Surface
 
 
 class SurfaceNodes:
-    """The surfaces of a stage below one name of the 3D scene."""
+    """The surfaces of a stage, as children of one node of the 3D scene."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name

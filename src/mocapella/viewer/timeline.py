@@ -1,4 +1,4 @@
-"""What was shown lately, so that each browser can stop, go back, and play it again."""
+"""Recently shown scenes, so that each browser can pause, go back and replay them."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _VALUE_BYTES: Final = 120
 
 @dataclass(frozen=True, eq=False)
 class ShownPicture:
-    """A camera's picture, and the scene of the instant at which it was captured.
+    """A camera image, and the scene of its capture time.
 
     Attributes:
-        picture: the file.
-        scene: scene to draw into it; None if there is none of that instant.
-        at_s: when it came, on the timeline's clock [s].
+        picture: the encoded image.
+        scene: scene to draw over it; None if there is none of that time.
+        at_s: when it arrived, on the timeline's clock [s].
     """
 
     picture: SizedPicture
@@ -48,16 +48,16 @@ class ShownPicture:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """All that is shown at once.
+    """Everything that is shown at one time.
 
     Attributes:
         at_s: time of the scene, on the common clock [s].
-        scene: the tracker's result; None where there is none.
-        frames: each sensor's newest, by its name.
+        scene: the tracker's result; None if there is none.
+        frames: each sensor's newest frame, by its name.
         stage: of the scene.
-        shown: what the stage's memory made of the scene.
-        seen: from where each person was seen then.
-        pictures: by camera.
+        shown: value that the stage's memory derived from the scene (`StageMemory.update`).
+        seen: poses of the sensors and of each person's views at that time.
+        pictures: camera images by camera.
     """
 
     at_s: float
@@ -70,11 +70,11 @@ class Moment:
 
 
 class Timeline:
-    """The moments that are kept, by numbers that stay: 0, 1, 2, … since it began.
+    """The stored moments, numbered 0, 1, 2, … from the beginning, also after old ones are dropped.
 
     Attributes:
-        done: whether no more come: the end of a run of files.
-        world: grows by one when it begins anew.
+        done: whether no more moments follow, because a run of files has ended.
+        world: number of restarts.
     """
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class Timeline:
         return self._moments[self.nearest(number) - self.first]
 
     def nearest(self, number: int) -> int:
-        """The number, or that of the nearest moment that is kept."""
+        """Return the number of the stored moment nearest to this number."""
         return min(max(number, self.first), self.last)
 
     def add(self, moment: Moment) -> None:
@@ -129,18 +129,18 @@ class Timeline:
             self._let_go(max(1, min(LET_GO, len(self._moments) // 10)))
 
     def number_at(self, at_s: float) -> int:
-        """Number of the last moment that is not after a time [s]; the first one's where all are."""
+        """Return the number of the last moment up to a time [s]; that of the first one if all are later."""
         return self.first + max(0, bisect.bisect_right(self._at_s, at_s) - 1)
 
     def scene_near(self, at_s: float, within_s: float) -> Scene | None:
-        """The scene nearest to a time [s]; None where none is within so much of it."""
+        """Return the scene nearest to a time [s]; None if none is within ``within_s`` of it."""
         k = bisect.bisect_left(self._at_s, at_s)
         around = [n for n in (k - 1, k) if 0 <= n < len(self._at_s)]
         best = min(around, key=lambda n: abs(self._at_s[n] - at_s), default=None)
         return None if best is None or abs(self._at_s[best] - at_s) > within_s else self._moments[best].scene
 
     def lately(self, number: int, seconds: float) -> tuple[list[float], list[Scene]]:
-        """Times [s] and scenes of the last so many seconds up to that moment, or the nearest that is kept."""
+        """Return times [s] and scenes of the last ``seconds`` up to the stored moment nearest to a number."""
         if not self._moments:
             return [], []
         end = self.nearest(number) - self.first + 1
@@ -168,7 +168,7 @@ class Timeline:
 
 
 class PlayState(StrEnum):
-    """What a browser shows of the timeline."""
+    """State of a browser on the timeline."""
 
     NOTHING = "Getting ready"
     FOLLOWING = "Following"
@@ -178,13 +178,13 @@ class PlayState(StrEnum):
 
 
 class Playhead:
-    """Where one browser is on a timeline. Callbacks set ``playing`` and ``wish``; the loop that draws does the rest.
+    """Position of one browser on a timeline. Callbacks set ``playing`` and ``wish``; the drawing loop does the rest.
 
     Attributes:
-        playing: whether it goes on by itself.
-        wish: number of the moment that the user chose, until it is taken.
-        newest: whether the user asked to follow live scenes, until it is done.
-        number: of the moment that is shown; None: the newest, whichever it is.
+        playing: whether the position advances by itself.
+        wish: number of the moment that the user chose, until `update` uses it.
+        newest: whether the user asked to follow live scenes, until `update` does so.
+        number: of the shown moment; None: always the newest.
     """
 
     def __init__(self, timeline: Timeline) -> None:
@@ -202,7 +202,7 @@ class Playhead:
 
     @property
     def state(self) -> PlayState:
-        """In a word."""
+        """State of the browser on the timeline."""
         timeline = self._timeline
         if not len(timeline):
             return PlayState.NOTHING

@@ -15,7 +15,7 @@ EVERY_S: Final = 0.2
 
 
 class TimelinePanel:
-    """The folder "Timeline". Callbacks leave wishes at the playhead, which the loop that draws takes.
+    """The folder "Timeline". Callbacks leave requests at the playhead, which the drawing loop carries out.
 
     Args:
         gui: of the browser.
@@ -48,7 +48,7 @@ class TimelinePanel:
             self._playhead.newest = True
 
     def show(self, now_s: float) -> None:
-        """Bring it up to where the browser is."""
+        """Show the browser's position on the timeline."""
         timeline, playhead = self._timeline, self._playhead
         label = "Pause" if playhead.playing else "Play"
         if self._button.label != label:
@@ -75,7 +75,7 @@ class TimelinePanel:
 
 
 def timeline_html(timeline: Timeline, playhead: Playhead) -> str:
-    """Which frame is shown, of how many that are kept, and how long ago that was."""
+    """Return as HTML the number of the shown frame, the number of stored frames, and the shown frame's age."""
     if not len(timeline):
         return _small("Nothing was shown yet.", GREY.css)
     count, place = len(timeline), playhead.shown - timeline.first + 1

@@ -1,4 +1,4 @@
-"""The Tracking stage in one browser: draws whatever a stage says, for each browser may take another perspective."""
+"""Scene nodes of the Tracking stage in one browser, because each browser may have another perspective."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _FLOOR = np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_
 
 
 def tracking_title(stage: Stage, drawing: TrackingDrawing, perspective: str) -> Tag:
-    """What stands before a stage."""
+    """Return the title in front of a stage as a label."""
     return Tag(stage.title(drawing, perspective), layout.title_place(stage.box))
 
 
 class TrackingStage:
-    """Draws it. Nothing is sent of a drawing that is shown already."""
+    """Scene nodes of the Tracking stage. A drawing that is already shown is not sent again."""
 
     def __init__(self, scene: viser.SceneApi, colours: SensorColours, fields: Fields) -> None:
         self._scene, self._colours, self._fields = scene, colours, fields
@@ -81,20 +81,20 @@ class TrackingStage:
         camera: LabelCamera | None = None,
         lanes: Sequence[tuple[float, Sequence[Tag]]] = (),
     ) -> None:
-        """Show it.
+        """Show a drawing.
 
         Args:
             stage: whose drawing it is.
             drawing: its content.
             perspective: a sensor's name, or free.
-            empty: stands on the stage while nothing does.
-            conditions: lines over the title while something does.
-            eyes: the browser looks through the perspective's sensor, which would be in the way.
-            fields: whether what each sensor can see is drawn.
-            named: whether the sensors' names stand beside them.
-            along: (3,) what the camera goes along with: the floor and title do, too; None where they stay.
-            eye: (3,) where the viewer is: sensors are as large from there wherever they stand; None: as usual.
-            camera: keeps labels apart on the screen; None if it is not known yet.
+            empty: text on an empty stage.
+            conditions: lines above the title of a stage with content.
+            eyes: whether the browser looks through the perspective's sensor, which is then hidden.
+            fields: whether the sensors' fields of view are drawn.
+            named: whether the sensors' names are shown.
+            along: (3,) point that the camera follows; floor and title move with it. None if they stay.
+            eye: (3,) position of the viewer, from which all sensors appear equally large; None for their usual size.
+            camera: of the browser, to keep labels apart on the screen; None if unknown.
             lanes: font scale and labels of the gallery, which the labels of this stage must not cover.
         """
         self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
@@ -125,7 +125,7 @@ class TrackingStage:
         self._tags.draw(people)
 
     def draw_trails(self, key: tuple[object, ...], lines: Any) -> None:
-        """Show the trails, ``lines()``: points and colours (n, 2, 3); nothing where the key is the last one."""
+        """Show the trails that ``lines()`` returns, points and colours (n, 2, 3), if ``key`` has changed."""
         if self._trails_of != key:
             self._trails_of = key
             self._trails.draw(*lines())

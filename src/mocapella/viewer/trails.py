@@ -1,4 +1,4 @@
-"""Trails: the recent paths of people, as lines that fade."""
+"""Trails: the recent paths of people, as fading lines."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TrailOf(StrEnum):
 
 @dataclass(frozen=True)
 class TrailChoice:
-    """What a browser shows: trails of what, and how many seconds back."""
+    """A browser's choice: the body part that leaves trails, and their duration [s]."""
 
     of: TrailOf = TrailOf.NOTHING
     seconds: float = 10.0
@@ -77,7 +77,7 @@ class Trails:
         self._who: dict[int, Person] = {}
 
     def learn(self, scene: Scene, world: int) -> None:
-        """Take a sample, when it is time; ``world`` is `Perspectives.world`, and another one begins anew."""
+        """Take a sample if one is due; a changed ``world`` (`Perspectives.world`) drops all earlier samples."""
         at_s = scene.at_ns / NS_PER_S
         if world != self._world or at_s < self._now_s - LONGEST_S:
             self._people, self._world, self._now_s = {}, world, -np.inf
@@ -102,7 +102,7 @@ class Trails:
             of: the joint or floor point that leaves them.
             seconds: how far back they go.
             T_stage: (4, 4), world to stage, of a person; None where the person is not on the stage.
-            until_s: where they end, on the clock of scenes [s]; at the newest sample where left out.
+            until_s: their end, on the clock of the scenes [s]; by default the newest sample.
         """
         now_s = min(self._now_s, until_s)
         points, colours = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
@@ -128,7 +128,7 @@ class Trails:
 def trail_lines(
     trails: Trails, shown: TrailChoice, room: RoomView, until_s: float = np.inf
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """`Trails.lines` on the stage of a room."""
+    """Return `Trails.lines` on the ROOM stage."""
 
     def to_stage(person: Person) -> Float64 | None:
         T = room.T_perspective_world(person)

@@ -1,4 +1,4 @@
-"""What is shown at one beat of the view, made once for all browsers that want the same of it."""
+"""Drawings of one update of the view, computed once for all browsers that show the same."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NOTHING: Final = TrackingDrawing(there=False)
 
 @dataclass(frozen=True, eq=False)
 class Boards:
-    """Cameras' pictures over a stage.
+    """Camera images above a stage.
 
     Attributes:
         planes: pose of each, relative to the camera's target.
@@ -39,10 +39,10 @@ class Boards:
 
 
 class Drawings:
-    """Makes what browsers draw of moments; what two of them want, or two beats, is made once.
+    """Computes and caches the drawings of moments, for all browsers and for successive updates.
 
     Args:
-        known: what the view remembers.
+        known: memory of the view.
     """
 
     def __init__(self, known: ViewMemory) -> None:
@@ -53,7 +53,7 @@ class Drawings:
         self._planes: tuple[object, Mapping[str, Plane]] = (None, {})
 
     def begin(self) -> None:
-        """Begin the next beat: entries that the last beat did not use are dropped."""
+        """Begin the next update: drop the drawings that the last update did not use."""
         self._before, self._now = self._now, {}
 
     def tracking(self, moment: Moment, perspective: str) -> TrackingDrawing:
@@ -69,17 +69,17 @@ class Drawings:
         return self._once(("tracking", id(moment), perspective), moment, make)
 
     def gallery(self, moment: Moment, without: tuple[str, ...]) -> GalleryDrawing:
-        """The sensors' lanes, but for some."""
+        """Return the sensors' gallery of a moment, without some sensors."""
         lanes = (known := self._known).colours.sensors
         key = ("gallery", id(moment), lanes, without)
         return self._once(key, moment, lambda: gallery_drawing(moment.frames, known, without))
 
     def boards(self, moment: Moment) -> Boards:
-        """The pictures over the stage."""
+        """Return the camera images above the stage of a moment."""
         return self._once(("boards", id(moment)), moment, lambda: self._make_boards(moment))
 
     def cameras(self, scene: Scene | None) -> tuple[str, ...]:
-        """Cameras in whose images the scene's parts draw, in the order of their boards."""
+        """Return the cameras with lines of the scene's parts over their images, in the order of their boards."""
         return tuple(self._image_lines(scene))
 
     def _make_boards(self, moment: Moment) -> Boards:
@@ -131,14 +131,14 @@ def _size_px(size_px: tuple[int, int] | None) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class ViewNow:
-    """What all browsers are given at one beat.
+    """Input of all browsers for one update.
 
     Attributes:
-        moment: the newest.
-        status: the session's; None while no server answers, and where there is none.
+        moment: the newest one.
+        status: of the session; None without a server, or while it does not answer.
         board: state of the camera calibration; None if calibration is not available.
         drawings: of moments.
-        home: where "Reset View" puts the camera; None where it is left to the library.
+        home: camera pose of "Reset View"; None for viser's default.
         now_s: of a monotonic clock [s].
     """
 

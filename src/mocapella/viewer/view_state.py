@@ -26,14 +26,17 @@ _LONGER_SIDE_DEG: Final = 60.0
 
 
 class Ground:
-    """How the world lies on the stage, where the parts say it that scenes are about; another world begins anew."""
+    """Pose of the world on the stage, from the first parts of a world that define one."""
 
     def __init__(self) -> None:
         self.space: StageSpace | None = None
         self._step = -1
 
     def learn(self, scene: Scene, troubles: PluginErrors) -> StageSpace | None:
-        """Take up a scene."""
+        """Update with a scene; return the pose, None if its parts define none.
+
+        A step number that goes back means a new session, and drops the pose. Errors of a drawing go to ``troubles``.
+        """
         if scene.step < self._step:
             self.space = None
         self._step = scene.step
@@ -50,9 +53,9 @@ class ViewMemory:
     """The memory of the view; only the drawing loop changes it.
 
     Attributes:
-        fields: each sensor's field of view, across and high [°].
+        fields: each sensor's horizontal and vertical field of view [°].
         sizes_px: (width, height) of the images that sensors send, by sensor.
-        scenery: the obstacles of a simulated room; None where the view was not given any.
+        scenery: the obstacles of a simulated room; None without any.
     """
 
     troubles: PluginErrors = field(default_factory=PluginErrors)

@@ -40,18 +40,18 @@ _UP: Final = (0.0, 1.0, 0.0)
 
 
 class Viewer:
-    """Serves the view on one address. Its methods belong to one loop; commands run on a thread of their own.
+    """Serves the view on one address. Call its methods from one thread only; commands run on a separate thread.
 
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        command: carries out a verb with its arguments; may block. None: there is no server, as of a run of files: then
-            what commands it is not shown, and a ``status`` of None means nothing.
-        methods: the tracker's methods that the Setup form offers, and references to the stages of each; a method that
-            is not among them has the ROOM.
-        props: by name, functions, or references to functions, that make objects to be shown beside a scene, such as a
-            cloth; ``scenery`` makes a `mocapella.model.scenery.Scenery`.
-        ask: asks a camera's node; may block. Without it no picture of a camera is shown.
+        command: sends a command and its arguments to the server; may block. None for a run of files without a server:
+            then controls for commands are hidden, and a ``status`` of None is normal.
+        methods: the methods that the Setup form offers, and references to the stages of each; other methods have the
+            ROOM.
+        props: by name, functions or references to functions that create objects to be shown beside a scene, such as a
+            cloth; that of ``scenery`` returns a `mocapella.model.scenery.Scenery`.
+        ask: sends a request to a camera's node; may block. Without it no camera image is shown.
 
     Attributes:
         timeline: the recent scenes.
@@ -110,15 +110,15 @@ class Viewer:
     ) -> None:
         """Show the newest state in every browser; costs little while no browser is connected.
 
-        Call it steadily, at up to 30 Hz, also without news: it also serves browsers that have just connected.
+        Call it regularly, at up to 30 Hz, even if nothing has changed, because it also serves new browsers.
 
         Args:
-            scene: the tracker's newest result, None before the first.
+            scene: the tracker's newest result; None before the first.
             frames: each sensor's newest frame, by its name.
-            status: the session's newest, None while no server answers.
-            board: how a calibration of cameras goes; None where the commands of one (``calibrate`` …) are unknown.
-            pictures: cameras' images of the scene's own instant; None: the view requests the shown ones.
-            keep: whether the scene can be looked at later.
+            status: newest status of the session; None while no server answers.
+            board: progress of a camera calibration; None if the server cannot calibrate.
+            pictures: camera images of the scene's time; None: the view requests images itself.
+            keep: whether the scene is stored on the timeline.
         """
         now_s = time.monotonic()
         self._welcome(now_s)
@@ -137,11 +137,11 @@ class Viewer:
                 browser.show(now)
 
     def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
-        """Set each sensor's field of view, across and high [°], if its frames do not define it."""
+        """Set each sensor's horizontal and vertical field of view [°], if its frames do not define it."""
         self._known.fields.update(fields_deg)
 
     def end(self) -> None:
-        """Allow playing from the beginning, as no more scenes follow."""
+        """Mark the timeline as complete, so that it can be replayed from the beginning."""
         self.timeline.done = True
 
     def close(self) -> None:

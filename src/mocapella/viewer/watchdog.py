@@ -1,7 +1,7 @@
-"""What a page shows when nothing comes to it any more: no server, instead of people who stand as if frozen.
+"""Show a message on a page that has lost its server, so that people do not seem to stand still.
 
-A page that has lost its server cannot be told so. It therefore has the message from the first, hidden by a style
-animation that shows it after `LIMIT_S`; every `PERIOD_S` the element is replaced, and the animation begins anew.
+The server cannot notify such a page. The message is therefore present from the start, hidden by a style animation that
+reveals it after `LIMIT_S`. Every `PERIOD_S` the element is replaced, which restarts the animation.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Watchdog:
         self._html = gui.add_html(_html(0))
 
     def beat(self, now_s: float) -> None:
-        """The view is there; call it steadily with a monotonic time."""
+        """Keep the message hidden; call it regularly with a monotonic time [s]."""
         if now_s - self._last_s >= PERIOD_S:
             self._beats, self._last_s = self._beats + 1, now_s
             self._html.content = _html(self._beats)
