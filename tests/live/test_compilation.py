@@ -9,6 +9,7 @@ import pytest
 from support.distributions import distribution
 from support.programs import Program, free_port, wait_until
 
+from mocapella.errors import NotNowError
 from mocapella.live.compilation import Compilation
 from mocapella.live.session import Session
 from mocapella.model.scene import Phase
@@ -101,8 +102,27 @@ def test_a_session_that_was_to_wait_is_not_started_by_the_end_of_a_compilation(t
 def test_until_tracking_begins_the_state_gives_the_reason() -> None:
     session = Session(Setup(method="stand-still"), running=False, waiting_for="compiling")
     assert (session.state.phase, session.state.reason) == (Phase.STOPPED, "compiling")
+    session.ready()
+    assert (session.state.phase, session.state.reason) == (Phase.STOPPED, "")
     session.carry_out("start", {})
     assert (session.state.phase, session.state.reason) == (Phase.WAITING_FOR_SENSORS, "")
+
+
+@pytest.mark.parametrize("verb", ["start", "stop", "recalibrate"])
+def test_until_tracking_can_begin_commands_of_it_are_refused_with_the_reason(verb: str) -> None:
+    session = Session(Setup(method="stand-still"), running=False, waiting_for="compiling")
+    with pytest.raises(NotNowError, match=r"^getting ready: compiling$"):
+        session.carry_out(verb, {})
+    assert not session.running
+    session.carry_out("setup", {"method": "stand-still", "participant": 7})
+    assert (session.setup.participant, session.state.reason) == (7, "compiling")
+
+
+def test_the_end_of_a_wait_changes_nothing_in_a_session_that_tracks() -> None:
+    session = Session(Setup(method="stand-still"))
+    state = session.state
+    session.ready()
+    assert session.state == state
 
 
 def test_a_method_without_kernels_is_compiled() -> None:

@@ -70,6 +70,21 @@ def test_a_program_without_a_liveliness_token_holds_its_name_while_it_speaks() -
     assert registry.admit(B, 3 * S) == ""
 
 
+def test_drops_before_tracking_began_are_counted_and_told_apart() -> None:
+    registry = SensorRegistry()
+    registry.set_connected(A, True, 0)
+    for k in (0, 4):
+        registry.arrived(frame(k), A, k)
+    assert (row(registry, 5).frames_before, row(registry, 5).dropped_before) == (0, 0)
+    registry.tracking_began()
+    assert (row(registry, 5).frames_before, row(registry, 5).dropped_before) == (2, 3)
+    registry.arrived(frame(7), A, 7)  # the gap before it is of the time before
+    registry.arrived(frame(9), A, 9)
+    health = row(registry, 9)
+    assert (health.frames, health.dropped) == (4, 6)
+    assert (health.frames_before, health.dropped_before) == (2, 5)
+
+
 def test_gaps_are_drops_and_the_rate_is_that_of_late() -> None:
     registry = SensorRegistry()
     registry.set_connected(A, True, 0)

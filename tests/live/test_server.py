@@ -211,6 +211,44 @@ def test_opposite_commands_are_served_in_order_and_everybody_sees_the_last(
         other.close()
 
 
+@pytest.mark.parametrize("begin", [True, False])
+def test_no_client_can_start_tracking_before_the_server_is_ready(address: str, begin: bool) -> None:
+    waiting = Server(ServerSettings(address, setup=SETUP, running=False, waiting_for="compiling the method"))
+    try:
+        reader = open_reader(address)
+        try:
+            refused = send_command(reader, "start")
+            assert (refused.ok, refused.message) == (False, "getting ready: compiling the method")
+            assert refused.status is not None
+            assert (refused.status.getting_ready, refused.status.running) == (True, False)
+            assert "start was refused: getting ready: compiling the method" in waiting.status().notices
+            waiting.ready(begin=begin)
+            assert (waiting.status().getting_ready, waiting.status().running) == (False, begin)
+            again = send_command(reader, "start")
+            assert (again.ok, again.message) == ((False, "already running; stop first") if begin else (True, "started"))
+        finally:
+            reader.close()  # type: ignore[no-untyped-call]
+    finally:
+        waiting.close()
+
+
+def test_drops_before_tracking_began_are_told_apart(address: str) -> None:
+    waiting = Server(ServerSettings(address, setup=SETUP, running=False, waiting_for="compiling"))
+    try:
+        with NodeLink(address, "x") as link:
+            publish(link, 5)
+            wait_until("the frames", lambda: (row := sensor(waiting, "x")) is not None and row.frames > 0)
+            before = sensor(waiting, "x")
+            assert before is not None
+            assert (before.frames_before, before.dropped_before) == (0, 0)
+            waiting.ready(begin=True)
+            after = sensor(waiting, "x")
+            assert after is not None
+            assert after.frames_before >= before.frames
+    finally:
+        waiting.close()
+
+
 def test_names_that_two_give_are_served_in_order(server: Server, reader: zenoh.Session, address: str) -> None:
     other = open_reader(address)
     try:

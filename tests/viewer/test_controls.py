@@ -31,6 +31,12 @@ def test_of_every_pair_of_opposites_exactly_one_can_be_used(running, recording):
     assert can.setup
 
 
+def test_start_cannot_be_used_while_the_server_gets_ready():
+    waiting = status(running=False, phase="stopped", reason="compiling the tracking method")
+    assert not allowed(waiting).start
+    assert allowed(waiting) == dataclasses.replace(allowed(dataclasses.replace(waiting, reason="")), start=False)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_parts_can_be_there_that_the_method_makes_whether_or_not_there_are_any(method):
     counts = dict.fromkeys(METHODS[method].parts, 0)

@@ -254,6 +254,29 @@ def test_every_figure_of_a_sensor_is_shown():
         assert figure in text
 
 
+MANY = {"frames": 60, "dropped": 40, "rejected": 0}
+READY, GETTING_READY = status(), status(running=False, phase="stopped", reason="compiling the tracking method")
+
+
+@pytest.mark.parametrize(
+    ("session", "changes", "amber"),
+    [
+        (READY, MANY, True),
+        (READY, {**MANY, "dropped": 3}, False),
+        (GETTING_READY, MANY, False),
+        (GETTING_READY, {**MANY, "rejected": 1}, True),
+        (READY, {**MANY, "frames_before": 20, "dropped_before": 39}, False),
+        (READY, {**MANY, "frames_before": 20, "dropped_before": 30}, True),
+        (READY, {**MANY, "frames_before": 60, "dropped_before": 40}, False),
+    ],
+)
+def test_many_drops_are_amber_from_the_begin_of_tracking_on_and_always_counted(session, changes, amber):
+    row = health("front", **changes)
+    html = sensors_html(dataclasses.replace(session, sensors=(row,)), SensorColours())
+    assert (AMBER.css in html) == amber
+    assert f"{row.dropped + row.rejected} dropped" in Reader(html).text
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

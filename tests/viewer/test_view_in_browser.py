@@ -321,6 +321,15 @@ def test_a_participant_that_is_no_number_is_refused_in_the_page(server, tab):
     assert server.commands == []
 
 
+def test_start_is_disabled_while_the_server_gets_ready_and_the_page_says_why(server, tab):
+    server.change(reason="compiling the tracking method; tracking begins by itself")
+    tab.expect_enabled("Start", False)
+    tab.expect_state("Getting ready")
+    tab.expect_state("compiling the tracking method")
+    server.change(reason="")
+    tab.expect_enabled("Start")
+
+
 def test_a_slow_server_does_not_hold_up_the_view(server, tab):
     server.gate.clear()
     tab.button("Start").click()

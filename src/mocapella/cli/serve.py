@@ -58,6 +58,7 @@ VIEW_HOST = "127.0.0.1"
 
 
 COMPILING = "compiling the tracking method; tracking begins by itself"
+COMPILING_STOPPED = "compiling the tracking method; then press Start"
 BEGIN_IN_S = 2.0
 """From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
 
@@ -71,7 +72,7 @@ class LiveSession:
         view: its process.
         nodes: their processes.
         stop: ends the session.
-        compilation: of the method's kernels; tracking begins after it. None if they are compiled.
+        compilation: of the method's kernels; tracking cannot begin before its end. None if they are compiled.
         begins: whether tracking begins by itself then.
     """
 
@@ -83,14 +84,13 @@ class LiveSession:
     begins: bool = True
 
     def begin_if_compiled(self) -> None:
-        """Start tracking as soon as the method's kernels are compiled."""
+        """Allow tracking as soon as the method's kernels are compiled, and start it if the session ``begins``."""
         from mocapella.tracker import warm_up
 
         if self.compilation is not None and self.compilation.done:
             self.compilation = None
             warm_up(self.server.status().setup.method)
-            if self.begins:
-                self.server.begin()
+            self.server.ready(begin=self.begins)
 
 
 def say_url(url: str) -> None:
@@ -145,8 +145,7 @@ def live_session(
         if not compiled:
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
-            if begins:
-                settings = replace(settings, running=False, waiting_for=COMPILING)
+            settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
         server = Server(settings, say=say)
         stack.callback(server.close)
         view = stack.enter_context(Children())

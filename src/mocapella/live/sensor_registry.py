@@ -35,6 +35,7 @@ class _Entry:
     silent: bool = False
     frames: int = 0
     skipped: int = 0
+    before: tuple[int, int] | None = (0, 0)
     rejected: int = 0
     rejection: str = ""
     reported: set[str] = field(default_factory=set)
@@ -115,9 +116,16 @@ class SensorRegistry:
             self._notices.append(f'sensor "{node.sensor}" is back')
         entry.last_frame, entry.heard_ns, entry.silent = frame, arrived_ns, False
         entry.rejection = ""
+        if entry.before is None:
+            entry.before = entry.frames, entry.skipped
         entry.frames += 1
         entry.arrivals.append(arrived_ns)
         return entry.clock.update(frame.time_ns, arrived_ns)
+
+    def tracking_began(self) -> None:
+        """Tell apart each sensor's frames and drops so far, and the gap before its next frame."""
+        for entry in self._entries.values():
+            entry.before = None
 
     def rejected(self, node: NodeKey, reason: str) -> None:
         """Count a message of the node that was not accepted or not usable; report each reason once."""
@@ -188,6 +196,7 @@ def _health(entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int) ->
         problem = f"silent for {(now_ns - entry.heard_ns) / 1e9:.0f} s"
     else:
         problem = entry.rejection
+    frames_before, dropped_before = entry.before or (entry.frames, entry.skipped)
     return SensorHealth(
         name=entry.node.sensor,
         node_id=entry.node.node_id,
@@ -208,6 +217,8 @@ def _health(entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int) ->
         height=pose.height if pose else getattr(frame, "height", 0.0),
         problem=problem,
         pictures=kind is not None and kind.pictures,
+        frames_before=frames_before,
+        dropped_before=dropped_before,
         sends="skeletons" if frame is None else what_it_sends(frame),
         capture_offset=None if entry.clock.offset_ns is None else entry.clock.offset_ns / 1e9,
     )

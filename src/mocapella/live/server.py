@@ -60,7 +60,7 @@ class ServerSettings:
         method_settings: settings of the tracker's method.
         reserve_bytes: free disk space that a recording leaves.
         layout: the sensors' poses of the last session.
-        waiting_for: if tracking does not begin at once, what `Server.begin` waits for; shown until then.
+        waiting_for: if tracking cannot begin yet, the reason, shown until `Server.ready`; ``start`` is refused with it.
     """
 
     listen: str
@@ -263,6 +263,9 @@ class Server:
             message = self._record_by_name(arguments)
         elif verb in self._session.verbs:
             message = self._session.carry_out(verb, arguments)
+            if verb == "start":
+                with self._lock:
+                    self._registry.tracking_began()
             self._recording.record_command(verb, arguments)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
@@ -287,10 +290,11 @@ class Server:
                 newest = self._registry.newest()
             return self._recording.begin(path, resume=resume, newest=newest)
 
-    def begin(self) -> None:
-        """Start tracking, if it was not started yet."""
+    def ready(self, *, begin: bool) -> None:
+        """End the wait of `ServerSettings.waiting_for`; with ``begin``, start tracking, unless it was started."""
         with self._stepping:  # between two steps
-            if not self._session.running:
+            self._session.ready()
+            if begin and not self._session.running:
                 self._do("start", {})
                 self._watch_state()
 

@@ -48,7 +48,7 @@ class Session:
         method_settings: settings of its method.
         running: whether tracking begins at once.
         layout: the sensors' last known poses.
-        waiting_for: if tracking does not begin at once, the reason, which the state gives until it begins.
+        waiting_for: if tracking cannot begin yet, the reason, in the state until `ready`; ``start`` is refused with it.
 
     Attributes:
         setup: the present setup. Each method keeps its own settings while another method is set up.
@@ -79,6 +79,7 @@ class Session:
         self.next_step = 0
         self.names: dict[int, str] = {}
         self.problem = ""
+        self._waiting_for = waiting_for
         self._tracker = self._make_tracker(setup, self.method_settings)
         self.state = (
             TrackerState(Phase.WAITING_FOR_SENSORS, setup.sensors_expected) if running else _stopped(waiting_for)
@@ -97,6 +98,12 @@ class Session:
     def method_settings(self) -> dict[str, Any]:
         """Settings of the present method, by name."""
         return self._settings_of.get(self.setup.method, {})
+
+    def ready(self) -> None:
+        """Allow ``start`` from now on."""
+        if self._waiting_for:
+            self._waiting_for = ""
+            self.state = _stopped()
 
     def memory(self) -> dict[str, Any]:
         """Return arguments for a ``restore`` that lets another session continue like this one."""
@@ -145,6 +152,8 @@ class Session:
     def _start(self, _: Mapping[str, Any]) -> str:
         if self.running:
             raise NotNowError("already running; stop first")
+        if self._waiting_for:
+            raise NotNowError(f"getting ready: {self._waiting_for}")
         self._tracker = self._make_tracker(self.setup, self.method_settings)
         self.running = True
         self.next_step = 0
@@ -153,15 +162,19 @@ class Session:
         return "started"
 
     def _stop(self, _: Mapping[str, Any]) -> str:
-        if not self.running:
-            raise NotNowError("not running; start first")
+        self._check_running()
         self.running = False
         self.state = _stopped()
         return "stopped"
 
-    def _recalibrate(self, _: Mapping[str, Any]) -> str:
+    def _check_running(self) -> None:
         if not self.running:
-            raise NotNowError("not running; start first")
+            raise NotNowError(
+                f"getting ready: {self._waiting_for}" if self._waiting_for else "not running; start first"
+            )
+
+    def _recalibrate(self, _: Mapping[str, Any]) -> str:
+        self._check_running()
         self.layout = None
         self._tracker.recalibrate("asked for")
         return "recalibrating"

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mocapella.conventions import NOT_AVAILABLE
+from mocapella.model.scene import Phase
 from mocapella.settings import check
 
 PLACEMENTS: dict[str, int] = {"parallel": 0, "right-45": 1, "right-90": 2, "left-45": 3, "left-90": 4}
@@ -116,6 +117,7 @@ class SensorHealth:
         capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
             latency included [s]; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
+        frames_before, dropped_before: of ``frames`` and ``dropped``, those before tracking began.
     """
 
     name: str
@@ -139,6 +141,8 @@ class SensorHealth:
     pictures: bool = False
     capture_offset: float | None = None
     sends: str = "skeletons"
+    frames_before: int = 0
+    dropped_before: int = 0
 
 
 @dataclass(frozen=True)
@@ -202,6 +206,11 @@ class SessionStatus:
     version: str
     next_take: str = ""
     counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def getting_ready(self) -> bool:
+        """Whether the server prepares the method: it does not track yet, refuses ``start``, and gives the reason."""
+        return self.phase == Phase.STOPPED and bool(self.reason)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def allowed(status: SessionStatus | None) -> Allowed:
     if status is None:
         return Allowed()
     return Allowed(
-        start=not status.running,
+        start=not status.running and not status.getting_ready,
         stop=status.running,
         recalibrate=status.running,
         setup=True,

@@ -27,7 +27,7 @@ _MOST_LINES, _LONGEST_LINE = 3, 110
 _SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
 DROPPED_SHARE = 0.05
-"""From this share of the live frames on, dropped ones are amber."""
+"""From this share of the live frames on, those dropped since tracking began are amber."""
 NO_SENSOR = "No sensor delivers"
 GETTING_READY = "Getting ready"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
@@ -39,7 +39,7 @@ def status_html(status: SessionStatus | None) -> str:
         return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
     silent = _silent(status)
     title, colour = status.phase.capitalize(), _PHASE_COLOUR.get(status.phase, _GREY)
-    if _getting_ready(status):
+    if status.getting_ready:
         title, colour = GETTING_READY, _BLUE
     counts, sensors = status.counts, _plural(len(status.sensors), "sensor", "sensors")
     if status.running and silent:
@@ -101,7 +101,7 @@ def stage_text(status: SessionStatus | None) -> str:
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
         return NO_SENSOR
     title, why = status.phase.capitalize(), _detail(status, {})
-    if _getting_ready(status):
+    if status.getting_ready:
         title = GETTING_READY
     elif status.phase == Phase.STOPPED:
         why = "press Start to track"
@@ -128,7 +128,8 @@ def sensors_html(
 ) -> str:
     """Return the rows of the sensors, in the colours of their skeletons."""
     rows = status.sensors if status else ()
-    body = "".join(_sensor_row(row, colours.of(row.name), places.get(row.name)) for row in rows)
+    begun = status is not None and not status.getting_ready
+    body = "".join(_sensor_row(row, colours.of(row.name), places.get(row.name), begun=begun) for row in rows)
     return (
         f'<div class="mocapella-sensors" style="padding:0 12px 8px;{_SMALL};font-variant-numeric:tabular-nums">'
         + (body or f'<div style="color:{_GREY}">No sensor yet.</div>')
@@ -172,11 +173,6 @@ def _headline(title: str, colour: str, detail: str, facts: str) -> str:
         f'<div style="font-size:15px;line-height:1.35;margin-top:4px">{escape(detail)}</div>'
         f'<div style="font-size:13px;margin-top:6px;color:{_GREY}">{escape(facts)}</div></div>'
     )
-
-
-def _getting_ready(status: SessionStatus) -> bool:
-    """Return whether the server prepares the method: it does not track yet, and reports the reason."""
-    return status.phase == Phase.STOPPED and bool(status.reason)
 
 
 def _silent(status: SessionStatus) -> dict[str, str]:
@@ -227,7 +223,7 @@ def _seen_by(person: Person) -> str:
     return " · ".join(escape(view.sensor) + (sign if view.mirrored else "") for view in person.views)
 
 
-def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> str:
+def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None, *, begun: bool) -> str:
     health, health_colour = _health(row)
     where = " (this machine)" if row.local else ""
     dropped = row.dropped + row.rejected
@@ -239,7 +235,7 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
     facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
-    many = row.rejected > 0 or dropped > DROPPED_SHARE * (row.frames + dropped)
+    many = row.rejected > 0 or (begun and _drops_many(row))
     losses = [f'<span style="color:{_AMBER if many else "inherit"}">{dropped} dropped</span>']
     if row.clock_offset is not None:
         bound = "" if row.clock_bound is None else f" ± {row.clock_bound * 1000:.1f}"
@@ -252,6 +248,12 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None) -> st
         f'<div style="font-size:12px;color:{_GREY}">{" · ".join(facts)}<br>{" · ".join(losses)}</div>'
         f"{_place(place)}</div>"
     )
+
+
+def _drops_many(row: SensorHealth) -> bool:
+    """Return whether many frames were dropped since tracking began; before, compilation may need the processor."""
+    frames, dropped = row.frames - row.frames_before, row.dropped - row.dropped_before
+    return dropped > DROPPED_SHARE * (frames + dropped)
 
 
 def _place(place: SensorPlace | None) -> str:
