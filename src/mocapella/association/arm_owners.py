@@ -26,8 +26,8 @@ class ArmOwnerSettings:
     Attributes:
         take_m: mean distance of the joints within which an arm is assigned to a person …
         keep_m: … and within which it stays.
-        other_side_m: penalty of the limb of the other side.
-        switch_m: penalty of any limb but the present one.
+        other_side_m: penalty of assigning the arm to a limb of the other side.
+        switch_m: penalty of changing the arm's present limb.
     """
 
     take_m: float = 0.2

@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 
 class PersonViews(msgspec.Struct, frozen=True, eq=False):
-    """The views of one person, in the order of their sensors' names, and the person's id."""
+    """A person's id, and the person's views in the order of their sensors' names."""
 
     person: int
     views: tuple[PotentialSkeleton, ...]

@@ -111,7 +111,7 @@ class Jumps:
         self.seen: dict[str, SeenBodies] = {}
 
     def update(self, sensor: str, ids: Sequence[int], middles: Float64, at_s: float) -> Bools:
-        """Return whether each body is near a recent position of a body of the same sensor (which may swap ids).
+        """Compare a frame's bodies with recent positions of the same sensor's bodies, whatever their ids.
 
         Args:
             sensor: name.
@@ -120,7 +120,7 @@ class Jumps:
             at_s: capture time.
 
         Returns:
-            (bodies,) false for a body that jumped; true for a new one.
+            (bodies,) whether the body is near a recent position; false for a body that jumped, true for a new one.
         """
         s, numbers, there = self.settings, np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
         seen = self.seen.get(sensor)

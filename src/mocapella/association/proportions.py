@@ -42,17 +42,17 @@ def sizes(positions: Float64, topology: Topology) -> Float64:
 
 @cache
 def unknown_size() -> Float64:
-    """Return (2, lengths): running mean [m], and its number of values."""
+    """Return the record (2, lengths) of unmeasured lengths: running mean [m], and number of values."""
     return np.stack([np.full(len(LENGTHS), np.nan), np.zeros(len(LENGTHS))])
 
 
 def known_size(known: Float64) -> bool:
-    """Return whether at least half of the lengths have been measured."""
+    """Return whether a record (2, lengths) contains at least half of the lengths."""
     return bool(2 * (known[1] > 0).sum() >= known.shape[1])
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Return the mean squared difference of common lengths in standard deviations; infinite with less than a third.
+    """Return the mean squared difference of common lengths, in standard deviations; infinite if they are under a third.
 
     Args:
         one, other: (lengths,) [m].

@@ -43,7 +43,7 @@ def apart(one: Float64, other: Float64) -> float:
 
 @njit(cache=True)
 def is_placed(middle: Float64) -> bool:
-    """Return whether any middle joint is visible."""
+    """Return whether any joint on the body's middle line, (joints, 3), is visible."""
     for j in range(len(middle)):
         if np.isfinite(middle[j, 0]) and np.isfinite(middle[j, 1]) and np.isfinite(middle[j, 2]):
             return True
@@ -107,7 +107,7 @@ def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArra
     """Compute the cost of assigning each body of a frame to each person, and whether the gates allow it.
 
     Args:
-        frame, gates, tracks: see there.
+        frame, gates, tracks: the frame's bodies, the gating settings, and the tracks.
         expected: (tracks, middle joints, 3) predicted positions [m]; NaN or no joints where not known.
         result: written.
 
@@ -203,7 +203,13 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
 @njit(cache=True)
 def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
-    """Return the row of each of a sensor's bodies' person (bodies,); −1 for none."""
+    """Return the row (bodies,) of the person to whom each of a sensor's bodies was last assigned; −1 for none.
+
+    Args:
+        ids: (bodies,) tracking ids.
+        column: column of the sensor.
+        body, body_s: (tracks, sensors) of `TrackMemory`.
+    """
     rows = np.full(len(ids), -1, dtype=np.int64)
     for b in range(len(ids)):
         for r in range(len(body)):
@@ -214,7 +220,7 @@ def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
 
 @njit(cache=True)
 def index_of(number: int, ids: UInt64) -> int:
-    """Return the index of a number in ids; −1 if it is not there."""
+    """Return the index of ``number`` in ``ids``; −1 if it is missing."""
     for i in range(len(ids)):
         if ids[i] == number:
             return i

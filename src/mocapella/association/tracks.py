@@ -35,11 +35,11 @@ class TrackSettings:
         gate_m: largest distance of a body from the person's predicted position.
         stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person.
         speed_m_s: growth of the gate while the person is unseen.
-        widest_gate_m: its upper bound.
+        widest_gate_m: upper bound of the gate.
         confirm_after_s: a new person is reported after this time; a sensor's phantoms are shorter.
         forget_after_s: a person unseen for longer is dropped, and becomes a new one on return.
-        same_within_m: two tracks that no sensor sees together, and that stay this close, are one person.
-        same_after_s: for this long.
+        same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance …
+        same_after_s: … for this time.
         by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known.
         size_after_s: while a known person is missing, a new one is reported after this time, and is then recognised as
             the missing one with the most similar lengths, if similar enough.
@@ -189,7 +189,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @property
     def present(self) -> Bools:
-        """(tracks,) whether a sensor sees them."""
+        """Whether a sensor sees each track, (tracks,)."""
         return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
@@ -213,11 +213,14 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
 
 def assign(cost: Float64, allowed: Bools) -> Int64:
-    """Return the column of each row (n,), −1 for none: as many as allowed, at the least total cost.
+    """Solve the assignment of rows to columns: as many allowed pairs as possible, at the smallest total cost.
 
     Args:
-        cost: (n, m).
-        allowed: (n, m).
+        cost: (n, m) of each pair.
+        allowed: (n, m) whether the pair is allowed.
+
+    Returns:
+        (n,) column of each row; −1 for none.
     """
     from scipy.optimize import linear_sum_assignment
 

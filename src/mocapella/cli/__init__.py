@@ -1,7 +1,7 @@
 """The command line: one module for each command. A command imports its packages when it runs: ``--help`` stays quick.
 
-Exit status: 0, also when Ctrl-C ends a verb that runs until then; 1 for an error of ours; 2 for a command line that
-cannot be read; 130 when Ctrl-C ends a command before its result is complete.
+Exit status: 0 for success, also if Ctrl-C ends a command that runs until then; 1 for an error of
+`mocapella.errors`; 2 for an invalid command line; 130 if Ctrl-C ends a command before its result is complete.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line as a process of its own, which Ctrl-C and SIGTERM end."""
+    """Run the program's command line; Ctrl-C and SIGTERM end the process."""
     _end_at_once_on_signals(0 if sys.argv[1:2] and sys.argv[1] in RUN_UNTIL_CTRL_C else INTERRUPTED)
     try:
         run(sys.argv[1:])
@@ -27,10 +27,10 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> None:
-    """Do what a command line says; an error of ours is one line on standard error and exit status 1.
+    """Run a command line; an error of `mocapella.errors` is printed as one line and gives exit status 1.
 
     Raises:
-        SystemExit: at its end, with the exit status.
+        SystemExit: always, with the exit status.
     """
     from mocapella.cli.moved import moved
 

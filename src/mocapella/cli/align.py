@@ -1,4 +1,4 @@
-"""``mocapella calibrate space``: another tracker's space, in the world of the cameras."""
+"""``mocapella calibrate space``: the pose of another tracker's space in the world of the cameras."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ DEFAULT_DETECTOR: Final = "kinematic-arm"
 
 
 def check_detector(name: str | None) -> str | None:
-    """List the detectors where that is asked for; refuse a name that is not one of them."""
+    """Return a detector's name if it is valid; print the list of detectors for ``help``."""
     from mocapella.detectors import arm_detector, arm_detectors
 
     if name == "help":
@@ -77,7 +77,7 @@ def _refuse_method(name: str | None) -> None:
 
 
 def not_method(name: str) -> str:
-    """Say that ``--method NAME``, which chose a detector in earlier versions, is ``--detector NAME`` now."""
+    """Return the message that the former option ``--method NAME`` is now ``--detector NAME``."""
     from mocapella.detectors import RENAMED
 
     return f"--method {name}: the option is --detector now; write --detector {RENAMED.get(name, name)}"

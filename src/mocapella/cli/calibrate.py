@@ -188,10 +188,10 @@ def draw(
 
 
 def named_inputs(texts: Sequence[str]) -> dict[str, str]:
-    """Paths by camera name.
+    """Parse ``[NAME=]PATH`` texts; return the paths by camera name.
 
     Raises:
-        SettingsError: a name that cannot be used, or one twice.
+        SettingsError: an invalid or repeated name.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -230,10 +230,10 @@ def _lenses(cameras: Mapping[str, Any], inputs: Mapping[str, str], path: Path) -
 def look(
     inputs: Mapping[str, str], board: Board, wanted: Any, board_file: str
 ) -> tuple[list[BoardView], dict[str, int]]:
-    """The board in all pictures of all cameras, and how many pictures each has.
+    """Detect the board in the images of all cameras; return its views, and the number of images of each camera.
 
     Raises:
-        CalibrationError: a camera never sees it; says what its pictures show instead.
+        CalibrationError: a camera never sees the board; the message describes what its images show.
     """
     from mocapella.sensing.boards import BoardDetector, why_not_found
     from mocapella.sources.video import pictures
@@ -338,7 +338,7 @@ def _instant_of(frame: int, instants: Mapping[tuple[str, int], int]) -> int:
 
 
 def show(found: CameraCalibration, out: Console) -> None:
-    """The tables for a person."""
+    """Print the calibration as tables."""
     from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 
     shown = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)

@@ -1,4 +1,4 @@
-"""``mocapella node camera``: a camera whose images are sent themselves."""
+"""``mocapella node camera``: a camera whose images are published."""
 
 from __future__ import annotations
 

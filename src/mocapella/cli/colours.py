@@ -1,4 +1,4 @@
-"""``mocapella calibrate colours``: the markers' colours, learnt by pointing at them, and shown."""
+"""``mocapella calibrate colours``: learn the markers' colours from their positions in an image, and check them."""
 
 from __future__ import annotations
 
@@ -146,10 +146,10 @@ def check(
 
 
 def points(texts: list[str]) -> dict[str, tuple[float, float]]:
-    """``red=301,84`` → its name and place.
+    """Parse texts such as ``red=301,84``; return the position [px] by name.
 
     Raises:
-        SettingsError: it is something else, or a name comes twice.
+        SettingsError: a text has another form, or a name is repeated.
     """
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
@@ -165,7 +165,7 @@ def points(texts: list[str]) -> dict[str, tuple[float, float]]:
 
 
 def show(found: Separability, out: Console) -> None:
-    """How well each colour can be told from the rest."""
+    """Print how well each colour is separated from the background and from the other colours."""
     table = Table(title="colours", title_justify="left")
     for heading in ("colour", "told from the rest, %", "in the background, %", "nearest colour"):
         table.add_column(heading, justify="left" if heading in ("colour", "nearest colour") else "right")

@@ -36,11 +36,11 @@ class KeySpec:
     """Annotation of a settings field.
 
     Attributes:
-        meaning: what `--set help` prints, a sentence.
-        unit: of a number; of a text, its form, such as ``NAME=MS``.
+        meaning: description for `--set help`, a sentence.
+        unit: unit of a number, or form of a text, such as ``NAME=MS``.
         least: smallest value.
         most: largest value.
-        choices: all values, of a text that has few.
+        choices: the valid values of a text, if there are few.
     """
 
     meaning: str
@@ -178,7 +178,7 @@ def read_settings(
         kind: dataclass of the command's own keys.
         file: TOML, or None.
         pairs: ``KEY=VALUE`` each.
-        others: keys of what the remaining settings are for, such as a tracking method.
+        others: valid names of the remaining settings, such as a tracking method's.
 
     Returns:
         The command's settings, and the remaining ones by name.
@@ -212,10 +212,10 @@ def read_settings(
 
 
 def read_keys(kind: type[K], file: Path | None, pairs: Sequence[str] | None) -> K:
-    """Parse the settings of a command that has no others.
+    """Parse the settings of a command without a tracking method or detector.
 
     Raises:
-        InputError, SettingsError: as `read_settings`, and for every unknown key.
+        InputError, SettingsError: as in `read_settings`; also for every unknown key.
     """
     settings, rest = read_settings(kind, file, pairs)
     for name in rest:

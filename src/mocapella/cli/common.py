@@ -1,4 +1,4 @@
-"""What several verbs share: options, addresses, and how results are printed."""
+"""Parts that several commands share: options, addresses, and the output of results."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Refuse an output file that cannot be written, before any work is done.
+    """Return the path of an output file after a check that it can be written, before any work is done.
 
     Raises:
-        SettingsError: it is a folder, or in none.
+        SettingsError: it is a folder, or its folder does not exist.
     """
     if path.is_dir() or not path.parent.is_dir():
         problem = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
@@ -218,7 +218,7 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
     """Parse ``"0,1,20"`` as numbers; None if the option is not given.
 
     Raises:
-        SettingsError: it is something else.
+        SettingsError: the text has another form.
     """
     if text is None:
         return None
@@ -229,17 +229,17 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
 
 
 def need_cameras(what: str) -> None:
-    """Say which extra a verb needs where it is not installed.
+    """Check that OpenCV is installed.
 
     Raises:
-        SettingsError: OpenCV is not there.
+        SettingsError: it is not; the message names the package's extra that contains it.
     """
     if importlib.util.find_spec("cv2") is None:
         raise SettingsError(f"{what} needs OpenCV: uv sync --extra cameras (elsewhere: install 'mocapella[cameras]')")
 
 
 def warn_if_open(what: str, host: str, port: int) -> None:
-    """Say in words that other machines can reach it, where they can."""
+    """Print a warning if other machines can connect to the service ``what``."""
     from mocapella.wire.session import is_loopback
 
     if not is_loopback(f"tcp/{host}:{port}"):
@@ -247,7 +247,7 @@ def warn_if_open(what: str, host: str, port: int) -> None:
 
 
 def recording_row(take: RecordingHealth) -> dict[str, Any] | None:
-    """How a take ended, as ``--json`` prints it; None where nothing was recorded."""
+    """Return a take's final state for ``--json``; None if nothing was recorded."""
     if not take.path:
         return None
     return {
@@ -262,14 +262,14 @@ def recording_row(take: RecordingHealth) -> dict[str, Any] | None:
 
 
 def exit_by(recording: dict[str, Any] | None) -> None:
-    """Exit with status 1 where a `recording_row` has a problem."""
+    """Exit with status 1 if a `recording_row` has a problem."""
     if recording is not None and recording["problem"]:
         raise typer.Exit(1)
 
 
 @contextmanager
 def working(text: str, *, status: int) -> Iterator[None]:
-    """Show ``text`` while something takes long; Ctrl-C ends the command there, with that exit status."""
+    """Show ``text`` during a long operation; Ctrl-C ends the command with this exit status."""
     from mocapella.live.signals import interruptible
 
     try:
@@ -281,7 +281,7 @@ def working(text: str, *, status: int) -> Iterator[None]:
 
 
 def get_ready(method: str, *, status: int = 0) -> None:
-    """Load the method's kernels, or compile them and print that; Ctrl-C ends the command with that exit status."""
+    """Load the method's kernels, or compile them and print a note; Ctrl-C ends the command with this exit status."""
     from mocapella.live.compilation import Compilation
     from mocapella.tracker import is_compiled, warm_up
 
@@ -296,7 +296,7 @@ def get_ready(method: str, *, status: int = 0) -> None:
 
 @contextmanager
 def telling_of_compiling(what: str) -> Iterator[None]:
-    """Where something is compiled within, say that ``what`` is."""
+    """Print that ``what`` is being compiled if numba compiles a kernel within this context."""
     from mocapella.compiled import on_first_compilation
 
     with on_first_compilation(lambda: _tell_of_compiling(what)):
@@ -311,7 +311,7 @@ def take_file(path: Path) -> Path:
     """Return the file of a take at ``path``: the suffix .mcap is added, as by `take_path`.
 
     Raises:
-        RecordingError: a name that a take may not have.
+        RecordingError: an invalid name of a take.
     """
     from mocapella.recording.disk import take_path
 
@@ -319,10 +319,10 @@ def take_file(path: Path) -> Path:
 
 
 def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
-    """Return the file that ``--record`` names: a bare name is a take in the folder, which is made.
+    """Return the file that ``--record`` names; a bare name is a take in the folder ``takes``, which is created.
 
     Raises:
-        RecordingError: a name that a take may not have, or a folder that cannot be made.
+        RecordingError: an invalid name of a take, or a folder that cannot be created.
     """
     from mocapella.recording.disk import ensure_folder
 
@@ -334,18 +334,18 @@ def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
 
 
 def say(text: str) -> None:
-    """A line for a person, however long; names that come from elsewhere cannot make markup."""
+    """Print a line without wrapping, and without interpreting markup in names."""
     console.print(text, markup=False, soft_wrap=True)
 
 
 def say_if_never_tracked(summary: dict[str, Any], of: str = "") -> None:
-    """Why a run of frames came to no tracking, where it did not; ``of`` is put before it."""
+    """Print why a run never tracked anything, if it did not; ``of`` is a prefix."""
     if summary["frames_in"] and summary["never_tracked"]:
         say(f"{of}nobody was tracked: {summary['never_tracked']}")
 
 
 def write_json(target: str | None, value: Any) -> None:
-    """Write the result where ``--json`` says, if it says."""
+    """Write a result as JSON to the target of ``--json``: a file, or - for standard output; None writes nothing."""
     if target is None:
         return
     text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
@@ -360,7 +360,7 @@ def write_json(target: str | None, value: Any) -> None:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """(width, height) of ``640x480``.
+    """Parse a size such as ``640x480`` as (width, height).
 
     Raises:
         SettingsError: it is something else.
@@ -372,7 +372,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def most_of(summary: Mapping[str, Any]) -> str:
-    """How many there were at most of what the run was about."""
+    """Return the largest number of simultaneous parts of the method's main type, in words."""
     from mocapella.model.part_types import PART_TYPES
 
     counted = [name for name, kind in PART_TYPES.items() if kind.counted is not None]

@@ -1,4 +1,4 @@
-"""``mocapella demo``: the main job on a simulated room, with real processes over a real bus."""
+"""``mocapella demo``: tracking in a simulated room, with the same processes and messages as with real sensors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class What(StrEnum):
-    """Which job is shown."""
+    """Demonstrated type of tracking."""
 
     PEOPLE = "people"
     HANDS = "hands"
@@ -142,7 +142,7 @@ def demo(
 
 @dataclass(frozen=True)
 class Show:
-    """What a demo shows: how the server is set up, and the words of each node."""
+    """Setup of a demo: settings of the server, and the arguments of each node's command."""
 
     setup: Setup
     method_settings: dict[str, Any]
@@ -237,7 +237,7 @@ _SHOWS: Final[Mapping[What, Callable[[Wish], Show]]] = {
 
 
 def choose_port(wanted: int | None, default: int) -> int:
-    """The one that is wanted; else the usual one, or a free one where that is in use."""
+    """Return the requested port; without one, the default port, or a free one if the default is in use."""
     from mocapella.errors import BusError
     from mocapella.live.launch import check_port_free, free_port
 

@@ -1,4 +1,4 @@
-"""``mocapella lab depth``: two parallel cameras, and how their depth is corrected."""
+"""``mocapella lab depth``: correction of the depth of two parallel cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings of depth images as a user names them: files, folders, and takes."""
+"""Recordings of depth images from paths on the command line: files, folders, takes and rendered scenes."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ class TakeDepth:
 
     Args:
         path: the take.
-        sensor: whose; None where only one sends depth images.
-        options: what the user says, which goes before what the take says.
+        sensor: name; None if only one sensor sends depth images.
+        options: of the command line; they take precedence over the take's values.
 
     Raises:
-        InputError: it has no depth images, or none of that sensor; the user says that they are disparities.
+        InputError: the take has no depth images, or none of that sensor; or the options declare disparities.
         SettingsError: several sensors send depth images, and none is named.
     """
 
@@ -114,10 +114,10 @@ class TakeDepth:
         )
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`.
+        """See `DepthRecording.images`.
 
         Raises:
-            InputError: the camera's size, unit or lens changes in it.
+            InputError: the image size, unit or lens changes within the take.
         """
         for stored in self._take.frames_in_sequence(self.sensor):
             frame, name = stored.frame, f"{self.name}/{stored.frame.sequence}"
@@ -145,10 +145,10 @@ def _is_depth_image(frame: SensorFrame) -> TypeGuard[_DepthImage]:
 
 
 def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth | None:
-    """The depth images of TAKE or TAKE:SENSOR, with .mcap or without; None where the text names no take.
+    """Return the depth images of TAKE or TAKE:SENSOR, with or without .mcap; None if the text names no take.
 
     Raises:
-        InputError, SettingsError: as `TakeDepth`.
+        InputError, SettingsError: as in `TakeDepth`.
     """
     name, colon, sensor = text.rpartition(":")
     if not (colon and (name.endswith(SUFFIX) or Path(name + SUFFIX).is_file())):
@@ -167,11 +167,11 @@ def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth |
 
 
 def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthRecording]:
-    """Each folder, take and rendered scene is a recording, and so are files that are named one after the other.
+    """Return the recordings of paths: each folder, take and rendered scene is one, and so is each sequence of files.
 
     Raises:
-        SettingsError: a camera is named, or a scene that there is not.
-        InputError: something cannot be read.
+        SettingsError: a path names a live camera or an unknown scene.
+        InputError: a path cannot be read.
     """
     found: list[DepthRecording] = []
     files: list[Path] = []
@@ -201,15 +201,15 @@ def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthR
 
 
 def write_stages(folder: Path, number: int, file: str, stages: Mapping[str, NDArray[np.uint8]]) -> None:
-    """Write the pictures of an image's stages into a folder of their own in ``folder``.
+    """Write images of the stages of one depth image's processing into a new folder in ``folder``.
 
     Args:
-        number: of the image in its recording, from 0.
-        file: what the image is called.
-        stages: pictures by name, in order.
+        number: index of the depth image in its recording, from 0.
+        file: name of the depth image.
+        stages: images by name, in their order.
 
     Raises:
-        SettingsError: there can be no such folder, or no picture can be written there.
+        SettingsError: the folder cannot be created, or an image cannot be written.
     """
     stem = Path(file).stem if file.endswith(".png") else Path(file).name
     try:

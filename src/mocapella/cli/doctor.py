@@ -74,7 +74,7 @@ def doctor(
 
 
 def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
-    """Everything that is worth a look, one finding each."""
+    """Yield the findings of all checks."""
     yield _python()
     yield from _core_packages()
     yield from _extras()

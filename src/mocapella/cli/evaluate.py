@@ -1,4 +1,4 @@
-"""``mocapella lab evaluate``: how good tracking methods are, on recordings of real people and in simulated rooms."""
+"""``mocapella lab evaluate``: score tracking methods on recordings of real people and in simulated rooms."""
 
 from __future__ import annotations
 
@@ -271,7 +271,7 @@ def _names(text: str) -> list[str]:
 
 
 def show_simulation(result: dict[str, Any], out: Console) -> None:
-    """The tables for a person."""
+    """Print the scores as tables."""
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  mean of seeds {', '.join(map(str, result['seeds']))}", highlight=False)
         for columns in (_JOINTS, _WHO_AND_WHERE):
@@ -298,7 +298,7 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
 
 
 def failures(result: dict[str, Any]) -> list[str]:
-    """Every row that fails, and why."""
+    """Return each row that fails, with the reason."""
     return [
         f"{method}: {task} {placement} fails: {row['problem']}"
         for method, scored in result["methods"].items()
@@ -309,7 +309,7 @@ def failures(result: dict[str, Any]) -> list[str]:
 
 
 def show(result: dict[str, Any], out: Console) -> None:
-    """The tables for a person."""
+    """Print the scores as tables."""
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  {scored['scored']}", highlight=False)
         out.print(_tasks(scored["tasks"]))
@@ -400,7 +400,7 @@ def charuco(
 
 
 def show_charuco(result: dict[str, Any], out: Console) -> None:
-    """The table for a person."""
+    """Print the scores as a table."""
     table = Table(title="even frames, corner by corner", title_justify="left", box=SIMPLE_HEAD, padding=0)
     rows = {
         "points": "corners",

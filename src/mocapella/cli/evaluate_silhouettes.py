@@ -1,4 +1,4 @@
-"""``mocapella lab evaluate silhouettes-…``: what the penalty on jitter does to a body fitted to silhouettes."""
+"""``mocapella lab evaluate silhouettes-…``: effect of the penalty on jitter on a body fitted to silhouettes."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ _FREE = ("four\ncameras", "one\ncamera", "all")
 
 
 def show_runs(rows: Any, out: Console) -> None:
-    """The tables for a person."""
+    """Print the results as tables."""
     for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
@@ -113,7 +113,7 @@ def show_runs(rows: Any, out: Console) -> None:
 
 
 def show_one_camera(rows: Any, out: Console) -> None:
-    """The same of one camera."""
+    """Print the results with one camera as tables."""
     _table([(row.run, _off(row)) for row in rows], _OFF, out)
     out.print("depth, across: error of the landmarks along the camera's axis and across it, and", highlight=False)
     out.print("its jitter, m/s²; away: frames in which the body is not where the person is", highlight=False)

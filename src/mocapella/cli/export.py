@@ -1,4 +1,4 @@
-"""The verbs of ``mocapella export``: files for other programs out of a take."""
+"""The commands of ``mocapella export``, which convert a take to files for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``mocapella node markers``: a camera whose pictures are looked at for coloured markers."""
+"""``mocapella node markers``: detect coloured markers in a camera's images."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def markers(
 
 
 def show_times(stages: dict[str, dict[str, float]], jitter: dict[str, dict[str, float]], out: Console) -> None:
-    """Two tables: times by stage, and how still each marker is."""
+    """Print the times of the stages, and the jitter of each marker."""
     frames = int(stages["all"]["frames"]) if "all" in stages else 0
     table = Table(title=f"milliseconds over {frames} frames", title_justify="left")
     for heading in ("stage", "mean", "median", "sd", "99 %", "max"):

@@ -121,7 +121,7 @@ OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
 
 
 def moved(arguments: Sequence[str]) -> str:
-    """Explain what a command line must say instead; empty if it uses no former name.
+    """Return the message that names the present form of a former command line; empty if it uses no former name.
 
     Args:
         arguments: the command line after the program's name.

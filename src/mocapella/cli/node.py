@@ -1,4 +1,4 @@
-"""The verbs of ``mocapella node`` that need no camera: simulations, recordings, foreign programs, other trackers."""
+"""Commands of ``mocapella node`` without a camera: simulations, recordings, other programs and trackers."""
 
 from __future__ import annotations
 

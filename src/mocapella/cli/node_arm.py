@@ -1,4 +1,4 @@
-"""``mocapella node arm``: a depth camera whose images are looked at for arms."""
+"""``mocapella node arm``: detect arms in a depth camera's images."""
 
 from __future__ import annotations
 

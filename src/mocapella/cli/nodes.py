@@ -1,4 +1,4 @@
-"""What verbs of ``mocapella node`` share, also a plug-in's: the epoch, and serving frames when they are due."""
+"""Functions for commands of ``mocapella node``, also of plug-ins: the epoch, and serving frames on time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ Listen = Annotated[
 
 
 def read_epoch() -> float:
-    """When the source's time is 0, from who started this process; once everything that takes long is done."""
+    """Report on standard output that the source is ready, and read its epoch (Unix time of its time 0) [s] from
+    standard
+    input."""
     typer.echo(READY)
     line = sys.stdin.readline()
     if not line:  # who started it is gone
@@ -59,21 +61,21 @@ def serve_frames(
     linger_s: float = 0.0,
     history_frames: int | None = None,
 ) -> None:
-    """Serve a sensor's frames, each when it is due, until they end or Ctrl-C; report the result at the end.
+    """Serve a sensor's frames, each at its due time, until they end or Ctrl-C; report the result at the end.
 
     Args:
-        frames: makes them, in the order of their time; called when the run begins.
+        frames: function that returns them in the order of their times; called when the run begins.
         sensor: its name.
         connect: address of the server.
-        epoch: Unix time [s] of the frames' time 0; None is when the run begins.
-        json: where the summary goes, as ``--json`` says.
-        wait: whether the run begins when a server is there, or at once.
-        linger_s: how long to stay after the last frame, so that a take gets what it missed [s].
-        history_frames: how many frames are kept for a server that missed them.
+        epoch: Unix time [s] of the frames' time 0; None: the beginning of the run.
+        json: target of the summary, as for ``--json``.
+        wait: whether the run begins only once a server is running.
+        linger_s: time to keep running after the last frame, so that a take can fetch missed frames [s].
+        history_frames: number of frames that are stored for a server that missed them.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: no server was ever there.
+        NoServerError: no server was found during the whole run.
     """
     from mocapella.live.node import run_node
     from mocapella.live.signals import stop_on_signals

@@ -73,10 +73,10 @@ def wishes(
     given: Any,
     profile: ColourProfile | None,
 ) -> CameraWishes:
-    """Return the camera's controls: from the options, else from the profile.
+    """Return the requested size, rate and controls of a camera: from the options, else from the profile.
 
     Raises:
-        SettingsError: something that no camera has.
+        SettingsError: an invalid value.
     """
     from mocapella.sources.camera_controls import CameraWishes
 
@@ -90,10 +90,10 @@ def wishes(
 
 
 def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
-    """Refuse pictures of another size than the colours were learnt at, before the first.
+    """Check, before the first image, that the images have the size at which the colours were learnt.
 
     Raises:
-        InputError: they are.
+        InputError: they have another size.
     """
     if known is None or state.size_px is None or tuple(state.size_px) == tuple(known.size_px):
         return
@@ -103,7 +103,7 @@ def check_state(state: SourceState, known: ColourProfile | None, profile: Path |
 
 
 def tell_state(sensor: str, pictures: PictureSource, state: SourceState) -> None:
-    """How the source is set, in words."""
+    """Print the state of the source's controls."""
     size = "" if state.size_px is None else f", {state.size_px[0]} × {state.size_px[1]} px"
     rate = "" if state.fps is None else f", {state.fps:g} a second"
     say(f"{sensor}: pictures of {pictures.name}{size}{rate}; their time is {pictures.times}")

@@ -1,4 +1,4 @@
-"""What other packages add to the program: which of it can be used, and why the rest cannot."""
+"""Plug-ins: descriptors that other packages register, and the reasons why some cannot be used."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def tables() -> tuple[Table[Any], ...]:
-    """All tables that packages can add to."""
+    """Return all tables of descriptors that packages can extend."""
     from mocapella.detectors import DETECTORS
     from mocapella.exports.export import EXPORTS
     from mocapella.model.frame_types import FRAME_TYPES
@@ -26,7 +26,7 @@ def tables() -> tuple[Table[Any], ...]:
 
 
 def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:
-    """Load what other packages register.
+    """Load the descriptors of all plug-ins.
 
     Returns:
         (package, its registration) of each usable descriptor, and the skipped entry points.
@@ -40,7 +40,7 @@ def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:
 
 
 def tell_of_skipped() -> None:
-    """Say a line for each plug-in that cannot be used; not in a process that another of ours started and told so."""
+    """Print a line for each unusable plug-in, unless a parent process of this program has done so already."""
     from mocapella.live.signals import STARTED_BY_US
 
     if STARTED_BY_US not in os.environ:
@@ -49,7 +49,7 @@ def tell_of_skipped() -> None:
 
 
 def plugin_findings() -> Iterator[Finding]:
-    """What `mocapella doctor` says of plug-ins."""
+    """Yield the findings of `mocapella doctor` about plug-ins."""
     from mocapella.sources.source import Finding
 
     usable, skipped = plugins()

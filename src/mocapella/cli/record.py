@@ -1,4 +1,4 @@
-"""``mocapella record``."""
+"""``mocapella record``: record a take on a running server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Study logs and takes as one thing: something that sensors' frames, and a whole replay, come out of."""
+"""A common interface of study logs and takes, which give sensors' frames and can be replayed."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Recording(Protocol):
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """The sensors in it, by name."""
+        """Names of the recorded sensors, sorted."""
 
     @property
     def setup(self) -> Setup:
-        """How it is to be tracked."""
+        """Setup with which the recording is tracked."""
 
     @property
     def method_settings(self) -> dict[str, Any]:
@@ -72,20 +72,20 @@ class Recording(Protocol):
 
     @property
     def missing(self) -> list[str]:
-        """What it needs to be tracked and is not installed, each with the package that has it."""
+        """Descriptors needed for tracking that are not installed, each with its package."""
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """One sensor's frames for a node; time 0 is the file's first frame."""
+        """Yield one sensor's frames with their due times; time 0 is that of the file's first frame."""
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track it all, as fast as it goes."""
+        """Track the whole recording, as fast as possible; call ``on_scene`` with each scene."""
 
 
 def find_recording(file: Path) -> Path:
-    """The file of that name; or the take, which may be named without ``.mcap`` and lie in the folder ``takes``.
+    """Return the file of that name, or the take, which may be given without ``.mcap`` and be in the folder ``takes``.
 
     Raises:
-        InputError: there is none; says which takes there are.
+        InputError: there is none; lists the takes.
     """
     names = [file] if file.name.endswith(_ENDINGS) else [file, file.with_name(file.name + SUFFIX)]
     names += [TAKES / name for name in names] if file.parent == Path() else []
@@ -99,7 +99,7 @@ def find_recording(file: Path) -> Path:
 
 
 def is_take(file: Path) -> bool:
-    """Whether the file is a take, by its name or by how it begins."""
+    """Return whether the file is a take, from its name or its first bytes."""
     if file.suffix == SUFFIX:
         return True
     try:
@@ -118,8 +118,8 @@ def open_recording(
     """Open a study log or a take, as `find_recording` finds it.
 
     Raises:
-        InputError: the file cannot be used, or has no frames; names file, row, field and value where it can.
-        SettingsError: a choice that a take has made already, or one that the log does not have.
+        InputError: the file cannot be used, or has no frames; names file, row, field and value if possible.
+        SettingsError: a choice that is fixed for a take, or a placement that the log does not have.
     """
     file = find_recording(file)
     if is_take(file):
@@ -135,10 +135,10 @@ def open_recording(
 
 
 def open_take(file: Path) -> Take:
-    """Read a take, as `find_recording` finds it; once, however often it is asked for.
+    """Read a take, found as by `find_recording`; repeated calls return the same value.
 
     Raises:
-        InputError, SchemaVersionError: as `read_take`.
+        InputError, SchemaVersionError: as in `read_take`.
     """
     found = find_recording(file).absolute()
     is_now = found.stat()
@@ -151,7 +151,7 @@ def _take(path: Path, _modified_ns: int, _size: int) -> Take:
 
 
 def missing_of(take: Take) -> list[str]:
-    """What a take was made with and cannot be used here: methods, frame types and part types, each with its package."""
+    """Return the methods, frame types and part types of a take that are not installed, each with its package."""
     packages = {what: package for run in take.runs for what, package in run.info.packages.items()}
     needed: list[tuple[Table[Any], Iterable[str]]] = [
         (METHODS, dict.fromkeys(run.info.method for run in take.runs)),
@@ -174,7 +174,7 @@ def _missing(table: Table[Any], name: str, packages: Mapping[str, str]) -> str:
 
 
 def tell_left_out(export: str, file: Path) -> None:
-    """Say which parts of a take an export does not carry, and which packages it was made with that are missing."""
+    """Print which parts of a take an export leaves out, and which of its packages are missing."""
     take = open_take(file)
     left = left_out(EXPORTS[export], take.part_counts)
     if left:
@@ -187,10 +187,10 @@ def tell_left_out(export: str, file: Path) -> None:
 def open_to_track(
     file: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any]
 ) -> Recording:
-    """As `open_recording`.
+    """Open a recording as `open_recording`, for tracking.
 
     Raises:
-        PluginError: a package that it was made with is missing; names it.
+        PluginError: a package that is needed for the tracking is missing; names it.
     """
     recording = open_recording(file, placement, method, method_settings)
     if recording.missing:
@@ -199,7 +199,7 @@ def open_to_track(
 
 
 class RecordedLog:
-    """A study log of 2015, as two sensors on their own clocks."""
+    """A KinectMultiTrack study log (2015), as two sensors with separate clocks."""
 
     missing: Final[list[str]] = []
 
@@ -227,13 +227,14 @@ class RecordedLog:
 
 
 def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
-    """When frames are due [ns], on the clock they were stored by.
+    """Return the due times of frames for a replay at the recorded speed, on the clock of their storage [ns].
 
-    That is when they were stored, but for those that the server missed at first and fetched later, many at once: they
-    are due as long before the frame that follows them as they were captured before it.
+    A frame is due at its storage time. Frames that the server missed at first were fetched later, many at once; they
+    are
+    due as long before the next frame as they were captured before it.
 
     Args:
-        times: (node, stored, captured) of each frame in the order of capture.
+        times: node id, storage time [ns] and capture time [ns] of each frame, in the order of capture.
     """
     due = [stored for _, stored, _ in times]
     for i in range(len(times) - 2, -1, -1):
@@ -248,7 +249,7 @@ def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
 
 
 class RecordedTake:
-    """A take of ours. Its replay makes every run again, with its commands, and compares the scenes to the bit."""
+    """A take. Its replay repeats all runs with their commands, and compares the scenes with the recorded ones."""
 
     def __init__(self, file: Path) -> None:
         self._take = read_take(file)

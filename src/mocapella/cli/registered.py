@@ -1,6 +1,6 @@
-"""Groups of verbs that packages register: ``mocapella node`` and ``mocapella export``.
+"""Groups of commands that packages can extend: ``mocapella node`` and ``mocapella export``.
 
-A verb's module is imported when it runs or its help is asked for; a list of verbs shows names and summaries only.
+A command's module is imported when it runs or prints its help; a list of commands shows names and summaries only.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from mocapella.errors import SettingsError
 
 
 class RegisteredVerbs(TyperGroup):
-    """The verbs of a `mocapella.registry.Table` whose descriptors have a ``summary`` and a ``command``."""
+    """The commands of a `mocapella.registry.Table` whose descriptors have a ``summary`` and a ``command``."""
 
     verb_class: type[TyperCommand] = TyperCommand
 
     def table(self) -> Any:
-        """The table; imported when it is first wanted."""
+        """The table, imported on first use."""
         raise NotImplementedError
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -27,7 +27,7 @@ class RegisteredVerbs(TyperGroup):
         return [*super().list_commands(ctx), *self.table()]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """What a list shows of a verb; `resolve_command` has the verb itself."""
+        """Return a stand-in of a command for lists; `resolve_command` returns the command itself."""
         descriptor = self.table().get(cmd_name)
         if descriptor is None:
             return super().get_command(ctx, cmd_name)
@@ -37,7 +37,7 @@ class RegisteredVerbs(TyperGroup):
         """See `TyperGroup`.
 
         Raises:
-            PluginError: the verb is registered and cannot be used.
+            PluginError: the command is registered but cannot be used.
         """
         if args[0] in self.commands or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
@@ -47,10 +47,10 @@ class RegisteredVerbs(TyperGroup):
             return ctx.fail(str(error))
 
     def verb(self, name: str) -> Any:
-        """Import a verb.
+        """Import a command.
 
         Raises:
-            SettingsError: there is none of that name.
+            SettingsError: there is no command of that name.
             PluginError: it cannot be used.
         """
         from mocapella.registry import load
@@ -61,7 +61,7 @@ class RegisteredVerbs(TyperGroup):
 
 
 class NodeVerbs(RegisteredVerbs):
-    """``mocapella node``."""
+    """The commands of ``mocapella node``."""
 
     def table(self) -> Any:
         """See `RegisteredVerbs`."""
@@ -79,7 +79,7 @@ class _ExportVerb(TyperCommand):
 
 
 class ExportVerbs(RegisteredVerbs):
-    """``mocapella export``; each says first which parts of the take it does not carry."""
+    """The commands of ``mocapella export``; each first prints which parts of the take it leaves out."""
 
     verb_class = _ExportVerb
 

@@ -1,4 +1,4 @@
-"""``mocapella replay``: recordings through the very same tracker."""
+"""``mocapella replay``: track recordings again, with the tracker of a live session."""
 
 from __future__ import annotations
 

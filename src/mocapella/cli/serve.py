@@ -65,7 +65,7 @@ BEGIN_IN_S = 2.0
 
 @dataclass
 class LiveSession:
-    """A server with its view and the nodes that were started with it.
+    """A server, its view, and the nodes started with it.
 
     Attributes:
         server: of the session.
@@ -73,7 +73,7 @@ class LiveSession:
         nodes: their processes.
         stop: ends the session.
         compilation: of the method's kernels; tracking cannot begin before its end. None if they are compiled.
-        begins: whether tracking begins by itself then.
+        begins: whether tracking begins by itself after the compilation.
     """
 
     server: Server
@@ -94,7 +94,7 @@ class LiveSession:
 
 
 def say_url(url: str) -> None:
-    """Where the live view is, as a line for a person."""
+    """Print the address of the live view."""
     say(f"live view: {url}")
 
 
@@ -108,7 +108,7 @@ def live_session(
     view_words: Sequence[str] = (),
     track_at_once: bool = False,
 ) -> Iterator[LiveSession]:
-    """A server and its view (unless ``view_port`` is None), which ``stop`` ends; all closed at the end.
+    """Run a server and its view (unless ``view_port`` is None) within this context, and close them at its end.
 
     On the first start, the method's kernels are compiled while sensors connect and the view shows them; tracking begins
     afterwards (`wait_while`).
@@ -214,14 +214,14 @@ class LayoutKeeper:
         self._placed: set[str] = set()
 
     def watch(self) -> bool:
-        """Save where there is a sensor that was not placed before; False, for it ends nothing."""
+        """Save the layout if a new sensor has a pose; always return False, as a condition of `wait_while`."""
         layout = self._server.layout()
         if layout is not None and not layout.sensors.keys() <= self._placed:
             self._save(layout)
         return False
 
     def save(self) -> None:
-        """Save the layout known now; without one, the file is left unchanged."""
+        """Save the present layout; without one, the file stays unchanged."""
         layout = self._server.layout()
         if layout is None:
             say(f"no sensor layout saved to {self._path}: no two sensors have been placed; walk where both see you")
@@ -312,7 +312,7 @@ def load_layout_option(path: Path) -> SensorLayout:
     """Read the sensor layout of the setting ``layout``.
 
     Raises:
-        InputError: the file cannot be read, or is no layout; of a camera rig, it names ``--rig``.
+        InputError: the file cannot be read, or is no layout; for a camera rig, the message names ``--rig``.
     """
     from mocapella.calibration.sensor_layout import load_layout
     from mocapella.model.camera_rig_file import is_camera_rig
@@ -338,10 +338,10 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
 
     Args:
         method: name of the tracking method.
-        files: one or several, by option; None or none where it is not given.
+        files: one or several paths by option; None or empty for options that are not given.
 
     Raises:
-        SettingsError: the method wants no such file; says which methods do.
+        SettingsError: the method does not use such a file; names the methods that do.
         InputError: a file cannot be used.
     """
     from mocapella.registry import load
@@ -376,7 +376,7 @@ def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:
 
 
 def finish(server: Server) -> dict[str, Any]:
-    """Close the server and say what the session came to; returns that, and how its take ended, as for ``--json``."""
+    """Close the server, print a summary of the session, and return it with the take's final state for ``--json``."""
     server.halt()  # or the take could have a result more than the summary
     summary = _summary(server)
     recording = recording_row(server.close())
@@ -417,7 +417,7 @@ def _summary(server: Server) -> dict[str, Any]:
 
 
 def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
-    """Start ``mocapella node`` processes, and let their sources begin at one time, when the slowest is ready.
+    """Start ``mocapella node`` processes, whose sources begin at the same time, once the slowest is ready.
 
     Raises:
         MocapellaError: the server has failed.

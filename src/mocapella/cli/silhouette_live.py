@@ -1,4 +1,4 @@
-"""Live cameras of `mocapella track silhouettes`: opened, the empty room learnt, and people followed until Ctrl-C."""
+"""Live cameras of `mocapella track silhouettes`: open them, learn the empty room, and track people until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RATE_OF: Final = 30
 
 @dataclass(frozen=True)
 class LiveWishes:
-    """What the command line says of live cameras and of videos, where these differ; see the command's options."""
+    """Options of the command that differ between live cameras and videos."""
 
     sources: Mapping[str, str]
     as_live: bool = False
@@ -52,16 +52,16 @@ class LiveWishes:
 
     @property
     def live(self) -> bool:
-        """Whether it is about live cameras, or videos as if they were."""
+        """Whether the sources are live cameras, or videos treated as such."""
         from mocapella.sources.open_pictures import is_live
 
         return self.as_live or any(is_live(text) for text in self.sources.values())
 
     def verify(self) -> None:
-        """See that nothing is wished of videos that only live cameras have, and of these nothing that only videos have.
+        """Check that no option for live cameras is given with videos, and the reverse.
 
         Raises:
-            SettingsError: it is.
+            SettingsError: such an option is given.
         """
         if self.live and self.frames is not None:
             raise SettingsError("--frames is of videos; live cameras go on until Ctrl-C, or for --seconds")
@@ -85,10 +85,10 @@ class LiveWishes:
 
 
 def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
-    """Open the cameras and request pictures of the calibrated size, unless another size is expected.
+    """Open the cameras with the calibrated image size, unless another size is expected.
 
     Raises:
-        SettingsError, InputError: one cannot be opened, or not together with the others.
+        SettingsError, InputError: a camera cannot be opened, alone or together with the others.
     """
     from mocapella.model.point_tracks import match_cameras
     from mocapella.sources.camera_controls import CameraWishes
@@ -105,10 +105,10 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
 
 
 def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRig) -> dict[str, float]:
-    """How late [s] the pictures of each source are, by its name, of what the setting ``late`` says.
+    """Parse the setting ``late``; return the latency of each source's images by camera [s].
 
     Raises:
-        SettingsError: it is no camera of these, is given twice, or not from 0 to `LATEST_S`.
+        SettingsError: an unknown or repeated camera, or a latency that is not from 0 to `LATEST_S`.
         InputError: the rig has no such camera.
     """
     from mocapella.model.point_tracks import match_cameras
@@ -133,7 +133,7 @@ def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRi
 
 
 def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float | None, *, view: bool) -> None:
-    """Let the tracker learn the empty room where that is wished, and say where people are looked for then."""
+    """Let the tracker learn the empty room if requested, and print where people are searched afterwards."""
     from mocapella.sources.live_set import LiveSet
 
     assert isinstance(shown, LiveSet)  # of videos, who starts is there
@@ -145,10 +145,10 @@ def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float 
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
-    """Give the tracker so many seconds of the empty room; Ctrl-C ends the command.
+    """Pass the tracker images of the empty room for some seconds; Ctrl-C ends the command.
 
     Raises:
-        InputError: cameras give no pictures.
+        InputError: the cameras send no images.
     """
     from mocapella.live.signals import stop_on_signals
 
@@ -183,10 +183,10 @@ def follow_live(
     seconds: float | None,
     tell: Sequence[Callable[[Step], None]],
 ) -> None:
-    """Frame by frame until ``stop`` is set, for so many seconds, or until all sources have ended.
+    """Track frame by frame until ``stop`` is set, the time is over, or all sources have ended.
 
     Raises:
-        InputError: no camera gave a picture, and the run was not stopped.
+        InputError: no camera sent an image, and the run was not stopped.
     """
     whom = ", ".join(filter(None, run.meshes))
     say(f"following {whom}".strip() + (" until Ctrl-C" if seconds is None else f" for {seconds:g} s"))

@@ -1,4 +1,4 @@
-"""What `mocapella track silhouettes` leaves: the file, kept frame by frame, the table for a person, and the plot."""
+"""Output of `mocapella track silhouettes`: the result file, written frame by frame, the table, and the plot."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ if TYPE_CHECKING:
 
 
 class AnglesAt(NamedTuple):
-    """Of a body: when [s], and by joint name [rad]."""
+    """Joint angles of a body at one time: time [s], and angles by joint name [rad]."""
 
     time_s: float
     angles: Mapping[str, float]
 
 
 class SilhouetteResult:
-    """What ``--json`` and ``--plot`` ask for. A context manager; left early, it says where the frames are.
+    """Writer of the results for ``--json`` and ``--plot``, as a context manager; after an error it names the partial
+    file.
 
-    Frames are written as they come, and none is kept where nothing asks for them.
+    Frames are written as they come, and are stored only if an option needs them.
 
     Args:
-        json, plot: as the options.
+        json, plot: values of the options.
         bodies: the tracked bodies by person's name.
         shown: the images.
         rig: its file.
-        steady: whether there is the penalty on jitter.
+        steady: whether jitter is penalised.
 
     Raises:
-        RecordingError: the file cannot be begun.
+        RecordingError: the file cannot be created.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class SilhouetteResult:
         self._kept = BodiesWriter(path, heads, how)
 
     def keep(self, step: Step) -> None:
-        """The next frame.
+        """Add the next frame.
 
         Raises:
             RecordingError: it cannot be written; an earlier file stays unchanged.
@@ -101,7 +102,7 @@ class SilhouetteResult:
                 raise SettingsError(f"--json {self._json}: {error.strerror}; name another file") from error
 
     def draw(self, earlier: Mapping[str, FollowedBody] | None, beside: str) -> None:
-        """The plot, where one is wished; an earlier run beside it.
+        """Write the plot if requested, with an earlier run for comparison.
 
         Raises:
             SettingsError: it cannot be written there.
@@ -137,7 +138,7 @@ def _angles(kept: BodiesWriter) -> dict[str, list[AnglesAt]]:
 
 
 def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingProxyType({})) -> None:
-    """The table for a person, and what the images' source tells of the run."""
+    """Print a table of the run, with the counts of the images' source."""
     named = [name for name in run.statistics if name]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
@@ -162,9 +163,9 @@ def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingP
 def draw_angles(
     people: Mapping[str, Sequence[AnglesAt]], earlier: Mapping[str, FollowedBody] | None, path: Path, beside: str
 ) -> None:
-    """Each joint's angle [°] over time [s]: each person's in a colour, an earlier run's dashed.
+    """Plot each joint's angle [°] over time [s]: one colour for each person, an earlier run dashed.
 
-    Of one person alone, this run's is blue, and the earlier one's orange.
+    For a single person, this run is blue, and the earlier one orange.
 
     Raises:
         SettingsError: it cannot be written there.

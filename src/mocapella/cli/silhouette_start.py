@@ -1,4 +1,4 @@
-"""The start of `mocapella track silhouettes`: the bodies, their first poses, and the empty room."""
+"""Initialisation of `mocapella track silhouettes`: the bodies, their initial poses, and the empty room."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LEAST_M, MOST_M = 0.5, 2.5
 
 @dataclass(frozen=True)
 class StartWishes:
-    """What the command line says of the start, each ``VALUE`` or ``PERSON=VALUE``; see the command's options."""
+    """Options of the initialisation, each ``VALUE`` or ``PERSON=VALUE``."""
 
     starts: Sequence[str] = ()
     points: Sequence[str] = ()
@@ -77,10 +77,10 @@ class _Found:
 
 
 def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
-    """The bodies and their poses in the first frame, by name; `ALONE` for a single body without a name.
+    """Return the bodies and their poses in the first frame, by name; `ALONE` for a single body without a name.
 
     Raises:
-        SettingsError, InputError, CalibrationError: nothing says it, or nothing that can be.
+        SettingsError, InputError, CalibrationError: the options define no initial pose, or an impossible one.
     """
     from mocapella.recording.bodies_file import ALONE
     from mocapella.tracker.silhouette_start import check_apart
@@ -201,7 +201,7 @@ def _without_models(data: Any, path: Path) -> tuple[Any, dict[str, _Wish]]:
 
 
 def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
-    """Where bodies are at first, as settings of the method silhouettes.
+    """Read the initial poses of bodies as settings of the method ``silhouettes``.
 
     Args:
         paths: ``FILE`` or ``PERSON=FILE``: named joints, or an earlier result. A person's joints may have ``model`` and
@@ -225,10 +225,10 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def settings_of_peoples_starts(paths: Sequence[Path]) -> dict[str, Any]:
-    """The same for the method default, whose people may have bodies.
+    """Read the initial poses of bodies as settings of the method ``default``, whose people may have bodies.
 
     Raises:
-        InputError, SettingsError, CalibrationError: as of `settings_of_starts`.
+        InputError, SettingsError, CalibrationError: as in `settings_of_starts`.
     """
     return {"bodies": {"silhouettes": settings_of_starts(paths)}}
 
@@ -339,7 +339,7 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
 
 
 def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) -> None:
-    """See that each body starts where a camera sees it.
+    """Check that a camera sees each body at its initial pose.
 
     Raises:
         InputError: no camera sees a body there.
@@ -357,10 +357,10 @@ def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) ->
 
 
 def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: FrameSource, other_size: str | None) -> None:
-    """Take in the images of the empty room.
+    """Learn the background from images of the empty room.
 
     Raises:
-        InputError: one cannot be read, or is of another size than that camera's images.
+        InputError: an image cannot be read, or its size differs from the camera's.
     """
     from mocapella.cli.calibrate import named_inputs
     from mocapella.sources.video import Frames, pictures

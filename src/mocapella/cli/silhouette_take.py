@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class RecordedRun:
-    """A run that is recorded: its tracker is made of the settings that stand in the take."""
+    """A recorded run, whose tracker is created from the settings stored in the take."""
 
     def __init__(self, path: Path, settings: dict[str, Any], shown: VideoSet) -> None:
 
@@ -62,11 +62,11 @@ def recorded(
     record: str, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
     *, steady: bool,
 ) -> RecordedRun:  # fmt: skip
-    """The run of videos, which a take is made of.
+    """Create a run over videos that is recorded as a take.
 
     Raises:
-        SettingsError: of live cameras.
-        TakeExistsError, DiskFullError, RecordingError: before anything is created.
+        SettingsError: the sources are live cameras.
+        TakeExistsError, DiskFullError, RecordingError: the take cannot be written; nothing is created.
     """
 
     if wishes.live:

@@ -1,4 +1,4 @@
-"""``mocapella track silhouettes``: body models fitted to silhouettes in images of calibrated cameras, files or live."""
+"""``mocapella track silhouettes``: fit body models to silhouettes in images of calibrated cameras, recorded or live."""
 
 from __future__ import annotations
 
@@ -274,7 +274,7 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
 
 
 def open_view(run: SilhouetteRun, port: int | None, *, no_browser: bool) -> SilhouetteView:
-    """Serve the view, say where, and open it."""
+    """Serve the live view, print its address, and open it in the browser unless ``no_browser``."""
     from mocapella.cli.demo import choose_port
     from mocapella.cli.serve import say_url
     from mocapella.live.silhouette_view import SilhouetteView

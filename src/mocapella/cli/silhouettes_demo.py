@@ -1,4 +1,4 @@
-"""``mocapella demo silhouettes``: a person rendered before four cameras, tracked by their silhouettes."""
+"""``mocapella demo silhouettes``: track a rendered person by the silhouettes in four cameras."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def run_demo(
     no_browser: bool,
     json: str | None,
 ) -> None:
-    """Render, follow, show and say how good it was.
+    """Render a scene, track it, show it, and print the errors against the ground truth.
 
     Raises:
-        SettingsError: no such scene or corruption.
+        SettingsError: an unknown scene or corruption.
     """
     need_cameras("demo silhouettes")
     from mocapella.cli.silhouettes import open_view

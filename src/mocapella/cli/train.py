@@ -1,4 +1,4 @@
-"""``mocapella lab train``: what the project learns from recordings, learnt again."""
+"""``mocapella lab train``: train the shipped models again from recordings."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def _check_folder_of(out: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file in one go: it appears complete or not at all.
+    """Write a file atomically: it appears complete or not at all.
 
     Raises:
         SettingsError: it cannot be written there.

@@ -1,4 +1,4 @@
-"""``mocapella track points``: 2D points of several cameras become points in space."""
+"""``mocapella track points``: triangulate 2D points of several cameras."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def triangulate(
 
 
 def show(report: TracksReport, out: Console) -> None:
-    """The tables for a person."""
+    """Print the counts and errors as tables."""
     total = report.frames * report.points
     table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     for words in ("camera", "points", "rejected", "residual px"):

@@ -1,4 +1,4 @@
-"""``mocapella view``."""
+"""``mocapella view``: show a server's session in the browser."""
 
 from __future__ import annotations
 

@@ -29,19 +29,20 @@ FOUND_M: Final = 0.015
 
 @dataclass
 class ArmScores:
-    """A detector's results, summed over frames; `table` derives the figures.
+    """A detector's counts and errors over all frames; `table` computes the figures from them.
 
     Attributes:
-        frames: number of arms in the images, summed over frames.
-        followed: of these, matched to a detected arm.
+        frames: number of true arms in the images, summed over frames.
+        followed: number of these that are matched to a detected arm.
         tips: errors of visible fingertips that the detector measured [m].
-        inferred: visible fingertips that it did not measure.
-        named: visible fingertips whose nearest detected tip has the right name, or with a near tip of that name.
-        visible: fingertips that are visible.
-        occluded, occluded_found: visible before palm or other digits, and how many of these are found.
+        inferred: number of visible fingertips that it did not measure.
+        named: number of visible fingertips whose nearest detected tip, or one near enough, has the right name.
+        visible: number of visible fingertips.
+        occluded, occluded_found: number of visible fingertips in front of the palm or of other digits, and number of
+            these that are detected.
         hidden: errors of fingertips without pixels [m].
         wrist, palm, elbow: errors [m].
-        sided: frames with the right side.
+        sided: number of frames with the right side, left or right.
         lost: longest run of frames without the arm, after its first detection.
     """
 
@@ -69,7 +70,7 @@ class ArmScores:
         self.lost = max(self.lost, other.lost)
 
     def table(self) -> dict[str, float]:
-        """Return the figures: mm, and shares. A visible fingertip without a measurement counts as misnamed."""
+        """Return the figures: errors [mm] and shares. A visible fingertip without a measurement counts as misnamed."""
 
         def of(values: list[float], q: float) -> float:
             return round(1e3 * float(np.percentile(values, q)), 2) if values else float("nan")
@@ -167,7 +168,7 @@ def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:
 
 
 def jitter(detector: ArmDetector, shots: Iterable[DepthShot], *, settle: int = 15) -> Mapping[str, float]:
-    """Root mean square motion of each of the eight joints of a still arm about its mean [m], after some frames."""
+    """Return by joint the root mean square motion of a still arm about its mean [m], after ``settle`` frames."""
     from mocapella.model.arms import ARM_JOINT_NAMES
 
     rows: list[Any] = []

@@ -1,4 +1,4 @@
-"""Trains a joint bias on the study logs, and measures how much nearer it brings the views.
+"""Train a joint bias on the study logs, and measure by how much it reduces the distance between views.
 
 See docs/methods/joint-bias.md.
 """
@@ -31,12 +31,12 @@ ROWS: Final = ("walk", "walk-frozen", "walk-cold", "steps-second-half")
 
 
 class BiasSession(msgspec.Struct, frozen=True, eq=False):
-    """One participant with the sensors in one placement.
+    """Training data of one study log: one participant with one placement of the sensors.
 
     Attributes:
-        study: the file.
-        plain: the run of the method `default` without a bias.
-        views: the training data.
+        study: the study log.
+        plain: run of the method `default` without a bias.
+        views: pairs of views for the training.
     """
 
     study: StudySession
@@ -91,13 +91,13 @@ def bias_session(study: StudySession) -> BiasSession | None:
 def bias_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[BiasSession]:
-    """Return the sessions of all study logs of a folder that give a `bias_session`.
+    """Return the `bias_session` of each suitable study log of a folder.
 
     Args:
         folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
 
     Raises:
-        InputError, SettingsError: as there; and where no log is one.
+        InputError, SettingsError: as in `study_sessions`; also if no log is suitable.
     """
     found = [bias_session(study) for study in study_sessions(folder, participants, on_file)]
     sessions = [session for session in found if session is not None]
@@ -132,7 +132,7 @@ def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBi
 def left_out(
     sessions: Sequence[BiasSession], model: JointBiasModel, on_step: Callable[[str], None] = lambda text: None
 ) -> dict[str, Any]:
-    """Return rows of the tables with and without a bias; `AsRun` uses the model without the participant.
+    """Score the method without a bias, and with a bias that was trained without the scored participant.
 
     Returns:
         ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, and the fused skeleton's

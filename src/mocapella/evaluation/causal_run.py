@@ -1,4 +1,4 @@
-"""Runs a method over a session's frames in the order of their arrival, and stores its estimates after each."""
+"""Run a method over a session's frames in the order of their arrival, and store its estimates after each frame."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensors: names, the reference sensor first.
         T_reference_sensor: (arrivals + 1, sensors, 4, 4); NaN where unknown.
-        time_offset_s: (arrivals + 1, sensors); NaN where not declared.
-        swapped: (arrivals + 1,) the views with swapped labels.
-        people: (arrivals,) the people of each scene.
-        at_ns: (arrivals,).
-        joint_bias: declared before the first frame.
-        wander_m_per_min: distance by which the motions between the sensors moved a point at people's positions, to and
-            fro, beyond the `TO_FIND_IT` metres that an initial estimation may take.
+        time_offset_s: (arrivals + 1, sensors) clock offsets [s]; NaN if not estimated.
+        swapped: (arrivals + 1,) views with swapped labels.
+        people: (arrivals,) people of each scene.
+        at_ns: (arrivals,) capture times.
+        joint_bias: the method's bias, which it declares before the first frame; None without one.
+        wander_m_per_min: path length of a point at people's positions under the changing estimates of the motions
+            between sensors, per minute, less the `TO_FIND_IT` metres allowed for the initial estimation.
     """
 
     sensors: tuple[str, ...]
@@ -70,10 +70,10 @@ def run_causally(
     """Feed every frame to a new tracker; read its estimates before the first and after each.
 
     Args:
-        make: a new tracker for so many sensors.
+        make: creates a tracker for a number of sensors.
         sensors: names, the reference sensor first.
         arrivals: in their order.
-        layout: T_world_sensor (4, 4) [m] known before the first frame: the study's own calibration, as the log has it.
+        layout: T_world_sensor (4, 4) by sensor, known before the first frame: the calibration in the study log.
 
     Raises:
         EvaluationError: a motion is not rigid, or a value is invalid.

@@ -1,7 +1,7 @@
-"""Scores a calibration of real webcams: calibrated on half of the images, scored with the board on the others.
+"""Score a calibration of real webcams, which is computed from half of the images, by the board in the other half.
 
-The scored half is triangulated corner by corner, without the board's shape; the distances between the corners of an
-instant are then compared with the board's. Every corner counts that two cameras or more saw.
+The scored half is triangulated corner by corner, without the board's shape. The distances between the corners of one
+instant are then compared with the board's. All corners seen by two or more cameras are used.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
     """Calibrate on odd frames and score the even ones.
 
     Args:
-        folder: with ``charuco.toml``, ``calibration/extrinsic/*.mp4``, one of each camera, with frames of one instant
-            under one number, and ``camera_array.toml``, which is scored beside.
+        folder: contains ``charuco.toml``; ``calibration/extrinsic/*.mp4``, one synchronised video per camera; and
+            ``camera_array.toml``, a reference calibration, which is scored as well.
         tell: called with the current step, in words.
-        step: take only every n-th of the odd and of the even frames, for a quick look, without halves.
+        step: stride in the odd and in the even frames, for a quick check.
 
     Returns:
-        ``calibration``, ``scored`` for our calibration and the reference, and which targets are met.
+        JSON-like: ``calibration``; ``scored`` for this calibration and the reference; and the targets that are met.
     """
     videos = sorted((folder / "calibration" / "extrinsic").glob("*.mp4"))
     if len(videos) < 2:

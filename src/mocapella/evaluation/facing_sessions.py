@@ -1,4 +1,4 @@
-"""Converts study logs to sequences of a person's facing, and scores estimates of it (docs/methods/facing.md)."""
+"""Convert study logs to sequences of a person's facing, and score estimates of it (docs/methods/facing.md)."""
 
 from __future__ import annotations
 
@@ -45,15 +45,16 @@ _TRUNK = [TOPOLOGY.index(name) for name in ("SpineBase", "SpineMid", "SpineShoul
 
 
 class FacingSession(msgspec.Struct, frozen=True, eq=False):
-    """One participant with the sensors in one placement; the world is the reference sensor's camera space.
+    """Sequence of one study log; the world is the reference sensor's camera space.
 
     Attributes:
         participant, name: Study_Id, and the file's name.
-        sequence: of both views; the facings in Stationary and Steps are known.
+        sequence: both views over time; the facings in the tasks Stationary and Steps are known.
         task: (frames,) Scenario_Id.
         toward_front: (frames,) yaw from the person to the front sensor [rad].
-        heading: (frames,) direction of the motion around a frame [rad]; NaN up to the speed `MOVING`.
-        front_labels, mean_labels: (frames,) yaw of the front sensor's skeleton, and of the thesis' average [rad].
+        heading: (frames,) yaw of the velocity about each frame [rad]; NaN for speeds up to `MOVING`.
+        front_labels, mean_labels: (frames,) yaw of the front sensor's skeleton, and of the thesis' average skeleton,
+            from their left and right labels [rad].
     """
 
     participant: int
@@ -140,13 +141,13 @@ def facing_session(session: StudySession) -> FacingSession | None:
 def facing_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[FacingSession]:
-    """Return the sessions of all study logs of a folder that give a `facing_session`.
+    """Return the `facing_session` of each suitable study log of a folder.
 
     Args:
         folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
 
     Raises:
-        InputError, SettingsError: as there; and where no log is one.
+        InputError, SettingsError: as in `study_sessions`; also if no log is suitable.
     """
     found = [facing_session(session) for session in study_sessions(folder, participants, on_file)]
     sessions = [session for session in found if session is not None]
@@ -206,9 +207,10 @@ class FacingFigures(msgspec.Struct, frozen=True):
         sessions: number of sessions.
         against_motion_percent: share of Walk's frames faster than `MOVING` that are more than 90° off the heading.
         reversals_per_min: of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
-        backward_kept_percent: of Walk's moving frames that are farther than `BACKWARD` off the heading by the
-            reference, the share that is more than 90° off it here too.
-        steps_wrong_percent, stationary_wrong_percent: more than 90° off the front sensor.
+        backward_kept_percent: of Walk's frames with backward motion (reference facing farther than `BACKWARD` from the
+            heading), the share with an estimate that is also more than 90° off the heading.
+        steps_wrong_percent, stationary_wrong_percent: share of frames more than 90° off the direction of the front
+            sensor.
         walk_differs_percent: share of Walk's frames that are more than 90° off the reference.
     """
 
@@ -228,8 +230,8 @@ def figures(
 
     Args:
         sessions: of any participants.
-        estimates: (frames,) of each session [rad].
-        references: the same, see `reference_facings`.
+        estimates: facings (frames,) of each session [rad].
+        references: facings of `reference_facings`, in the same form.
     """
     total = np.zeros((2, 6))  # rows: count and total; columns: in the order of `FacingFigures`
     for session, yaw, reference in zip(sessions, estimates, references, strict=True):
@@ -278,7 +280,7 @@ def _yaws(
 def left_out(
     sessions: Sequence[FacingSession], folds: int, reference: FacingModel, settings: FacingSettings | None = None
 ) -> Mapping[str, FacingFigures]:
-    """Return cross-validated figures: each fold with a model of the other participants; and figures of variants.
+    """Cross-validate the facing model: score each fold with a model trained on the other participants.
 
     Args:
         sessions: of at least as many participants as folds.

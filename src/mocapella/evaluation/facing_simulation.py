@@ -1,4 +1,4 @@
-"""Scores facings and corrected labels in simulated rooms, with ground truth and sensors on all sides.
+"""Score facings and corrected labels in simulated rooms, with ground truth and sensors on all sides.
 
 Identities, sensor poses and velocities are taken from the ground truth, so the filter alone is measured.
 """

@@ -39,7 +39,7 @@ _HORIZONTAL = [0, 2]
 
 
 def facing_yaw(positions: Float64) -> Float64:
-    """Return the facing (...,) by the labels of shoulders and hips; 0 = +z, π/2 = +x [rad]."""
+    """Return the facing (...,) [rad] of skeletons (..., joints, 3), from shoulders and hips; 0 = +z, π/2 = +x."""
     across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 
@@ -122,12 +122,12 @@ def label_flips(positions: Float64) -> int:
 
 
 def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> float:
-    """Return the lag of a skeleton behind another: the delay with the most similar joint velocities [s].
+    """Return the lag of a smoothed skeleton behind the raw one: the delay with the most similar joint velocities [s].
 
     Args:
         positions, raw: (frames, joints, 3) at the same times [m].
         at_s: (frames,) [s].
-        most: the delays tried go from 0 to this, in steps of 5 ms [s].
+        most: largest delay that is tried, in steps of 5 ms from 0 [s].
     """
     grid = np.arange(at_s[0] + most, at_s[-1], 1 / 60)
     if len(grid) <= _LAG_STEPS:
@@ -150,6 +150,6 @@ def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
 
 
 def rising(at_s: Float64, *values: Float64) -> Sequence[Float64]:
-    """Times in their order, each once, and the values at them."""
+    """Sort samples by time and drop repeated times; return the times and each of ``values``."""
     _, first = np.unique(at_s, return_index=True)
     return (at_s[first], *(value[first] for value in values))

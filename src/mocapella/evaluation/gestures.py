@@ -28,9 +28,9 @@ class GestureScores:
     """Results of gestures, summed over frames.
 
     Attributes:
-        told: how often each true gesture was reported as each gesture; an empty name is none.
-        grabbed: frames of gestures with a closed hand; grabbed_right: of these, with ``grabbing``.
-        loose, loose_right: likewise with an open hand, without ``grabbing``.
+        told: number of frames by true and reported gesture; an empty name is none.
+        grabbed, grabbed_right: number of frames with a closed hand, and of these with ``grabbing`` reported.
+        loose, loose_right: number of frames with an open hand, and of these without ``grabbing`` reported.
         begun: number of gestures that began in the scenes.
         late_s: delay from their beginning to their detection, for each detected one.
     """
@@ -51,7 +51,7 @@ class GestureScores:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Return shares: for each gesture, detected and confused; and frames with the right ``grabbing``."""
+        """Return the shares of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
 
         def part(some: int, of_all: int) -> float:
             return round(some / of_all, 4) if of_all else float("nan")

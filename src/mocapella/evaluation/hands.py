@@ -1,4 +1,4 @@
-"""Scores the method ``hands`` against ground truth: rendered hands and cameras; colours are learnt by pointing.
+"""Score the method ``hands`` on rendered images with ground truth, with colours learnt as by a user who points.
 
 The pipeline is the live one: images → markers → rays → hand, with the cameras' own frames in the order of their times.
 The tracker's result after each frame is compared with the hand at the instant of the newest processed pixel. The
@@ -45,7 +45,7 @@ def evaluate(
     """Return scores by scene: for each seed, and for all seeds together.
 
     Args:
-        scenes: names; all but the demo's where None.
+        scenes: names; None for all but the demo's.
         seeds: of the motion, the light and the noise.
         settings: of `HandsSettings`.
         tell: called with the current step, in words.
@@ -77,7 +77,7 @@ FrameRows = dict[str, Float64]
 
 
 def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> FrameRows:
-    """Results of a scene: arrays with a row for each frame."""
+    """Track one scene; return the errors as arrays with a row for each frame."""
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
     values = parse(HandsSettings, {**given, **(settings or {})}, where="settings of hands")

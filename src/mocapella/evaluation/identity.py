@@ -28,12 +28,12 @@ _EPSILON = float(np.finfo(np.float64).eps)
 
 
 class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
-    """One instant.
+    """True and found people of one frame.
 
     Attributes:
         true_ids: (true people,) ids.
         found_ids: (found people,) ids.
-        similarity: (true people, found people), 0 … 1.
+        similarity: (true people, found people) from 0 to 1.
     """
 
     true_ids: tuple[int, ...]
@@ -67,7 +67,7 @@ def similarity(true: Float64, found: Float64, zero_at: float = ZERO_AT) -> Float
 
 
 def hota(frames: Sequence[IdentityFrame], alphas: Sequence[float] = ALPHAS) -> Hota:
-    """Compute HOTA over all frames. Without true and found people it is perfect.
+    """Compute HOTA over all frames; it is 1 if there are neither true nor found people.
 
     In each frame true and found people are matched one to one so that similarity times the global alignment of their
     ids is greatest; a match counts at α if its similarity is at least α.

@@ -1,4 +1,4 @@
-"""Two people: identity switches against crossings labelled by hand, and Δd of both with one motion for both."""
+"""Score study logs with two people: identity switches at hand-labelled crossings, and Δd of both people."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ _HORIZONTAL = [0, 2]
 
 
 class Label(msgspec.Struct, frozen=True, eq=False):
-    """People's labelled positions at one instant.
+    """People's hand-labelled positions at one instant.
 
     Attributes:
         at_s: since the file's first frame [s].
-        place: x and z of SpineBase by person (0 = A, 1 = B), reference camera space [m], without hidden people.
+        place: x and z of the joint SpineBase by person (0 = A, 1 = B), reference camera space [m]; hidden people are
+            left out.
     """
 
     at_s: float
@@ -41,7 +42,7 @@ class Label(msgspec.Struct, frozen=True, eq=False):
 
 @cache
 def crossings() -> dict[str, tuple[Label, ...]]:
-    """Return the labels by the file's name without endings."""
+    """Return the labels of all files, by the file's name without its endings."""
     data = tomllib.loads(files("mocapella.evaluation").joinpath("crossings.toml").read_text(encoding="utf-8"))
     return {name: tuple(_label(*label) for label in entry["labels"]) for name, entry in data.items()}
 
@@ -56,7 +57,7 @@ def labels_of(session: StudySession) -> tuple[Label, ...]:
 
 
 def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
-    """Return by Person_Id the SpineBase (3,): the mean of the sensors' newest rows of the last `FRESH` seconds [m]."""
+    """Return the position (3,) of SpineBase by Person_Id [m]: mean of the sensors' newest rows within `FRESH` s."""
     found = {}
     recent = (session.at_s <= at_s + 1e-9) & (session.at_s >= at_s - FRESH)
     for person in np.unique(session.log.person_id[recent]).tolist():
@@ -73,14 +74,14 @@ def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
 
 
 def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
-    """Return by person the known SpineBase (3,) in the newest scene by that time, reference camera space [m]."""
+    """Return the position (3,) of SpineBase by person in the newest scene at a time, reference camera space [m]."""
     step = int(np.searchsorted(run.at_ns, run.at_ns[0] + round(at_s * 1e9), side="right")) - 1
     found = {person.id: person.positions[_ROOT] for person in run.people[step]}
     return {person: place for person, place in found.items() if np.isfinite(place).all()}
 
 
 def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
-    """Return a label and the people detected then; the similarity is 1 − d / (2·`NEAR`), so one half at `NEAR`."""
+    """Pair a label with the people found then, by id; the similarity at a distance d is 1 − d / (2·`NEAR`)."""
     true = np.array(list(label.place.values())).reshape(-1, 1, 2)
     places = np.array([place[_HORIZONTAL] for place in found.values()]).reshape(1, -1, 2)
     alike = np.maximum(0.0, 1 - np.linalg.norm(true - places, axis=-1) / (2 * NEAR))

@@ -64,10 +64,10 @@ class Output(Protocol):
 
     @property
     def wander_m_per_min(self) -> float:
-        """The greatest of its runs, see `mocapella.evaluation.causal_run.CausalRun`."""
+        """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Return both views of each of these pairs under one of `PROTOCOLS`, or a task's name."""
+        """Return both views of each pair under a scoring: one of `PROTOCOLS`, or a task's name."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
         """Return times (pairs,) [s] and fused skeletons (pairs, joints, 3), reference camera space [m]; NaN if none."""
@@ -76,11 +76,11 @@ class Output(Protocol):
         """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return by person the SpineBase (3,) at a time, reference camera space [m]."""
+        """Return the position (3,) of SpineBase by person at a time, reference camera space [m]."""
 
 
 class AsLogged:
-    """The logged rows, unchanged."""
+    """Output of the thesis' own method: the logged rows, unchanged."""
 
     wander_m_per_min = 0.0
 
@@ -117,7 +117,7 @@ class OneSensor(AsLogged):
 
 
 class AsRun:
-    """A method run over the session's frames: all of them, and Walk's alone."""
+    """Output of a method that is run over all frames of a session, and over the frames of Walk alone."""
 
     def __init__(self, session: StudySession, make: Callable[[int], ScoredTracker]) -> None:
         self.session = session
@@ -141,7 +141,7 @@ class AsRun:
 
     @property
     def whole(self) -> CausalRun:
-        """Over all frames of the session."""
+        """The run over all frames of the session."""
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
@@ -156,7 +156,7 @@ class AsRun:
         return views_of(self.session, run, pairs, known_before(frames, pairs, frozen=frozen), labels)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`: the newest scene when both of the pair's frames had come."""
+        """See `Output`: from the newest scene once both of the pair's frames have arrived."""
         session, run = self.session, self._run
         after = session.frames.of_row[pairs.rows].max(axis=1)
         out = np.full((len(pairs), *session.raw.shape[1:]), np.nan)
@@ -235,11 +235,11 @@ class Tally:
         self.interactions[session.name] = {**identity_figures(frames), "people": by_person}
 
     def counts(self) -> dict[tuple[str, str], Count]:
-        """Number of scored pairs and joints, by scoring and placement."""
+        """Numbers of scored pairs and joints, by scoring and placement."""
         return {key: count(scored) for key, scored in self.scored.items()}
 
     def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
-        """Return the method's part of the JSON."""
+        """Return the method's results for the JSON of docs/evaluation.md."""
         tasks: dict[str, dict[str, Any]] = {}
         for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
             tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
@@ -272,7 +272,7 @@ def _place(scoring: str) -> tuple[int, int]:
 
 
 def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
-    """Return every row of the tables that contains these pairs."""
+    """Return the scorings (rows of the tables) that include these pairs, each with its pairs."""
     found = []
     for task in np.unique(pairs.task).tolist():
         of_task = pairs.where(pairs.task == task)
@@ -360,9 +360,9 @@ def evaluate(
     Args:
         folder: with the logs.
         methods: keys of `mocapella.tracker.METHODS`.
-        participants: whose logs, or None for all.
+        participants: numbers of the participants whose logs are scored; None for all.
         on_step: called with the current step, in words.
-        makers: further methods by name: how to make a new tracker of each, for so many sensors.
+        makers: further methods by name: functions that create a tracker for a number of sensors.
 
     Returns:
         The JSON of docs/evaluation.md.

@@ -34,11 +34,11 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         placement: the sensors' placement.
         participant: the participant's number.
-        raw: the aligned views, before the corrections.
+        raw: the aligned views before the corrections, in the reference sensor's camera space.
         alpha: (frames, 2) facing from the direction to the sensor [rad].
         reported: (frames, 2) yaw that the sensor's labels imply, from the direction to the sensor [rad].
         mirrored: (frames, 2) whether left and right were swapped.
-        positions: (frames, 2, joints, 3) [m].
+        positions: (frames, 2, joints, 3) corrected joints, in the same space [m].
         hidden: (frames, 2, joints) whether the person's own body hides the joint.
     """
 
@@ -58,12 +58,17 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def signed_alpha(alpha: Float64, toward: Float64) -> Float64:
-    """Return α at the first sensor, positive if the person is turned towards the side of the second one."""
+    """Return the facing α relative to the first sensor, positive towards the side of the second one [rad].
+
+    Args:
+        alpha: (frames, 2) facing relative to each sensor [rad].
+        toward: (frames, 2) yaw from the person to each sensor [rad].
+    """
     return np.asarray(alpha * np.sign(np.median(wrap(toward[:, 1] - toward[:, 0]))))
 
 
 def mirrored_better(one: Float64, other: Float64) -> float:
-    """Return the share of frames with a smaller distance of two views (frames, joints, 3) after a swap of labels."""
+    """Return the share of frames in which swapping left and right brings two views (frames, joints, 3) nearer."""
     straight, crossed = (np.linalg.norm(one - p, axis=-1).mean(axis=-1) for p in (other, other[:, MIRROR]))
     return float((crossed < straight).mean())
 

@@ -43,7 +43,7 @@ class GridRow(msgspec.Struct, frozen=True):
         median_ms, p95_ms: of the whole detector.
         arm_mm: median distance of elbow, wrist and palm from their true places; NaN without any.
         tips_mm: median distance of the fingertips that were found; NaN without any.
-        tips_found: share of true fingertips that were marked measured, within `NEAR_M` of their true positions.
+        tips_found: share of true fingertips that the detector measured within `NEAR_M` of their true positions.
     """
 
     grid_px: int
@@ -76,7 +76,7 @@ def grid_table(
 
     Raises:
         EvaluationError: there is no frame.
-        SettingsError: a frame of another size than the camera's, or a grid that cannot be.
+        SettingsError: a frame of another size than the camera's, or an impossible grid.
     """
     base = settings or LineSkeletonSettings()
     detectors = [LineSkeleton(camera, replace(base, grid_px=grid)) for grid in grids_px]

@@ -46,14 +46,14 @@ def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
 
 
 def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
-    """Refuse a method that is unknown or cannot be scored, before anything is read.
+    """Check that all methods are known and can be scored, before any file is read.
 
     Args:
         methods: by name, as `method_with_settings` takes them.
-        some: whether there are other methods to score, so that this list may be empty.
+        some: whether the list may be empty, because other methods are scored.
 
     Raises:
-        SettingsError: says which can.
+        SettingsError: a method is unknown or cannot be scored, or there is none; names valid ones.
     """
     for method in methods:
         if method != AS_LOGGED:

@@ -73,7 +73,7 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
     """Compare hands and body of ``mediapipe_holistic_4cam`` with Caliscope's.
 
     Raises:
-        InputError: a file is missing or none of these.
+        InputError: a file is missing or has another format.
     """
     recording = folder / "recording_1" / "HOLISTIC"
     tracks = read_image_tracks([recording / "xy_HOLISTIC.csv"])
@@ -117,7 +117,7 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
     """Compare all points of ``pose2sim_single_person`` with Pose2Sim's raw TRC.
 
     Raises:
-        InputError: a file is missing or none of these.
+        InputError: a file is missing or has another format.
     """
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"), settings)

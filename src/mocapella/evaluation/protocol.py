@@ -1,4 +1,4 @@
-"""Protocols that a tracker implements, beside `mocapella.tracker.Tracker`, to be scored."""
+"""Interfaces, besides `mocapella.tracker.Tracker`, of trackers that can be scored on the study logs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ RIGID_WITHIN = 1e-6
 
 
 class JointBias(Protocol):
-    """A view-dependent joint bias, learnt on other people and declared before the first frame.
+    """A function that returns the view-dependent correction of the joints; learnt on other people.
 
-    It is a function of the fused person only, so it cannot depend on the difference of the two views.
+    Its arguments describe the fused person only, so it cannot depend on the difference of the two views.
     """
 
     def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
@@ -45,7 +45,7 @@ class ScoredTracker(Protocol):
 
     @property
     def joint_bias(self) -> JointBias | None:
-        """Read once, before the first frame."""
+        """The joint bias, None without one; read once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """Start from a sensor layout, known before the first frame; a method may ignore it."""

@@ -1,7 +1,7 @@
-"""The two views of every pair under a method's estimates: raw joints, and one rigid motion estimated from the past.
+"""Transform the two views of every pair by a method's estimates, which are one rigid motion for each sensor.
 
-A method only states motions, clock offsets and labels, before the arrival of the pair's frames; they are applied here,
-to the raw joints.
+A method estimates motions, clock offsets and label swaps before the pair's frames arrive. They are applied to the raw
+joints here.
 """
 
 from __future__ import annotations
@@ -140,12 +140,12 @@ def _at_one_instant(session: StudySession, pairs: Pairs, offset_s: Float64) -> F
 
 
 class SeenViews(msgspec.Struct, frozen=True, eq=False):
-    """Both views of every pair.
+    """Both views of every pair in their own camera spaces, with the estimates that apply to them.
 
     Attributes:
-        joints: (pairs, 2, joints, 3) with the sensors' labels, their own camera spaces [m].
-        T: (pairs, 2, 4, 4) from there to the reference sensor's camera space.
-        swapped: (pairs, 2) whether left and right are to be swapped.
+        joints: (pairs, 2, joints, 3) with the sensors' labels, in each sensor's own camera space [m].
+        T: (pairs, 2, 4, 4) from each sensor's camera space to the reference sensor's.
+        swapped: (pairs, 2) whether the method swaps left and right.
     """
 
     joints: Float64
@@ -157,9 +157,9 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
     """Arguments of the joint bias for each view, see `mocapella.evaluation.protocol.JointBias`.
 
     Attributes:
-        facing: (pairs, 2) [rad]; NaN where there is no person to fuse.
-        position: (pairs, 2, 3) [m].
-        velocity: (pairs, 2, 3) [m/s].
+        facing: (pairs, 2) yaw of the fused person relative to each line of sight [rad]; NaN without a fused person.
+        position: (pairs, 2, 3) of the fused SpineBase, in each sensor's camera space [m].
+        velocity: (pairs, 2, 3) of the same [m/s].
     """
 
     facing: Float64
@@ -168,7 +168,7 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
 
 
 def asked_about(session: StudySession, pairs: Pairs, seen: SeenViews) -> Asked:
-    """Compute the arguments from the fused person, in each camera space: the mean of the views, labels repaired."""
+    """Compute the arguments of the joint bias from the fused person: the mean of both views, with corrected labels."""
     views = rigid.apply(seen.T, seen.joints)
     views = np.where(seen.swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
     fused = views.mean(axis=1)

@@ -68,14 +68,19 @@ def _design(alpha: Float64, toward: Float64, mirror: bool) -> Float64:
 
 
 def unexplained(view: LabelledViews, bias: Float64) -> Float64:
-    """Return the residual (frames, joints, 3) of view 1 − view 2 without the bias [m]."""
+    """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m]."""
     X = _design(view.alpha, view.raw.toward, mirror=False)
     explained = np.einsum("nij,kj->nki", X, bias.reshape(len(bias), -1))
     return np.asarray(view.positions[:, 0] - view.positions[:, 1] - explained)
 
 
 def fit_spread(views: Sequence[LabelledViews], rests: Sequence[Float64]) -> Float64:
-    """Fit the standard deviation (25, 2, 3) of a coordinate of one view: by joint, hidden or not, and side [m]."""
+    """Fit the standard deviation (25, 2, 3) of a coordinate of one view [m].
+
+    The axes are the joint, visible or hidden by the person's own body, and the person's side (front, side, back) that
+    the
+    sensor sees. ``rests`` are the results of `unexplained`.
+    """
     sd = np.empty((len(BODY), 2, 3))
     for joint in range(len(BODY)):
         rows, lengths = [], []
@@ -128,14 +133,17 @@ def autocovariance(rests: Sequence[Float64]) -> Float64:
 
 
 def fit_shares(rests: Sequence[Float64]) -> Float64:
-    """Fit each spline's part (knots,) of the variance [m²]; the white part is fitted too, and left out."""
+    """Fit the variance (knots,) of each cubic spline in the residuals, one for each knot distance [m²].
+
+    The variance of white noise is fitted as well, but not returned.
+    """
     basis = [knot_autocorrelation(knot, LAGS * LAG_S) for knot in KNOTS_S]
     share = nnls(np.stack([LAGS == 0, *basis], axis=1).astype(np.float64), autocovariance(rests))[0][1:]
     return np.asarray(share)
 
 
 def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
-    """Return each spline's share (knots,) in Stationary, relative to the variance in Walk."""
+    """Return the variance (knots,) of each spline in Stationary, relative to the total variance in Walk."""
     still, expected = [], []
     for view, rest in zip(views, rests, strict=True):
         chosen = view.raw.task == STATIONARY

@@ -121,10 +121,10 @@ def measure(folder: Path, on_file: Any = lambda name: None) -> SensorErrors:
 
 
 def as_simulated(errors: SensorErrors, seeds: Sequence[int] = (0, 1, 2)) -> dict[str, dict[str, Any]]:
-    """Return by placement the figures of `SensorErrors.measured_on` for simulated sensors with these errors.
+    """Simulate sensors with these errors; return the figures of `SensorErrors.measured_on` by placement.
 
-    The simulated walk is another route, so its frames are weighted to the recorded distribution of α at the first
-    sensor.
+    The simulated walk has another route, so its frames are weighted to match the recorded distribution of the facing α
+    relative to the first sensor.
     """
     base = scene_settings("walk")
     out: dict[str, dict[str, Any]] = {}
@@ -302,7 +302,7 @@ def told_apart(lengths: Sequence[tuple[int, Float64]], near: float, window: int 
 
     Args:
         lengths: for each session the participant, and (frames, views, lengths) [m].
-        near: largest difference that counts as the same person.
+        near: largest difference of lengths that counts as the same person [m].
         window: number of frames that are compared with whole sessions.
 
     Returns:

@@ -1,4 +1,4 @@
-"""The experiments on the penalty on jitter, on rendered scenes: knee bends, a runner, acrobatics, and its weight.
+"""Experiments with the penalty on jitter on rendered scenes: knee bends, a runner, acrobatics, and the weight.
 
 After B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007,
 section 4: the same images are tracked with the penalty and without.
@@ -92,16 +92,16 @@ EXPERIMENTS: Final[dict[str, Experiment]] = {
 
 
 class RunRow(msgspec.Struct, frozen=True):
-    """One run.
+    """Result of one run.
 
     Attributes:
         scene, seed, body, images, weight: the run's scene, seed, tracked body, corruption, and weight of the penalty.
-        score, outcome: see there.
+        score, outcome: errors of the movement, and whether the body was tracked to the end.
         overlap: mean intersection over union of the mesh and the true masks.
-        blind: number of frames without a camera that counted.
+        blind: number of frames without a usable camera.
         lost: number of frames with a lost body.
-        kept: the highest flexion of the knees over the true one; None where they do not move.
-        lag: by how many frames the knees' curve comes late; likewise.
+        kept: `mocapella.evaluation.silhouettes.peak_kept` of the knees' flexion; None for scenes without knee bends.
+        lag: lag of the knees' flexion behind the true one [frames]; None likewise.
     """
 
     scene: str
@@ -124,7 +124,7 @@ class PlottedScene(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         film: the rendered scene.
         corruption: of its images.
-        found: by the penalty's weight.
+        found: tracked movement by the penalty's weight.
     """
 
     film: Film
@@ -142,9 +142,9 @@ def run(
     """Run one of `EXPERIMENTS`.
 
     Args:
-        name: which.
+        name: key of `EXPERIMENTS`.
         seeds: of the scenes.
-        seconds: only so much of each scene.
+        seconds: duration of each scene; None for the whole scene.
         bodies: of `BODIES`.
         tell: called with the current step, in words.
 
@@ -186,14 +186,14 @@ def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
 
 
 def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
-    """Return the corruption of a film, by the scene's seed."""
+    """Return the corruption with its random seed derived from the scene's."""
     return None if corruption is None else replace(corruption, seed=seed)
 
 
 def followed(
     film: Film, body: str, images: str, corruption: Corruption | None, weight: float
 ) -> tuple[RunRow, Movement]:
-    """Track a film with a body of `BODIES` and the penalty times ``weight``."""
+    """Track a film with a body of `BODIES` and the penalty times ``weight``; return its row and the movement."""
     joints = rough_joints(film.scene)
     mesh = BODIES[body](film.scene, joints)
     done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)

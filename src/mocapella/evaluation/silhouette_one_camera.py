@@ -54,14 +54,14 @@ class OneCameraRow(msgspec.Struct, frozen=True):
     """One run with one camera.
 
     Attributes:
-        run: as of the other experiments.
-        depth_mm, depth_p95_mm: of the landmarks' errors along the camera's axis: median and 95 %.
-        across_mm, across_p95_mm: the same across it.
+        run: result as in the other experiments.
+        depth_mm, depth_p95_mm: median and 95th percentile of the landmarks' errors along the camera's axis.
+        across_mm, across_p95_mm: the same perpendicular to the axis.
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
-        away: share of frames with a body that has left the person.
-        free: standard deviation of the least certain direction, see `freedoms`; the median over frames.
-        outlines: the same of the outlines alone, without the weak pull to the resting pose.
-        outlines_of_many: the same with four cameras.
+        away: share of frames in which the fitted body is off the person.
+        free: standard deviation of the least certain direction, see `freedoms`; median over frames.
+        outlines: the same without the weak prior of the resting pose, from the outlines alone.
+        outlines_of_many: the same as ``outlines`` with four cameras.
     """
 
     run: RunRow
@@ -82,8 +82,8 @@ class OneCameraShown(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         film: the rendered scene.
-        found: by the penalty's weight.
-        freedoms: (dofs,) of one camera by what holds the body, and of many.
+        found: tracked movement by the penalty's weight.
+        freedoms: `median_freedoms` (dofs,) by the constraints used, for one camera and for many.
     """
 
     film: Film
@@ -101,7 +101,7 @@ def run_one_camera(
 
     Args:
         seeds: of the scenes, which also place the camera.
-        seconds: only so much of each scene.
+        seconds: duration of each scene; None for the whole scene.
         bodies: of `BODIES`.
         tell: called with the current step, in words.
 
@@ -136,7 +136,7 @@ def run_one_camera(
 
 
 def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
-    """Return the errors (frames, landmarks, 3) in the first camera's space: across, across, along its axis [m]."""
+    """Return the landmarks' errors (frames, landmarks, 3) in the first camera's frame: x, y, and along its axis [m]."""
     (placed, *_) = rig.cameras.values()
     names = [name for name in true.landmarks if name in found.landmarks]
     at = [

@@ -1,4 +1,4 @@
-"""Runs the method ``silhouettes`` over rendered scenes with ground truth: with any body, corruption and penalty.
+"""Run the method ``silhouettes`` on rendered scenes with ground truth, with any body, corruption and penalty.
 
     film = filmed(silhouette_scene("runner", seed=100))
     joints = rough_joints(film.scene)
@@ -105,12 +105,12 @@ def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Flo
 
 
 def own_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """Return the subject's own mesh, as if scanned."""
+    """Return the subject's own mesh, as an ideal scan would."""
     return scene.mesh
 
 
 def measured_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """Make a body from the sex and the proportions of the rough joints alone."""
+    """Return a body model of the subject's sex, with proportions from the rough joints."""
     return body_mesh(cast(Sex, scene.mesh.name), None, proportions_of(joints))
 
 
@@ -187,7 +187,7 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
-    """Return (frames, cameras) intersection over union of the projected mesh and the true mask, of some frames."""
+    """Return the intersection over union (frames, cameras) of mesh and true mask, of every ``every``-th frame."""
     body, out = figure(movement.mesh), []
     for k in range(0, len(movement), every):
         vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))

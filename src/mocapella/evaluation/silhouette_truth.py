@@ -21,10 +21,10 @@ class TruthScore(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: number of frames.
-        angle_deg: median of the joints' absolute errors.
-        angle_mean_deg: their mean.
-        angles_deg: the mean of each, by name. A rotation about the axis of a straight limb shows in no outline.
-        joints_mm: median of the landmarks' distances.
+        angle_deg: median of the absolute errors of all joint angles.
+        angle_mean_deg: mean of the same.
+        angles_deg: mean absolute error by angle. A rotation about the axis of a straight limb shows in no outline.
+        joints_mm: median distance of the landmarks.
         overlap: mean intersection over union of the model and the true person, over frames and cameras.
     """
 
@@ -87,7 +87,14 @@ class TruthMeter:
 
 
 def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:
-    """Perturb a pose like one that was set by hand: normal errors of positions [m] and angles [rad]."""
+    """Perturb a pose by normal errors, to simulate one that was set by hand.
+
+    Args:
+        pose: the true pose.
+        limits: (joints, 2) of the angles [rad].
+        seed: of the errors.
+        off: standard deviations of the position [m] and of the angles [rad].
+    """
     rng = np.random.default_rng([seed, 71])
     T = pose.T_world_model.copy()
     T[:3, 3] += rng.normal(0.0, off[0], 3)

@@ -1,4 +1,4 @@
-"""Scores ``silhouettes`` on real video: ``pose2sim_single_person``, four calibrated cameras of a person balancing.
+"""Score ``silhouettes`` on a real recording, ``pose2sim_single_person``: a balancing person and four cameras.
 
 The body starts from the keypoints of the first frame alone. The later frames are compared with Pose2Sim's joints, with
 the 2D keypoints, which the tracker does not use there, and with outlines drawn by hand.
@@ -45,9 +45,9 @@ class VideoScore(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: number of frames.
-        median_mm, p95_mm: from Pose2Sim's joints.
-        joints_mm: the median of each.
-        inside: share of the limbs' confident 2D keypoints in the projected mesh grown by 15 px.
+        median_mm, p95_mm: distances from Pose2Sim's joints, over joints and frames.
+        joints_mm: median distance by joint.
+        inside: share of the limbs' confident 2D keypoints within the projected mesh, dilated by 15 px.
         overlaps: intersection over union with outlines drawn by hand, by camera and frame.
     """
 
@@ -96,10 +96,10 @@ def score_video(
 
     Args:
         folder: of the recording.
-        body: with its landmarks and mesh.
-        followed: one result for each frame, from the first.
-        outlines: the file of outlines drawn by hand.
-        draw: (height, width) uint8 of polygons and holes (n, 2) [px], for a 1920 × 1088 image.
+        body: the tracked body's mesh.
+        followed: the tracker's result for each frame, from the first.
+        outlines: file of outlines drawn by hand.
+        draw: function that renders polygons and holes, (n, 2) each [px], as a mask of 1920 × 1088 pixels.
     """
     names = list(body.mesh.landmarks)
     rig = rig_of(folder)

@@ -1,4 +1,4 @@
-"""How well a body was followed, beside the truth: joint angles, jitter, lag, swapped legs, limbs inside each other.
+"""Compare a tracked body with ground truth: joint angles, jitter, lag, swapped legs, interpenetrating limbs.
 
     found, true = Movement(mesh, poses, fps), Movement(scene.mesh, scene.poses(), fps)
     score(found, true).angle_deg, outcome(found, true).problem
@@ -57,8 +57,8 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     Attributes:
         mesh: of the body.
-        poses: (frames,) batches.
-        fps: frames a second, at equal intervals.
+        poses: poses with one batch axis (frames,).
+        fps: constant frame rate [Hz].
     """
 
     mesh: RiggedMesh
@@ -80,7 +80,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def rotations(self) -> dict[str, Float64]:
-        """Return the rotations (frames, 3, 3) of the joints of `JOINT_OF`: part relative to parent, and to rest."""
+        """Return the rotations (frames, 3, 3) by joint of `JOINT_OF`: of a part relative to its parent, 1 at rest."""
         R = part_motions(self.mesh.tree, self.poses)[..., :3, :3]
         parents = self.mesh.tree.parents
         return {
@@ -90,7 +90,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
         }
 
     def first(self, frames: int) -> Movement:
-        """Return the first frames."""
+        """Return the movement's first ``frames`` frames."""
         return Movement(self.mesh, TreePose(self.poses.T_world_model[:frames], self.poses.angles[:frames]), self.fps)
 
     def flexion_deg(self, joint: str) -> Float64:
@@ -112,12 +112,12 @@ class MovementScore(msgspec.Struct, frozen=True):
         frames: number of frames.
         angle_deg, angle_sd_deg: mean and standard deviation of the joints' errors, over joints and frames.
         near: share of the errors below `NEAR_DEG`.
-        hinge_deg, hinge_sd_deg: of knees and elbows: mean size of the error, and the standard deviation of the error.
-        joints_deg: the mean of each joint.
-        median_mm, p95_mm: of the landmarks that both bodies have.
-        acceleration, true_acceleration: root mean square of the landmarks' [m/s²].
+        hinge_deg, hinge_sd_deg: mean absolute error and standard deviation of the error of knees and elbows.
+        joints_deg: mean error by joint.
+        median_mm, p95_mm: distances of the landmarks that both bodies have.
+        acceleration, true_acceleration: root mean square acceleration of the landmarks, estimated and true [m/s²].
         jitter: root mean square acceleration of the landmarks' errors [m/s²].
-        feet, true_feet, feet_jitter: the same three of `FEET`.
+        feet, true_feet, feet_jitter: the same three figures for the landmarks `FEET`.
     """
 
     frames: int
@@ -141,9 +141,9 @@ class Outcome(msgspec.Struct, frozen=True):
     """Whether a body was tracked to the last frame.
 
     Attributes:
-        angle_deg, late_deg: mean error of the joints, of all frames and of the last ones.
-        swapped: number of frames with exchanged legs.
-        through_mm: additional depth of limbs inside each other, compared with the ground truth, in the worst frame.
+        angle_deg, late_deg: mean error of the joints over all frames, and over the last ones.
+        swapped: number of frames with swapped legs.
+        through_mm: penetration depth of limbs in the worst frame, in excess of the ground truth's.
         problem: the reason of the failure; empty after success.
     """
 
@@ -155,7 +155,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
-    """Return by joint the angle (frames,) between the estimated and the true rotation."""
+    """Return the angle (frames,) between the estimated and the true rotation, by joint [°]."""
     _same(found, true)
     out = {}
     for joint, R in true.rotations.items():
@@ -191,11 +191,11 @@ def score(found: Movement, true: Movement) -> MovementScore:
 
 
 def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> Outcome:
-    """Judge a run: joints right in the mean and at the end, legs not exchanged, no limb inside another.
+    """Judge a run by the mean error of the joints, their error at the end, swapped legs and penetrating limbs.
 
     Args:
-        found, true: see there.
-        through_mm: largest allowed additional depth of limbs inside each other.
+        found, true: estimated and true movement.
+        through_mm: largest allowed penetration depth of limbs in excess of the ground truth's.
     """
     every = np.array(list(joint_errors_deg(found, true).values()))
     mean, late = float(every.mean()), float(every[:, -LATE_FRAMES:].mean())
@@ -212,13 +212,13 @@ def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> 
 
 
 def rms_acceleration(places: Float64, fps: float) -> float:
-    """Return the root mean square acceleration of positions (frames, ..., 3), in their unit a second squared."""
+    """Return the root mean square acceleration of positions (frames, ..., 3), in their unit per s²."""
     change = np.diff(places, 2, axis=0) * fps**2
     return float(np.sqrt(np.square(change).sum(axis=-1).mean()))
 
 
 def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> float:
-    """Return the lag of a curve (frames,) behind another in frames: the best match, also between frames.
+    """Return the lag of a curve (frames,) behind the true one: the delay of the best match [frames], interpolated.
 
     Raises:
         EvaluationError: there are too few frames, or the true curve does not move.
@@ -239,12 +239,12 @@ def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> flo
 
 
 def peak_kept(found: Float64, true: Float64) -> float:
-    """Return the highest value of a curve (frames,) over the true curve's, both above the true curve's minimum."""
+    """Return the ratio of the peaks of a curve (frames,) and the true one, each above the true curve's minimum."""
     return float((found.max() - true.min()) / np.ptp(true))
 
 
 def legs_swapped(found: Movement, true: Movement) -> Bools:
-    """Return whether (frames,) a leg's knee and ankle are nearer to the other leg's true ones than to their own."""
+    """Return (frames,) whether a leg's knee and ankle are nearer to the other leg's true ones than to their own."""
     _same(found, true)
     names = ("knee", "ankle")
     ours, theirs = (
@@ -257,7 +257,7 @@ def legs_swapped(found: Movement, true: Movement) -> Bools:
 
 
 def through_itself_mm(found: Movement, true: Movement) -> Float64:
-    """Return the additional depth (frames,) of limbs inside each other; true limbs press their flesh a little, too."""
+    """Return the penetration depth (frames,) of limbs in excess of the ground truth's, whose flesh also overlaps."""
     _same(found, true)
     ours, theirs = (
         depths_m(capsules_of(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)

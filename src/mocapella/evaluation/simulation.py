@@ -47,7 +47,7 @@ _ARRAYS: Final = ("tracking_ids", "tracked", "clipped_edges", "states", "positio
 
 
 class Tracked(Protocol):
-    """The scored part of a `mocapella.tracker.Tracker`: one step."""
+    """Interface of a scored tracker: the step of `mocapella.tracker.Tracker`."""
 
     def update(self, arrival: Arrival) -> Scene:
         """Track one frame."""
@@ -84,13 +84,13 @@ def evaluate(
     """Score methods on scenes.
 
     Args:
-        methods: by name, with settings if need be, see `method_with_settings`.
-        scenes: names, all where not given.
+        methods: names, optionally with settings, see `method_with_settings`.
+        scenes: names; None for all.
         seeds: of the scenes' noise.
         on_run: called with the next step, in words.
 
     Returns:
-        What ``--json`` prints, see docs/evaluation.md.
+        The JSON of docs/evaluation.md.
 
     Raises:
         SettingsError: an unknown method or scene, or none.
@@ -125,7 +125,7 @@ def evaluate(
 
 
 def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
-    """Return by scene the mean of its runs and all runs; and over all scenes the targets' figures."""
+    """Return by scene the runs and their mean, and the figures that have targets over all scenes."""
     scenes = {name: {"mean": _mean(of), "runs": list(of)} for name, of in runs.items()}
     worst = {
         figure: _worst(figure, {name: [run[figure] for run in of] for name, of in runs.items()}) for figure in TARGETS
@@ -162,7 +162,7 @@ def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = N
     Args:
         tracker: new.
         room: any.
-        items: its sensors' frames in the order of their arrival; until everything begins again where not given.
+        items: its sensors' frames in the order of their arrival; None for all frames until the simulation repeats.
     """
     score = Score(room)
     latency_ns = {sensor.name: round(sensor.latency_s * NS_PER_S) for sensor in room.settings.sensors}

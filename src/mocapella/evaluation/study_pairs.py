@@ -1,4 +1,4 @@
-"""Pairs of rows of the study logs: the two sensors' views of one person at one result."""
+"""Pairs of rows of the study logs: the two sensors' views of one person in one result of the thesis' tracker."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ TASKS: Final = {number: name for name, number in SCENARIOS.items()}
 
 
 class Pairs(msgspec.Struct, frozen=True, eq=False):
-    """The rows of one result and person, two by two, in the order of the results.
+    """Pairs of rows of the same result and person, in the order of the results.
 
     Attributes:
-        rows: (pairs, 2), the first two rows in the file.
-        person: (pairs,), Person_Id.
-        task: (pairs,), Scenario_Id.
+        rows: (pairs, 2) indices of the rows in the file.
+        person: (pairs,) Person_Id.
+        task: (pairs,) Scenario_Id.
     """
 
     rows: Int64
@@ -53,8 +53,8 @@ class StudyFrames(msgspec.Struct, frozen=True, eq=False):
     """Frames of a file in the order of their arrival, with the frame of each row.
 
     Attributes:
-        arrivals: (arrivals,).
-        of_row: (rows,) the arrival that holds the row's view; −1 where it is not among them.
+        arrivals: (arrivals,) frames.
+        of_row: (rows,) index of the arrival that contains the row's view; −1 if none does.
     """
 
     arrivals: tuple[Arrival, ...]
@@ -62,13 +62,13 @@ class StudyFrames(msgspec.Struct, frozen=True, eq=False):
 
 
 class StudySession:
-    """One file: one participant with the sensors in one placement.
+    """One study log: one participant with one placement of the sensors.
 
     Attributes:
         log: the file's rows, with `corrected_tasks`.
-        replay: the same as sensors.
+        replay: the sensors' frames, reconstructed from the log.
         participant: Study_Id.
-        placement: as the thesis' tables call it.
+        placement: name of the sensors' placement, as in the thesis' tables.
         pairs: all pairs.
         frames: all frames.
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
@@ -121,7 +121,7 @@ class StudySession:
 
 
 def corrected_tasks(log: StudyLog) -> Int64:
-    """Return Scenario_Id (rows,) without a logging error: once the log has reached task 8, a 4 stands for an 8."""
+    """Return Scenario_Id (rows,) with a logging error corrected: after the first 8, a 4 means 8."""
     after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
     return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
 

@@ -38,20 +38,20 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
 
 
 class Count(msgspec.Struct, frozen=True):
-    """Numbers behind a row: pairs with a joint present in both views, and such joints, over all pairs."""
+    """Number of pairs with at least one joint in both views, and number of such joints over all pairs."""
 
     pairs: int
     finite_joints: int
 
 
 def differences(views: Float64) -> Float64:
-    """Return |Δx| |Δy| |Δz| Δd (..., joints, 4) of two views (..., 2, joints, 3)."""
+    """Return |Δx|, |Δy|, |Δz| and the distance Δd, (..., joints, 4), between two views (..., 2, joints, 3) [m]."""
     apart = np.abs(views[..., 0, :, :] - views[..., 1, :, :])
     return np.concatenate([apart, np.linalg.norm(apart, axis=-1, keepdims=True)], axis=-1)
 
 
 def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Float64]:
-    """Return the participants and M (participants, joints, 4): the mean over all pairs of each, from all files [m].
+    """Return the participants, and the means (participants, joints, 4) of Δx Δy Δz Δd over all pairs of each [m].
 
     A joint that is missing in all pairs of a participant is NaN.
     """
@@ -75,10 +75,10 @@ def count(scored: Sequence[Scored]) -> Count:
 
 
 def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
-    """``dx_cm``, ``dy_cm``, ``dz_cm``, ``dd_cm`` and ``torso_dd_cm`` of one task and placement.
+    """Return ``dx_cm``, ``dy_cm``, ``dz_cm``, ``dd_cm`` and ``torso_dd_cm`` of one task and placement.
 
-    Each has ``mean`` (over participants, then over joints), ``std`` (the thesis': N − 1, over the joints) and
-    ``worst_participant`` (the greatest mean over the joints).
+    Each has ``mean`` (over participants, then over joints), ``std`` (over the joints, with N − 1 as in the thesis) and
+    ``worst_participant`` (largest mean over the joints).
     """
     _, means = joint_means(scored, repaired)
     return {
@@ -98,7 +98,7 @@ def _figure(means: Float64) -> dict[str, float]:
 
 
 def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
-    """One task and placement as the JSON has it; ``problem`` says why the row fails, and is empty where it does not.
+    """Return the JSON of one task and placement; ``problem`` is the reason if the row is not valid, else empty.
 
     Args:
         scored: of all files.

@@ -1,4 +1,4 @@
-"""Scores the pose of a tagged object: rendered images → corners → pose, with the cameras of the hands' scenes.
+"""Score the pose of a tagged object in rendered images, with the cameras of the hands' scenes.
 
 A tag of 40 mm is swung in front of the cameras, without a hand; images have the cameras' blur, noise and mosaic, and
 no motion blur. The pose after each frame is compared with the ground truth at the instant of that frame.

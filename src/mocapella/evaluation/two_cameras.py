@@ -1,4 +1,4 @@
-"""Measures the benefit of a second depth camera: each camera's arm, and the fused one, against ground truth.
+"""Measure the benefit of a second depth camera: score each camera's arm and the fused arm against ground truth.
 
 Both cameras see one rendered arm; the second stands to the side, and takes its images half a frame later. Each is
 scored at its own instants, the fused arm at all of them, without any correction.
@@ -92,14 +92,14 @@ class _Errors:
 
 
 def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
-    """Return the scene before a second camera, rotated by the angle about the hands' centre."""
+    """Return the scene as seen by a second camera, rotated about the hands' centre by ``angle_deg``."""
     distance = 0.5 * sum(scene.sensor.distance_m) * scene.settings.distance
     R, middle = rotation_about_y(math.radians(angle_deg)), np.array([0.0, 0.0, distance])
     return scene.from_camera(rigid(R, middle - R @ middle))
 
 
 def looks_of(detectors: tuple[ArmDetector, ArmDetector]) -> tuple[ArmFinding, ArmFinding]:
-    """Wrap two detectors, one for each camera, to detect arms in shots."""
+    """Return two functions that detect arms in the shots of each camera, from two detectors."""
 
     def of(detector: ArmDetector) -> ArmFinding:
         return lambda shot: detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
@@ -124,8 +124,10 @@ def two_camera_scores(
         scene: with one arm, as the first camera sees it.
         looks: detectors of arms in each camera's shots.
         angle_deg: between the cameras, about the hand.
-        fps: a camera.
-        rig: whether the tracker receives the cameras' poses; else it estimates them, and is scored from then on.
+        fps: frame rate of each camera [Hz].
+        seconds: duration.
+        rig: whether the tracker receives the cameras' poses; otherwise it estimates them, and is scored from the first
+            estimate on.
         settings: of the tracker.
         make: makes the tracker.
 

@@ -29,7 +29,7 @@ class ArmFusionSettings:
 
     Attributes:
         least_sd_m: lower bound of a point's standard deviation.
-        unsaid_sd_m: standard deviation where a view gives none.
+        unsaid_sd_m: standard deviation for a view without one.
         gate_m: views agree about a point within this distance …
         gate_sds: … plus this many standard deviations of their difference.
         far_m: upper bound of that distance.
@@ -51,10 +51,10 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         points: (n, 3) [m]; NaN without a view.
-        states: (n,) `JointState`: of the best view.
-        sd: (n,) [m]; NaN where not known.
+        states: (n,) `JointState` of the best view.
+        sd: (n,) standard deviation of a coordinate [m]; NaN if unknown.
         weights: (views, n) information of the inliers [1/m²], 0 for others.
-        disputed: (views, n) measured points that the other views contradict.
+        disputed: (views, n) whether a measured point contradicts the other views.
     """
 
     points: Float64
@@ -67,7 +67,7 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
 def fuse_points(
     points: Float64, states: UInt8, sd: Float64, expected: Float64, settings: ArmFusionSettings | None = None
 ) -> FusedPoints:
-    """Fuse several views of one time.
+    """Fuse several views of the same points at one time.
 
     Args:
         points: (views, n, 3), all in one frame [m]; NaN where not known.

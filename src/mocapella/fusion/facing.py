@@ -4,10 +4,10 @@
     log p   += w_yaw·yaw(α, β) + w_shape·shape(α, score)                α = facing − direction to the sensor
     log p   += w_motion·motion(speed, facing − heading)
 
-One call takes in a frame of one sensor. The weights are far below 1 because successive frames repeat the same evidence;
-each source counts by the time since its last use, so that fast sensors do not count more. The facing of a person is
-estimated, not that of a view; a view's labels are mirrored if its own yaw is more than 90° off, with hysteresis. See
-docs/methods/facing.md.
+Each update processes one sensor's frame. The weights are far below 1 because successive frames repeat the same
+evidence; evidence of a source is weighted by the time since its last use, so that fast sensors do not count more. The
+facing of a person is estimated, not that of a view. A view's labels are mirrored if its own yaw is more than 90° off,
+with hysteresis. See docs/methods/facing.md.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ class FacingSettings:
     """Weights of the evidence, and thresholds of mirroring. Chosen by cross-validation over people.
 
     Attributes:
-        yaw_weight: of the log-likelihood of a view's yaw.
-        shape_weight: of that of a body's shape.
-        motion_weight: of that of the motion; a larger one misjudges people who walk backwards.
+        yaw_weight: weight of the log-likelihood of a view's yaw.
+        shape_weight: weight of the log-likelihood of the body's shape.
+        motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
+            misjudged.
         hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this.
         mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
             the direction to the sensor.
@@ -103,13 +104,13 @@ class FacingMemory(msgspec.Struct, eq=False):
     """State of a `FacingFilter`.
 
     Attributes:
-        people: person → row of the arrays.
-        sensors: sensor → column of ``mirrored``, and less 1 of ``told_s``.
+        people: row of the arrays by person.
+        sensors: column of ``mirrored`` by sensor; its column in ``told_s`` is one more.
         zero: yaw of the first bin, in the present world frame [rad].
         p: (people, BINS) probability of each facing.
-        at_s: (people,) its time [s].
-        told_s: (people, 1 + sensors) last evidence from the motion and from each sensor [s].
-        mirrored: (people, sensors) whether the labels were mirrored then.
+        at_s: (people,) time of the probabilities [s].
+        told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor [s].
+        mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
     """
 
     people: dict[int, int]
@@ -122,7 +123,9 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """From ``at_s`` on, the sensor's labels of a person are swapped, or (``mirrored`` false) no longer."""
+    """A change of the label correction: from ``at_s`` on, a sensor's labels of a person are swapped, if ``mirrored``,
+    or
+    used unchanged."""
 
     person: int
     sensor: str
@@ -149,14 +152,14 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
 
 
 class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
-    """``yaw`` and the grown ``sd`` (people,) [rad]; NaN and infinite for unknown people."""
+    """Predicted facings ``yaw`` (people,) and standard deviations ``sd`` (people,) [rad]; NaN, infinite if unknown."""
 
     yaw: Float64
     sd: Float64
 
 
 class FacingFilter:
-    """Filter of all people's facings.
+    """Histogram filter of all people's facings.
 
     Attributes:
         memory: its state, which can be copied and restored.
@@ -266,7 +269,7 @@ class FacingFilter:
         self._keep_rows({person: row for person, row in memory.people.items() if person != gone})
 
     def rotate(self, angle: float) -> None:
-        """Express all yaws in another world frame, larger by an angle [rad]."""
+        """Change to a world frame in which all yaws are larger by ``angle`` [rad]."""
         self.memory.zero = float(wrap(self.memory.zero + angle))
 
     def _keep_rows(self, rows: dict[int, int]) -> None:

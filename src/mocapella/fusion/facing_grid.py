@@ -50,14 +50,16 @@ def unknown() -> Float64:
 
 
 def turned_on(p: Float64, steps: Any) -> Float64:
-    """Predict the probabilities; two successive predictions equal one of both times, so frames may come at any rate.
+    """Predict the probabilities of the facing after some time in which people may have turned.
+
+    Two successive predictions equal one over the total time, so the frame rate does not matter.
 
     Args:
         p: (..., BINS).
-        steps: (...,) of `STEP_S`, 0 or more.
+        steps: (...,) elapsed time in units of `STEP_S`, 0 or more.
 
     Returns:
-        (..., BINS), of the same sum.
+        (..., BINS), with unchanged sum.
 
     Source:
         exp(steps · (K − 1)), K a turn: a Markov process in continuous time; J. R. Norris, *Markov Chains* (1997),

@@ -43,8 +43,9 @@ def wrap(angle: float) -> float:
 def view_worth(yaw: float, toward: float, reported: float) -> float:
     """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN.
 
-    A sensor that looks along the shoulders guesses the far one; α is the angle between the person's yaw and the
-    direction to the sensor. β is the error of the yaw that the view's repaired labels imply.
+    A sensor that looks along the shoulders only guesses the far one. α is the angle between the person's ``yaw`` and
+    the
+    direction ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels.
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
@@ -65,7 +66,7 @@ def turning(steps: float, tables: Float64, kernel: Float64) -> None:
 
 @njit(cache=True)
 def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
-    """Convolve p (BINS,) with the turning, in place; twice (2 · BINS,) is scratch.
+    """Convolve p (BINS,) with the ``kernel`` of `turning`, in place; ``twice`` (2 · BINS,) is workspace.
 
     See `mocapella.fusion.facing_grid.turned_on`.
     """
@@ -148,7 +149,7 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
     Args:
         positions: (joints, 3).
         yaw: direction along which features are measured.
-        model: see there.
+        model: the facing model's tables.
     """
     trunk, terms, weights, classifier = model.joints[0], model.joints[1:], model.weights, model.classifier
     head, base = positions[trunk[0]], positions[trunk[1]]
@@ -202,7 +203,10 @@ def add_view(
 
 @njit(cache=True)
 def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float, tables: Float64) -> None:
-    """Add the log-likelihood of a velocity (3,), see `mocapella.fusion.facing_model.FacingModel.motion_evidence`."""
+    """Add the log-likelihoods of a velocity (3,) to ``evidence`` (BINS,), multiplied by ``factor``.
+
+    See `mocapella.fusion.facing_model.FacingModel.motion_evidence`; ``zero`` is the yaw of the first bin [rad].
+    """
     speed = np.hypot(velocity[0], velocity[2])
     if not speed >= _SPEEDS[0]:
         return
@@ -228,7 +232,7 @@ def believe(p: Float64, evidence: Float64) -> None:
 
 @njit(cache=True)
 def counts_for(now: float, last: float) -> float:
-    """Return the weight of new evidence by the time since the last, in `STEP_S`, from 0 to 1."""
+    """Return the weight of new evidence: the time since the last in units of `STEP_S`, at most 1."""
     return min(max((now - last) / STEP_S, 0.0), 1.0)
 
 
@@ -246,15 +250,19 @@ def update(
     factors: FacingWeights,
     out: Float64,
 ) -> int:
-    """Take in a frame, see `mocapella.fusion.facing.FacingFilter.update`.
+    """Update the facings with a frame, as `mocapella.fusion.facing.FacingFilter.update`.
 
     Args:
-        slots: (bodies,) rows of the memory; sensor: the column there.
-        positions: (bodies, joints, 3), toward: (bodies,), at: [s], velocities: (bodies, 3).
-        zero: yaw of the first bin.
+        slots: (bodies,) rows of the memory.
+        sensor: the sensor's column in the memory.
+        positions: (bodies, joints, 3) with the sensor's labels, world, y up [m].
+        toward: (bodies,) yaw from the person to the sensor [rad].
+        at: capture time [s].
+        velocities: (bodies, 3) world [m/s].
+        zero: yaw of the first bin [rad].
         memory: updated in place.
-        model, factors: see there.
-        out: (4, bodies) yaw, standard deviation, yaw of the repaired labels, and 1 where the mirroring changed.
+        model, factors: the facing model's tables, and the weights of the evidence.
+        out: (4, bodies) written: yaw, standard deviation, yaw of the corrected labels, and 1 if the mirroring changed.
 
     Returns:
         The number of bodies whose mirroring changed.
@@ -298,7 +306,11 @@ def update(
 
 @njit(cache=True)
 def predict(slots: Int64, at: float, zero: float, p: Float64, at_s: Float64, tables: Float64, out: Float64) -> None:
-    """Predict yaw and standard deviation (2, bodies) for rows of the memory; −1 stands for an unknown person."""
+    """Predict yaw and standard deviation at time ``at`` for rows ``slots`` (bodies,) of the memory into out (2,
+    bodies).
+
+    A row of −1 stands for an unknown person.
+    """
     twice, later, kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
     for n in range(len(slots)):
         if slots[n] < 0:

@@ -1,4 +1,4 @@
-"""Likelihood of the observations of a person, given the facing.
+"""Likelihood of the observations of a person as a function of the facing.
 
 Three tables of log-probabilities over the angle α of the facing, from the direction towards the sensor (or from the
 heading of the motion); each is symmetric in α with mirrored observations:
@@ -47,9 +47,9 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     """Learnt likelihood tables for the direction a person faces.
 
     Attributes:
-        yaw, motion: tables of logarithms.
-        shape: the same; None if shapes were not learnt.
-        classifier: of shapes; None likewise.
+        yaw, motion: tables of log-likelihoods, as in the module's description.
+        shape: table of log-likelihoods of the shape; None if shapes were not learnt.
+        classifier: of shapes; None if shapes were not learnt.
         topology: of the joints that the shapes were learnt on; shapes of other sensors are ignored.
         trained_on: description of the training; empty for `untrained`.
     """
@@ -75,7 +75,7 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
         return np.asarray(_column(self.shape, shape_place(score), wraps=False) * seen[..., None])
 
     def motion_evidence(self, velocity: Float64) -> Float64:
-        """Return log-likelihoods (..., BINS) over the yaw of a velocity (..., 3) [m/s]; 0 where it is slow or NaN."""
+        """Return log-likelihoods (..., BINS) over the yaw, given velocities (..., 3) [m/s]; 0 if slow or NaN."""
         speed = np.hypot(velocity[..., 0], velocity[..., 2])
         heading = np.arctan2(velocity[..., 0], velocity[..., 2])
         row = np.searchsorted(SPEEDS, np.nan_to_num(speed), side="right")
@@ -84,12 +84,12 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def shape_place(score: Float64) -> Float64:
-    """Return the position of a score on the bins of the shape table."""
+    """Return the position of a classifier score in the bins of the shape table, as a fractional index."""
     return np.asarray((np.clip(score, -MOST_SCORE, MOST_SCORE) / MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
 
 
 def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """Return the two bins around a position (...,), and the fraction of the second."""
+    """Return the two bins around a fractional index (...,), and the weight of the second in linear interpolation."""
     first = np.floor(place).astype(np.intp)
     part = place - first
     if wraps:

@@ -45,7 +45,8 @@ class View(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         reported: (...,) yaw of the sensor's own labels, world [rad]; NaN if none of `pairs_across` is seen.
-        seen: (...,) the same from the direction towards the sensor, folded into [−π/2, π/2), independent of labels.
+        seen: (...,) the same relative to the direction towards the sensor, folded into [−π/2, π/2), so that it does not
+            depend on the labels [rad].
         features: (..., `FEATURES`) in units of the length head–SpineBase; NaN where a joint is missing.
     """
 
@@ -55,7 +56,7 @@ class View(msgspec.Struct, frozen=True, eq=False):
 
 
 def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> View:
-    """Measure views.
+    """Compute the observations of views.
 
     Args:
         positions: (..., joints, 3), world [m]; NaN where not seen.
@@ -139,7 +140,10 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
 
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
-    """Return the regressors (..., 2 · `FEATURES` + 1), and the fraction of known features (...,)."""
+    """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and the known fraction (...,).
+
+    ``mean`` and ``spread`` (`FEATURES`,) standardise the features.
+    """
     z = np.clip((features - mean) / spread, -MOST_SPREADS, MOST_SPREADS)
     missing = np.isnan(z)
     z = np.where(missing, 0.0, z)
@@ -149,12 +153,12 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
 
 
 def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) -> ShapeClassifier:
-    """Fit by Newton's method, with equal weight of both classes.
+    """Fit the classifier by Newton's method, with equal weights of both classes.
 
     Args:
         features: (views, `FEATURES`) without NaN.
-        faces: (views,) whether the person faces the sensor; there must be some of each.
-        penalty: λ of λ/2 · Σ w², of standardised features and a loss that is a mean over views.
+        faces: (views,) whether the person faces the sensor; both classes must occur.
+        penalty: λ of the ridge term λ/2 · Σ w², for standardised features and a loss that is a mean over views.
 
     Source:
         Hastie, Tibshirani, Friedman, *The Elements of Statistical Learning* (2009), sections 4.4.1 and 4.4.4.

@@ -1,4 +1,4 @@
-"""Learn how views depend on the facing, from recordings without labels of the facing.
+"""Learn the likelihood of views given the facing, from recordings whose facings are mostly unknown.
 
 By expectation–maximisation (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39, 1977), the expectation by forward and
 backward passes over the bins (Rabiner, Proc. IEEE 77, 1989, section III). Parts with a known facing (participants asked
@@ -41,14 +41,14 @@ Bools = NDArray[np.bool_]
 
 
 class FacingSequence(msgspec.Struct, frozen=True, eq=False):
-    """One person over time.
+    """Observations of one person over time.
 
     Attributes:
         at_s: (frames,) increasing [s].
-        view: (frames, views), see `mocapella.fusion.facing_shape.view_of`.
+        view: observations with the axes (frames, views), see `mocapella.fusion.facing_shape.view_of`.
         toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
-        velocity: (frames, 3) world, from the past [m/s]; NaN where unknown.
-        known_yaw: (frames,) facing that the participant was asked for, world [rad]; NaN without one.
+        velocity: (frames, 3) of the person in the world, from past frames only [m/s]; NaN where unknown.
+        known_yaw: (frames,) facing that the participant was asked to take, world [rad]; NaN if none.
     """
 
     at_s: Float64
@@ -64,11 +64,11 @@ class TrainingSettings:
 
     Attributes:
         known_within_deg: standard deviation of a known facing.
-        yaw_rounds, shape_rounds: of steps 1 and 3.
-        front_deg, back_deg, sure: a view is of a front (back) where α lies within ±front_deg (beyond ±back_deg) with
-            more than this probability.
-        penalty: of the classifier's weights.
-        yaw_floor, shape_floor, motion_floor: fraction of each row of a table that is spread evenly.
+        yaw_rounds, shape_rounds: number of iterations of steps 1 and 3.
+        front_deg, back_deg, sure: a view shows a front (back) if the facing α relative to the sensor is within
+            ±front_deg (beyond ±back_deg) with a probability above ``sure``.
+        penalty: ridge penalty of the classifier's weights.
+        yaw_floor, shape_floor, motion_floor: share of each table row's probability that is distributed evenly.
     """
 
     known_within_deg: float = 10.0
@@ -96,13 +96,13 @@ class TrainingSettings:
 def evidence(
     view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
 ) -> Float64:
-    """Return log-likelihoods (..., BINS) of the facing in the world, for each view.
+    """Return log-likelihoods (..., BINS) over the person's yaw in the world, for each view.
 
     Args:
-        view: leading axes (...,).
+        view: observations with leading axes (...,).
         toward_sensor: (...,) yaw from the person to the sensor [rad].
-        model, settings: see there.
-        scale: (...,) fraction of a `STEP_S` that the view counts for.
+        model, settings: likelihood tables, and weights of the evidence.
+        scale: (...,) weight of each view: time since the sensor's last one in units of `STEP_S`, at most 1.
     """
     about = settings.yaw_weight * model.yaw_evidence(view.seen)
     shape = model.shape_evidence(view.features)
@@ -125,11 +125,11 @@ def posteriors(
     smooth: bool = False,
     known_within_deg: float | None = None,
 ) -> list[Float64]:
-    """Return the probability of each facing (frames, BINS) of each sequence.
+    """Estimate the probabilities (frames, BINS) of the facing in each frame of each sequence.
 
     Args:
-        sequences: any.
-        model, settings: see `mocapella.fusion.facing.FacingFilter`; without ``smooth``, results equal the filter's.
+        sequences: of any people.
+        model, settings: of the `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
         smooth: whether to use later frames as well.
         known_within_deg: standard deviation of known facings; None does not use them.
     """
@@ -175,8 +175,8 @@ def train(
     Args:
         sequences: of some people; in some of them a part of the facings must be known.
         topology: of the joints.
-        settings: of the model's later use.
-        training: see there.
+        settings: weights with which the model will be used.
+        training: parameters of the training.
 
     Raises:
         InputError: no facing is known, or no person is certainly seen from the front, or from behind.

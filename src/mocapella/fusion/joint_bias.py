@@ -4,8 +4,8 @@ In the axes of the body (x to its left, y up, z ahead), with α the facing from 
 
     b(α) = Σₕ cos hα · aₕ + sin hα · cₕ        h = 1 … `HARMONICS`
 
-where the coefficients are linear in the velocity, ahead and to the left, and those of the first `FAR` harmonics also in
-the distance. Left and right are mirror images: b of a left joint at α is that of the right joint at −α, mirrored.
+The coefficients are linear in the velocity (ahead and to the left); for the first `FAR` harmonics, also in the
+distance. Left and right are mirror images: b of a left joint at α is the mirrored b of the right joint at −α.
 
 The body's axes are used because two views show only the difference of two biases: a component that is constant in the
 body from all directions is the joint's position, not an error. Without a constant term, b has zero mean over α.
@@ -67,7 +67,7 @@ class BiasInputs(NamedTuple):
 
 
 def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Float64) -> Float64:
-    """Return the regressors (..., TERMS) of views.
+    """Return the regressors (..., TERMS) of the joint bias.
 
     Args:
         alpha: (...,) the facing from the direction towards the sensor [rad].
@@ -100,7 +100,7 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
 
 
 def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Return the weights (TERMS, joints, 3) of the mirror image; a body's weights equal theirs."""
+    """Return the weights (TERMS, joints, 3) of the mirrored body; symmetric weights equal them."""
     return np.asarray(PARITY[:, None, None] * MIRRORED_AXES * weights[:, list(mirror)])
 
 
@@ -118,7 +118,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
         topology: of the joints that it was learnt on.
         weights: (TERMS, joints, 3) of the bias, the body's axes [m].
         trained_on: description of the training.
-        left_out: the same learnt without some of the people each time, for cross-validation.
+        left_out: weights learnt without some of the people, for cross-validation.
     """
 
     topology: str

@@ -48,7 +48,10 @@ def across_body(
     now_s: float,
     view_age_s: float,
 ) -> Float64:
-    """Return the sum (3,) over a person's views in use of vectors from right to left, with agreeing labels."""
+    """Return the vector (3,) from a person's right to left, summed over ``lines`` and over the views in use [m].
+
+    Views are used up to the age ``view_age_s``, and swapped labels are corrected.
+    """
     across = np.zeros(3)
     for c in range(len(view_at)):
         if now_s - view_at[c] > view_age_s:
@@ -90,7 +93,7 @@ def corrections(
         mirror: (joints,) counterparts on the other side of the body.
         lines: (lines, 2) left and right joints that give the facing.
         root: index of the root joint.
-        people: see there.
+        people: state of the tracked people.
         out: (bodies, joints, 3), written.
     """
     out[:] = 0.0

@@ -47,10 +47,10 @@ class BiasTrainingSettings:
     """Parameters of the training. Chosen by cross-validation over people.
 
     Attributes:
-        ridge: penalty of the weights, against a mean weight of 1 of the frames.
-        rounds: of rigid motions and bias in turn.
-        steps: of reweighting.
-        least_m: lower bound of differences.
+        ridge: penalty of the weights, for a mean weight of 1 of the frames.
+        rounds: number of alternating fits of rigid motions and bias.
+        steps: number of reweightings.
+        least_m: lower bound of differences, which bounds the weights.
     """
 
     ridge: float = 0.03
@@ -103,7 +103,14 @@ def _known(session: ViewPairs) -> ViewPairs:
 
 
 def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: Float64) -> Float64:
-    """Return the transform (4, 4) from the second sensor's space to the first's, fitted to the corrected views."""
+    """Fit the transform (4, 4) from the second sensor's space to the first's to the corrected views.
+
+    Args:
+        session: the views.
+        of_view: (frames, 2, TERMS) regressors of each view's bias.
+        R: (frames, 2, 3, 3) from the body's axes to the sensor's space.
+        weights: (TERMS, joints, 3) of the bias.
+    """
     bias = np.tensordot(of_view, weights, axes=1)
     first, second = np.moveaxis(session.positions - bias @ np.swapaxes(R, -1, -2), 1, 0).reshape(2, -1, 3)
     seen = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)

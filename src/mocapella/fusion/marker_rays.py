@@ -2,11 +2,10 @@
 
 A camera's pixel of a marker is an observation at its own time: the frame's time plus the readout time of its row, on
 the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white acceleration:
-Bar-Shalom,
-Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2 and 10.3), which takes
-the pixels of all cameras in order of time. So nothing is triangulated from observations at different times, and a
-marker that one camera has lost is still tracked along the other's ray, with growing uncertainty. Observations are
-stored for a while and filtered again with each new one, so that a late one is inserted in order.
+Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2 and 10.3),
+which takes the pixels of all cameras in order of time. So nothing is triangulated from observations at different
+times, and a marker that one camera has lost is still tracked along the other's ray, with growing uncertainty.
+Observations are stored for a while and filtered again with each new one, so that a late one is inserted in order.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ class RayParameters(NamedTuple):
     """`MarkerRaysSettings` for the kernels; see there.
 
     Attributes:
-        least_sin2: squared sine of ``least_angle_rad``. The others are the settings of these names.
+        least_sin2: squared sine of ``least_angle_rad``. The other fields are the settings of the same names.
     """
 
     acceleration_density: float
@@ -143,7 +142,7 @@ class CameraPixels(NamedTuple):
 
 
 class RayOutput(NamedTuple):
-    """Written by the kernel: (points, 3), (points, 3), (points, 3, 3), (points,); see `MarkerPoints`."""
+    """Arrays that the kernel writes: the fields of `MarkerPoints` without ``at_s``."""
 
     positions: Float64
     velocities: Float64
@@ -173,8 +172,8 @@ class RayReport(msgspec.Struct, frozen=True):
     """Counts of the observations so far.
 
     Attributes:
-        received: with a pixel, an sd and a time.
-        used, refused, late: by the filters; rejected by the gate; older than the stored ones.
+        received: number of observations with a pixel, a standard deviation and a time.
+        used, refused, late: number used by the filters, rejected by the gate, and older than the stored ones.
         begun, forgotten: number of initialised and of lost markers.
         frames_late: frames of a camera older than its newest one.
     """
@@ -191,9 +190,8 @@ class RayReport(msgspec.Struct, frozen=True):
 class MarkerRays:
     """The markers of one rig.
 
-    State, a row for each marker: ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the time ``_begins``
-        (NaN
-    if unknown), the later observations in order of time, and when each camera's pixel was last used.
+    The state, with a row for each marker, is ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the time
+    ``_begins`` (NaN if unknown), the later observations in order of time, and when each camera's pixel was last used.
     """
 
     def __init__(self, rig: CameraRig, points: int, settings: MarkerRaysSettings | None = None) -> None:
@@ -223,7 +221,7 @@ class MarkerRays:
         return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
-        """Take in a camera's frame; return the markers at the newest time of any camera.
+        """Update the markers with a camera's frame; return them at the newest time of any camera.
 
         Args:
             camera: its name in the rig.

@@ -58,11 +58,11 @@ def add_pixels(
 
     Args:
         views: of the rig, as in `geometry.triangulation`.
-        seen: the markers.
-        R, x: (3, 3), (9,) pose and twist as in `correct`.
-        A, g: of the parameters position, rotation from the left, velocity, angular velocity.
-        J: (2, 12) scratch.
-        cost: of the prediction.
+        seen: the markers' pixels.
+        R, x: (3, 3) and (9,) of `PosePrediction`: rotation; position, velocity and angular velocity.
+        A, g: updated; the parameters are position, rotation from the left, velocity and angular velocity.
+        J: (2, 12) workspace.
+        cost: to which the residuals' cost is added.
 
     Returns:
         The cost with the pixels' residuals; infinite where a marker cannot be projected.
@@ -102,11 +102,11 @@ def correct(views: Float64, seen: MarkerPixels, prediction: PosePrediction, resu
 
     Args:
         views: of the rig, as in `geometry.triangulation`.
-        seen, prediction: see there.
-        result: written: the posterior.
+        seen, prediction: the frame's pixels, and the predicted pose and twist.
+        result: the posterior, written.
 
     Returns:
-        The least cost; infinite where it fails.
+        The smallest cost; infinite if the minimisation fails.
     """
     R, x, R_0, x_0 = result.R, result.x, prediction.R, prediction.x
     information = prediction.information

@@ -1,4 +1,4 @@
-"""Values of the estimation of rigid objects' poses: results, hypotheses, frames, and what the kernel takes."""
+"""Values of the estimation of rigid objects' poses: results, hypotheses, frames, and arguments of the kernel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Float64 = NDArray[np.float64]
 
 
 class ObjectPose(msgspec.Struct, frozen=True, eq=False):
-    """An object at one time.
+    """Estimated pose and motion of an object at one time.
 
     Attributes:
         at_s: the time, on the rig's clock [s].
@@ -39,10 +39,10 @@ class ObjectReport(msgspec.Struct, frozen=True):
     """Counts of the frames so far.
 
     Attributes:
-        received: frames with a marker of the object.
-        used, refused, late: by the filter; rejected by the gate; older than the stored ones.
-        outliers: markers left out of used frames.
-        found, lost: how often.
+        received: number of frames with a marker of the object.
+        used, refused, late: number used by the filter, rejected by the gate, and older than the stored ones.
+        outliers: number of markers left out of used frames.
+        found, lost: how often the object was initialised and lost.
     """
 
     received: int = 0
@@ -55,7 +55,7 @@ class ObjectReport(msgspec.Struct, frozen=True):
 
 
 class Hypothesis(msgspec.Struct, frozen=True, eq=False):
-    """One pose that fits the frames up to a time; its covariance (12, 12) is of pose and twist."""
+    """One hypothesis of the pose ``T`` (4, 4) and twist (6,) at a time, with their covariance (12, 12) and cost."""
 
     at_s: float
     T: Float64

@@ -73,9 +73,9 @@ class ObjectPoseSettings:
     Attributes:
         acceleration_density: of the white acceleration [m²/s³].
         turn_density: of the white angular acceleration [rad²/s³].
-        manoeuvre: factor of both that is tried if a frame does not fit; its square as the last resort.
-        speed_sd: of a new object's speed along an axis [m/s].
-        turn_sd: of its angular speed about one [rad/s].
+        manoeuvre: factor of both densities that is tried if a frame does not fit; then its square.
+        speed_sd: standard deviation of a new object's speed along an axis [m/s].
+        turn_sd: standard deviation of its angular speed about an axis [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
         keep_s: largest delay of a frame behind others [s].
         together_s: largest time between the frames that initialise an object [s].
@@ -115,11 +115,11 @@ class ObjectPoseSettings:
 
 
 class ObjectPoses:
-    """One object and the cameras of a rig.
+    """Tracker of one object with the cameras of a rig.
 
-    State: the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and each camera's last
-        used
-    frame with its number of markers.
+    The state is the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and each camera's
+    last
+    used frame with its number of markers.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class ObjectPoses:
         return ObjectReport(**self._counts)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> None:
-        """Take in a camera's frame.
+        """Update the object with a camera's frame.
 
         Args:
             camera: its name in the rig.
@@ -391,7 +391,8 @@ class ObjectPoses:
 
 
 def turned_over(T_camera_plane: Float64) -> Float64:
-    """Return the other pose of a plane with nearly the same image: depth reversed along the line of sight.
+    """Return the other pose (4, 4) of a plane with nearly the same image: its depth is reversed along the line of
+    sight.
 
     With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.
     """

@@ -54,7 +54,7 @@ class PairDepthSettings:
 
 
 class PairDepth:
-    """Two cameras of a rig; stateless."""
+    """Triangulation by two cameras of a rig; stateless."""
 
     def __init__(
         self,

@@ -43,7 +43,7 @@ def predict(x: Float64, P: Float64, dt: float, acceleration_density: float) -> N
 
 @njit(cache=True, error_model="numpy")
 def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, variance: float, gate2: float) -> bool:
-    """Correct a state by a pixel (u, v) of camera k (extended Kalman filter); False if the gate rejects it."""
+    """Correct a marker's state by a pixel (u, v) of camera k (extended Kalman filter); False if the gate rejects it."""
     du, dv, ax, ay, az, bx, by, bz = linearised(views, k, x[0], x[1], x[2], u, v)
     if not math.isfinite(du + dv):
         return False
@@ -88,7 +88,7 @@ def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) ->
 
 @njit(cache=True, error_model="numpy")
 def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) -> bool:
-    """Initialise point j by triangulating the newest observations of two or more cameras; whether that succeeds."""
+    """Initialise point j by triangulating the newest observations of two or more cameras; return whether it worked."""
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     count, newest = len(views), times[j, counts[j] - 1]
@@ -170,7 +170,8 @@ def follow(
     q: float,
     gate2: float,
 ) -> bool:
-    """Filter the first ``count`` observations of point j into a state; whether the last of them was used."""
+    """Update the state x, P of point j, at ``since`` [s], by its first ``count`` observations; return whether the last
+    of them passed the gate."""
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     used_s = memory.used_s
     used = False
@@ -195,7 +196,7 @@ def forget(j: int, memory: RayMemory, report: Int64) -> None:
 def locate(
     at_s: float, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters, out: RayOutput
 ) -> None:
-    """Predict every point to one time, into ``out``; lost points are reset."""
+    """Predict every point to the time ``at_s``, into ``out``; lost points are reset."""
     begins, counts, times, used_s = memory.begins, memory.counts, memory.times, memory.used_s
     positions, velocities, kinds = out.positions, out.velocities, out.states
     q, gate2 = parameters.acceleration_density, parameters.gate_sd**2

@@ -13,7 +13,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class FusedSkeletons(msgspec.Struct, frozen=True, eq=False):
-    """``positions`` (..., joints, 3) [m], NaN where not tracked, and ``states`` (..., joints)."""
+    """Fused skeletons: ``positions`` (..., joints, 3) [m], NaN where not tracked, and ``states`` (..., joints)."""
 
     positions: Float64
     states: UInt8

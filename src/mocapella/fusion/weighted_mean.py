@@ -67,7 +67,7 @@ class FusionSettings:
 
     @cached_property
     def parameters(self) -> FusionParameters:
-        """The same numbers for the kernels, which are compiled for floats alone."""
+        """The settings for the kernels, as floats."""
         return FusionParameters(
             float(self.sd_m), float(self.inferred_factor), float(self.clipped_factor), float(self.degrees_of_freedom),
             float(self.offset_s), float(self.age_speed_m_s),
@@ -98,7 +98,7 @@ def view_variances(
 
 
 class Fused(msgspec.Struct, frozen=True, eq=False):
-    """``positions`` (joints, 3) [m], NaN where no view has the joint; ``variances`` (joints,) [m²]."""
+    """Fused joints: ``positions`` (joints, 3) [m], NaN if no view has the joint; ``variances`` (joints,) [m²]."""
 
     positions: Float64
     variances: Float64

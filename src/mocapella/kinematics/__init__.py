@@ -1,1 +1,1 @@
-"""Steady points → a body in a pose: a chain of twists with bone lengths, joint limits and a prediction."""
+"""Estimation of poses from points: kinematic chains of twists with bone lengths, joint limits and predictions."""

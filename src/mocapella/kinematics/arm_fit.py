@@ -327,7 +327,7 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield the poses in which differently bent fingers take over their neighbours' angles."""
+        """Yield copies of the pose in which fingers take over the angles of differently bent neighbours."""
         columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
         held = np.array([pose.z[c] for c in columns])
         for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
@@ -338,7 +338,7 @@ class ArmModel:
                 yield pose._replace(z=z)
 
     def alike(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield the poses in which all fingers are bent equally, from straight to a fist, with unchanged abduction."""
+        """Yield copies of the pose with all fingers bent equally, from straight to a fist, with unchanged abduction."""
         for flexion, middle in _ALIKE_DEG:
             z = pose.z.copy()
             for digit in range(1, 5):
@@ -353,7 +353,7 @@ class ArmModel:
                 z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """Return spheres (k, 5) along the flesh: centre, radius, camera [m], and 1 for the hand, 0 for the arm."""
+        """Return spheres (k, 5) along the flesh: centre, radius, camera frame [m]; 1 for the hand, 0 for the arm."""
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
@@ -394,7 +394,7 @@ class ArmModel:
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
     def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
-        """Return for each landmark (23,) the share of the camera-facing flesh about it that the image confirms.
+        """Return for each landmark (23,) the fraction of the camera-facing flesh around it that the image confirms.
 
         Args:
             pose: the pose.

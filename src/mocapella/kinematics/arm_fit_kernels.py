@@ -95,13 +95,13 @@ def system(
     Args:
         arm: the arm's model.
         image: the measurements.
-        which: (m,) the piece last assigned to each point, in and out.
+        which: (m,) the piece last assigned to each point, read and updated.
         pose: pose and sizes of the arm.
         parameters: scales and weights.
         H, g: added to, unless ``only_costs``.
-        costs: (5,) sums of robust costs from 0 to 1: of points, of the silhouette by its area [m²], of collisions; and
-            that area, and the part of it that other objects occlude, out.
-        targets: (5, 3) where fingertips should be, camera [m]; NaN where unknown.
+        costs: (5,) written: robust costs, each from 0 to 1, summed over points, over the flesh's area [m²] and over
+            collisions; then the flesh's area and the part of it that other objects occlude [m²].
+        targets: (5, 3) approximate fingertips, camera frame [m]; NaN where unknown.
         only_costs: do not change H and g.
     """
     z, v = pose.z, pose.v
@@ -234,7 +234,7 @@ def _add_targets(targets: Float64, joints: Float64, pose: ArmPose, Q: Float64, b
 
 @njit(cache=True)
 def _turn(v: Float64, first: int, d1: float, d2: float) -> None:
-    """Rotate a unit vector of v by small motions perpendicular to it."""
+    """Rotate the unit vector at v[first:first + 3] by small motions d1 and d2 perpendicular to it [rad], in place."""
     x, y, z = v[first], v[first + 1], v[first + 2]
     ax, ay, az = across(x, y, z)
     bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax

@@ -52,7 +52,10 @@ def write_piece(
 
 @njit(cache=True)
 def digit_pieces(d: int, outer: float, radii: Float64, thick: float, x: Float64, pieces: Float64) -> None:
-    """Write the three pieces of a digit with joints x (4, 3) and an outer bone of length ``outer`` [m]."""
+    """Write the three capsules of digit d, with joints x (4, 3) and an outer bone of length ``outer`` [m].
+
+    Its ``radii`` (6, 5) are scaled by ``thick``; the rows of ``pieces`` are written.
+    """
     for bone in range(3):
         bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
         if bone == 2:  # the landmark is nearer to the flesh's end than a radius
@@ -79,7 +82,9 @@ def flesh(
         radii: (5, 4) of the digits at their joints, and (5,) forearm and upper arm at wrist (2), elbow, shoulder [m].
         palm: (k, 8) two points and radii of a right hand's palm [m].
         z, v: free angles, and the state's other numbers.
-        rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), out.
+        columns, gains: (5, 5) of `ArmArrays`.
+        rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), written.
+        pieces: written.
     """
     s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
     for d in range(5):
@@ -115,10 +120,10 @@ def flesh(
 
 @njit(cache=True)
 def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
-    """Write spheres along the flesh into out (k, 5), camera [m], with 0 in the last column for the arm's.
+    """Write spheres along the flesh into out (k, 5): centre, radius, camera frame [m]; 1 for the hand, 0 for the arm.
 
     Returns:
-        Their number.
+        Number of spheres.
     """
     n = 0
     for i in range(len(pieces)):
@@ -143,9 +148,11 @@ def closest(
     pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
     out: Float64,
 ) -> int:  # fmt: skip
-    """Return the piece nearest to a point; write outward normal, position on the axis and distance into out (5,).
+    """Return the piece nearest to a point (x, y, z) in the palm's frame [m].
 
-    On the side that faces away from the camera, the distance is that from the front, along the view (vx, vy, vz). For a
+    Outward normal (3), position along the axis and distance from the surface are written into out (5,). On the side
+    that
+    faces away from the camera, the distance is that from the front, along the direction of view (vx, vy, vz). For a
     capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
     """
     best, which, nearest = 1e9, -1, 1e9
@@ -211,7 +218,8 @@ def relevance(
 
 @njit(cache=True)
 def _shows(front: Float64, lens: Float64, X: float, Y: float, Z: float, near: float) -> bool:
-    """Return whether the image's surface is near a point, at its pixel or one beside it."""
+    """Return whether the measured surface is within ``near`` of a point (X, Y, Z), camera frame [m], in its pixel or an
+    adjacent one."""
     column, line = int(lens[0] * X / Z + lens[2] + 0.5), int(lens[1] * Y / Z + lens[3] + 0.5)
     for i in range(max(line - 1, 0), min(line + 2, front.shape[0])):
         for j in range(max(column - 1, 0), min(column + 2, front.shape[1])):
@@ -225,7 +233,7 @@ def visible(
     pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
     out: Float64,
 ) -> None:  # fmt: skip
-    """Write the share of the camera-facing flesh about each landmark that the image confirms, into out (k,).
+    """Write for each landmark the fraction of the camera-facing flesh around it that the image confirms, into out (k,).
 
     The flesh is sampled in rings about its axis: before the landmark, at it and beyond it; at a fingertip, before it
     and on the round end.

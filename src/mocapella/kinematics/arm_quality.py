@@ -1,8 +1,8 @@
 """Quality metrics for arms without ground truth: jitter of a still arm, and misdetections per minute.
 
 - **Noise**: root mean square motion of each joint about its mean, over a window in which palm and joint were still.
-- **Misdetections**: joints that jump between two frames by more than 5 cm beyond what the arm as a whole did (the
-  median of its joints' motion: an arm may be fast); fingertips that become known or unknown, or change places.
+- **Misdetections**: joints that move between two frames by more than 5 cm relative to the whole arm (the median of its
+  joints' motions); fingertips that appear, disappear, or swap positions.
 """
 
 from __future__ import annotations

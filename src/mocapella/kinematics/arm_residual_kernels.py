@@ -57,7 +57,7 @@ def group_derivatives(
     joints: Float64, axes: Float64, columns: Int64, gains: Float64, rising: Int64, v: Float64, nz_free: int,
     A: Float64, at: Int64, counts: Int64,
 ) -> None:  # fmt: skip
-    """Write each group's derivatives by its dofs, except the palm's six, which all groups share.
+    """Write the derivatives of each group's residuals by its degrees of freedom, without the palm's six.
 
     The derivative of a residual with normal n at a point p + r·n of the flesh is a linear function of a few numbers q:
     n, the moment p × n, r, and p·n for the hand, n times the position along the bone for the arm. So only Σ q qᵀ is
@@ -126,7 +126,7 @@ def group_derivatives(
 def residual_numbers(
     group: int, nx: float, ny: float, nz: float, px: float, py: float, pz: float, r: float, v: Float64, q: Float64,
 ) -> None:  # fmt: skip
-    """Write the numbers q (ROW,) of a residual, as `group_derivatives` describes them."""
+    """Write the numbers q (ROW,) of a residual with normal n at the point p + r·n, as in `group_derivatives`."""
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
     q[Q_R] = r
@@ -144,7 +144,7 @@ def residual_numbers(
 
 @njit(cache=True)
 def add_residual(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
-    """Add a residual to its group's sums Q (ROW, ROW) and b (ROW,)."""
+    """Add a residual e of weight w, with its numbers q (ROW,), to its group's sums Q (ROW, ROW) and b (ROW,)."""
     for i in range(ROW):
         a = w * q[i]
         b[i] += a * e
@@ -154,7 +154,7 @@ def add_residual(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None
 
 @njit(cache=True)
 def add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float64, g: Float64) -> None:
-    """Add the groups' sums to the lower triangle of H and to g."""
+    """Add the groups' sums Q and b of `add_residual` to the lower triangle of H and to g."""
     T = np.empty(ROW)
     for group in range(GROUPS):
         kept = Q[group]
@@ -182,7 +182,10 @@ def add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: 
 
 @njit(cache=True)
 def nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) -> tuple[int, int]:
-    """Return the nearest pixel across the silhouette's edge, or the pixel itself where no edge is near."""
+    """Return (line, column) of the nearest pixel across the silhouette's edge; the pixel itself if no edge is near.
+
+    ``front`` and ``opposite`` are those of `ArmEvidence`.
+    """
     height = front.shape[0]
     arm = front[line, column] > 0.0
     best, y, x = 1e9, line, column
@@ -204,7 +207,7 @@ def nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) ->
 
 @njit(cache=True)
 def robust(e: float, scale: float) -> tuple[float, float]:
-    """Return weight and cost, from 0 to 1, of the Geman–McClure loss."""
+    """Return weight and cost of a residual e, each from 0 to 1, by the Geman–McClure loss."""
     s = (e / scale) ** 2
     f = 1.0 / (1.0 + s)
     return f * f, s * f
@@ -261,7 +264,7 @@ def compare(
 
 @njit(cache=True)
 def sphere(pieces: Float64, digit: int, i: int, out: Float64) -> None:
-    """Write the middle and the radius of the i-th of six balls along a digit's two outer bones into out (4,)."""
+    """Write centre and radius of the i-th of six spheres along a digit's two outer bones into out (4,) [m]."""
     p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
     c = f * p[LENGTH]
     out[0], out[1], out[2] = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]

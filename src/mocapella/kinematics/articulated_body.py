@@ -1,4 +1,4 @@
-"""Follow one articulated body without a tracker, and read the pose out of a body's memory."""
+"""Filter one articulated body without a tracker, and read the pose from a body's memory."""
 
 from __future__ import annotations
 

@@ -321,7 +321,7 @@ def _learn_lengths(model: BodyArrays, row: Float64, dt: float, R: Float64, frame
 def _judge(
     lost_m: float, row: Float64, measured: Float64, variances: Float64, origin: Float64, positions: Float64
 ) -> None:
-    """Remember since when the measured joints have been too far from the body."""
+    """Update the time since which the measured joints have been too far from the body, in the memory row."""
     far, seen = 0.0, 0
     for j in range(len(variances)):
         if is_measured(measured, variances, j):
@@ -340,7 +340,7 @@ def _judge(
 
 @njit(cache=True, error_model="numpy")
 def _follow_contact(row: Float64, c: int, dt: float, positions: Float64, measured: Float64, j: int) -> None:
-    """Remember the position of a joint in contact, and the smoothed velocity of its measurements against it."""
+    """Update the position of joint j in contact with the floor, and the smoothed velocity of its measurements."""
     forget = 1.0 - math.exp(-dt / CONTACT_S) if dt > 0.0 else 0.0
     for k in range(3):
         if dt > 0.0:

@@ -83,7 +83,10 @@ def first_of_ball(joint_table: Int64, j: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64, row: Float64, out: Float64) -> None:
-    """Write the rotation of every degree of freedom back to its rest, (dofs,): 0 for the root, a sine for balls."""
+    """Write into out (dofs,) the rotation that takes each degree of freedom to its rest [rad].
+
+    It is 0 for the root; for a ball joint, it is the sine of the rotation about each axis.
+    """
     for i in range(layout.dofs):
         out[i] = dof_values[i, 2] - row[layout.angles + i] if i >= ROOT_DOFS else 0.0
     for j in range(layout.joints):
@@ -96,7 +99,9 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
 
 @njit(cache=True, error_model="numpy")
 def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64) -> bool:
-    """Hold at their limits what the small motion delta (dofs,) would move beyond them, by D and e (dofs,).
+    """Hold degrees of freedom at their limits that the small motion delta (dofs,) would move beyond them.
+
+    Their prior information D and prior mean e (dofs,), see `chain_kernels.solve`, are overwritten.
 
     Returns:
         Whether any degree of freedom is held.

@@ -30,7 +30,7 @@ STATURE, LEAST_STATURE, MOST_STATURE = 1.7, 0.5, 2.5
 
 @njit(cache=True, error_model="numpy")
 def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, variances: Float64) -> bool:
-    """Initialise a body's memory from measured joints; bone lengths that are known stay.
+    """Initialise a body's memory row from measured joints; known bone lengths are kept.
 
     Returns:
         Whether enough joints are measured.
@@ -122,7 +122,7 @@ def is_measured(measured: Float64, variances: Float64, j: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _median(values: Float64, count: int) -> float:
-    """Return the lower median of the first values, which are sorted in place; np.median takes seconds to compile."""
+    """Return the lower median of the first ``count`` values, which are sorted in place; np.median compiles slowly."""
     for i in range(1, count):
         k = i
         while k > 0 and values[k - 1] > values[k]:
@@ -133,7 +133,7 @@ def _median(values: Float64, count: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _fill(values: Float64, begin: int, end: int, value: float) -> None:
-    """Set a range of an array."""
+    """Set values[begin:end] to a value."""
     for i in range(begin, end):
         values[i] = value
 

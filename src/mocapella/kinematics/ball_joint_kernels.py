@@ -71,7 +71,7 @@ def turns(axes: Float64, R: Float64, near: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def _near(angle: float, to: float) -> float:
-    """Return the angle, plus full turns, that is nearest to another."""
+    """Return the angle plus the full turns that bring it nearest to the angle ``to`` [rad]."""
     return angle - 2.0 * math.pi * round((angle - to) / (2.0 * math.pi))
 
 

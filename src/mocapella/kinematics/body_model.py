@@ -28,7 +28,7 @@ class Hinge:
 
     Attributes:
         name: of its angle.
-        axis: of the frame it turns in: ``x``, ``y`` or ``z``.
+        axis: axis of rotation, in the frame of the previous bone or hinge: ``x``, ``y`` or ``z``.
         limits_deg: (least, most) angle.
     """
 
@@ -70,7 +70,7 @@ class BallJoint:
         check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
 
     def mirrored(self) -> BallJoint:
-        """The same on the other side of the body."""
+        """Mirror the joint or bone to the other side of the body."""
         x, y, z = self.centre
         least, most = self.twist_deg
         return replace(self, centre=(-x, y, z), twist_deg=(-most, -least))
@@ -102,13 +102,13 @@ class Bone:
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
 
     def mirrored(self) -> Bone:
-        """The same on the other side of the body."""
+        """Mirror the joint or bone to the other side of the body."""
         x, y, z = self.offset
         hinges = tuple(hinge.mirrored() for hinge in self.hinges)
         return replace(self, offset=(-x, y, z), hinges=hinges, ball=self.ball and self.ball.mirrored())
 
     def of_side(self, side: str) -> Bone:
-        """The same, its angles called ``left …`` or ``right …``."""
+        """Return the bone with angle names that begin with the side, ``left`` or ``right``."""
         hinges = tuple(replace(hinge, name=f"{side} {hinge.name}") for hinge in self.hinges)
         return replace(self, hinges=hinges, ball=self.ball and replace(self.ball, name=f"{side} {self.ball.name}"))
 
@@ -134,14 +134,14 @@ class BodyModel:
 
 @cache
 def body_model_names() -> tuple[str, ...]:
-    """The names of the topologies that have a body model."""
+    """Return the names of the topologies that have a body model."""
     folder = files("mocapella.kinematics").joinpath("models")
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def body_model(name: str) -> BodyModel:
-    """The body model of the topology of that name.
+    """Return the body model of a topology.
 
     Raises:
         SettingsError: there is none; lists those there are.
@@ -153,10 +153,10 @@ def body_model(name: str) -> BodyModel:
 
 
 def body_model_from_toml(text: str, of: Topology) -> BodyModel:
-    """Read a body model of a topology and check that it is one.
+    """Read and check a body model in TOML.
 
     Raises:
-        SettingsError: a joint that the topology has not, a bone that is missing or out of range, or too small a torso.
+        SettingsError: an unknown joint, a missing bone, a value out of range, or too few joints in the torso.
     """
     data = tomllib.loads(text)
     where = f"body model {of.name}"

@@ -212,7 +212,7 @@ def _eliminate(
     joint_table: Int64, order: Int64, xi: Float64, D: Float64, e: Float64, x: Float64, residuals: Float64,
     weights: Float64, work: Elimination,
 ) -> None:  # fmt: skip
-    """Carry articulated inertias and forces from the leaves to the root: the first pass of `solve`."""
+    """Accumulate articulated inertias and forces from the leaves to the root: the first pass of `solve`."""
     M, U = work.M, work.U
     for j in range(len(M)):
         for i in range(27):

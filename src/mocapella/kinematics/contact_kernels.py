@@ -45,7 +45,7 @@ def between(one: Float64, other: Float64, nearest: Float64) -> float:
 
 @njit(cache=True, forceinline=True)
 def _beyond(one: Float64, other: Float64, reach: float) -> bool:
-    """Return whether two segments are surely farther apart than a reach, by the distance of their middles."""
+    """Return whether two segments (2, 3) are certainly farther apart than ``reach``, from their centres [m]."""
     middles = u = v = 0.0
     for d in range(3):
         middles += (one[0, d] + one[1, d] - other[0, d] - other[1, d]) ** 2
@@ -56,7 +56,10 @@ def _beyond(one: Float64, other: Float64, reach: float) -> bool:
 
 @njit(cache=True)
 def depth(ends: Float64, radii: Float64, pairs: Int64) -> float:
-    """Return the sum of the penetration depths of pairs (q, 2) of capsules [m]."""
+    """Return the sum of the penetration depths of pairs (q, 2) of capsules [m].
+
+    ``ends`` (c, 2, 3) are the end points of the capsules' axes, ``radii`` (c,) their radii [m].
+    """
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
         i, j = pairs[q, 0], pairs[q, 1]
@@ -74,12 +77,12 @@ def apart(
     """Write two planes for each pair of limbs that penetrate each other; return the number of planes.
 
     Args:
-        ends: (c, 2, 3) of the capsules' axes where they are [m].
+        ends: (c, 2, 3) end points of the capsules' axes in the present pose, world [m].
         radii, pairs, part: of `Capsules`.
         R, t: (parts, 9), (parts, 3) the parts' motions.
         touching: allowed penetration [m].
         weight: of each plane [1/m²].
-        parts, rest, planes, weights: written: `twist_fit.InPlanes`.
+        parts, rest, planes, weights: written: the fields of `twist_fit.InPlanes`.
     """
     k, nearest = 0, np.empty((2, 3))
     for q in range(len(pairs)):

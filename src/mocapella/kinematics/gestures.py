@@ -53,18 +53,18 @@ class HandFeatures:
     certainty: Float64
 
     def extended(self, digit: int) -> float:
-        """From 0 to 1: how far a digit (0 is the thumb) is straight and in line with the palm; NaN where not known."""
+        """Return how straight a digit (0: thumb) is and in line with the palm, from 0 to 1; NaN if unknown."""
         low, high = (0.80, 0.93) if digit == 0 else (0.68, 0.86)
         return ramp(float(self.reach[digit]), low, high)
 
     def folded(self, digit: int) -> float:
-        """From 0 to 1: how far a finger lies in the palm; NaN where not known."""
+        """Return the degree, 0 to 1, to which a finger is folded into the palm; NaN if unknown."""
         low, high = (0.78, 0.90) if digit == 0 else (0.45, 0.65)
         return 1.0 - ramp(float(self.reach[digit]), low, high)
 
 
 def ramp(value: float, low: float, high: float) -> float:
-    """0 up to ``low``, 1 from ``high`` on, straight between; NaN of NaN."""
+    """Return a linear ramp: 0 up to ``low``, 1 from ``high`` on; NaN for NaN."""
     part = (value - low) / (high - low)
     return part if math.isnan(part) else min(max(part, 0.0), 1.0)
 
@@ -82,7 +82,8 @@ def hand_features(
         states: (21,) `JointState`.
         sd: (21,) standard deviation of a coordinate [m], or None.
         palm, elbow: (3,) [m].
-        unsure: a tip whose sd is above this part of the distance from wrist to knuckle is not known.
+        unsure: a tip with a standard deviation above this fraction of the distance from the wrist to the middle
+            finger's knuckle counts as unknown.
     """
     x, s = np.asarray(landmarks, dtype=np.float64), np.asarray(states)
     chains = x[1:].reshape(5, 4, 3)

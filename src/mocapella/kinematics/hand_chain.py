@@ -38,7 +38,7 @@ class HandChain:
 
     @property
     def moves(self) -> NDArray[np.bool_]:
-        """(21, 21) whether a landmark is moved by an angle."""
+        """Whether each landmark (rows) is moved by each angle (columns), (21, 21)."""
         out = np.zeros((len(LANDMARKS), len(ANGLES)), dtype=np.bool_)
         for landmark, last in enumerate(self.last):
             angle = int(last)

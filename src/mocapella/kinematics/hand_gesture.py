@@ -1,6 +1,6 @@
-"""The gesture that a person's bones are measured by: its parts in words, and the markers that were seen in each.
+"""Collect the markers' positions in each phase of the gesture from which a person's finger bones are measured.
 
-`mocapella.kinematics.hand_bones` measures; here are collected, from scene after scene, the places that it wants.
+The measurement itself is `mocapella.kinematics.hand_bones`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MEASURED: Final = 2
 
 
 class PhaseSpan(NamedTuple):
-    """When a part of the gesture was shown, in seconds since the first scene."""
+    """Time interval in which a phase of the gesture was shown, since the first scene [s]."""
 
     phase: str
     begin_s: float
@@ -42,10 +42,10 @@ class PhaseSpan(NamedTuple):
 
 
 def spans_of_text(text: str) -> tuple[PhaseSpan, ...]:
-    """``"flat=0:4,knuckles=4:10,hook=10:16"``; a part may come more than once.
+    """Parse intervals such as ``flat=0:4,knuckles=4:10,hook=10:16`` [s]; a phase may occur more than once.
 
     Raises:
-        SettingsError: it is something else, a part is missing, or two overlap.
+        SettingsError: the text has another form, a phase is missing, or two intervals overlap.
     """
     example = "write it as flat=0:4,knuckles=4:10,hook=10:16, in seconds"
     spans = []
@@ -72,7 +72,7 @@ def spans_of_text(text: str) -> tuple[PhaseSpan, ...]:
 
 
 def phase_at(spans: Sequence[PhaseSpan], at_s: float) -> str | None:
-    """Which part is shown at a time; None between them."""
+    """Return the phase that is shown at a time [s]; None between the intervals."""
     return next((span.phase for span in spans if span.begin_s <= at_s < span.end_s), None)
 
 
@@ -120,7 +120,7 @@ class GesturePoints:
         self._scenes = self._without = self._too_soon = 0
 
     def forget(self, phase: str) -> None:
-        """Forget one part, which is shown again."""
+        """Drop the positions of one phase, so that it can be repeated."""
         self._kept[phase] = []
 
     @property

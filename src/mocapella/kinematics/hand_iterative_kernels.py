@@ -31,10 +31,13 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def fabrik(row: Float64, x: float, y: float, z: float, out: Float64, tolerance: float, iterations: int) -> int:
-    """FABRIK with a rotor (the cone) at the base and hinges after it, from out (4,), in place; return its iterations.
+    """Solve a digit by FABRIK, from the angles out (4,), in place; return the number of iterations.
 
-    Aristidou and Lasenby 2011, algorithm 1 and section 4: the limits are imposed in every backward pass. The digit's
-    hinges are parallel, so after the rotor's turn to the target all happens in one plane.
+    Aristidou and Lasenby 2011, algorithm 1 and section 4: the base is a rotor with a cone of limits, the other joints
+    are
+    hinges, and the limits are imposed in every backward pass. The hinges are parallel, so the problem is planar once
+    the
+    rotor points at the target (x, y, z), which is in the digit's frame [m].
     """
     f, a, m, b = out[0], out[1], out[2], out[3]
     azimuth = math.atan2(x, z) if z >= 0.0 else math.atan2(-x, -z)
@@ -74,7 +77,10 @@ def follow_jacobian(
     row: Float64, x: float, y: float, z: float, out: Float64, kind: int, tolerance: float, iterations: int,
     damping_m: float, work: Float64,
 ) -> int:  # fmt: skip
-    """Jacobian methods (Buss 2004, sections 3 to 6) from out (4,), in place, angles clamped; return their iterations.
+    """Solve a digit by a Jacobian method, from the angles out (4,), in place; return the number of iterations.
+
+    Buss 2004, sections 3 to 6; the angles are clamped to their limits. The target (x, y, z) is in the digit's frame
+    [m].
 
     Args:
         kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
@@ -157,7 +163,7 @@ def hand_iterative(
     """Solve the angles of five digits as `hand_closed_form` does, by an iterative method.
 
     Args:
-        iterations: (5,) their number for each digit, out.
+        iterations: (5,) number of iterations for each digit, written.
         kind: `FABRIK`, or as in `follow_jacobian`.
         tolerance: distance at which a digit counts as solved [m].
         most: largest number of iterations.

@@ -65,14 +65,14 @@ def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, fl
 
 @njit(cache=True)
 def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
-    """Return the distance of the tip from a point [m]."""
+    """Return the distance of the tip from a point (x, y, z) in the digit's frame, at angles f, a, m, b [m]."""
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
 
 @njit(cache=True)
 def in_cone(row: Float64, f: float, a: float) -> bool:
-    """Return whether flexion and abduction are within the elliptic cone, to a rounding error."""
+    """Return whether flexion f and abduction a are within the elliptic cone of the limits, to a rounding error."""
     if f < row[FMIN] - _TOLERANCE:
         return False
     s = ((f - row[F0]) / row[FX]) ** 2
@@ -85,7 +85,7 @@ def in_cone(row: Float64, f: float, a: float) -> bool:
 
 @njit(cache=True)
 def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) -> None:
-    """Clamp the angles to the limits, into out (4,)."""
+    """Write the angles f, a, m, b, clamped to the limits, into out (4,)."""
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
     if row[AX] > 0.0:
@@ -246,7 +246,7 @@ def _derivatives(row: Float64, x: float, y: float, z: float, v: Float64, g: Floa
 def _descend(
     row: Float64, x: float, y: float, z: float, v: Float64, low: Float64, high: Float64, work: Float64,
 ) -> float:  # fmt: skip
-    """Descend from v (4,) to a local minimum within the bounds, in place, by Newton's method with damping."""
+    """Descend from v (4,) to a local minimum within the bounds, by damped Newton steps, in place; return the energy."""
     g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
     n = 3 if row[COUPLED] > 0.0 else 4
     value, damping = _energy(row, x, y, z, v), 1e-9

@@ -1,7 +1,7 @@
-"""Five fingertips → the angles of five digits, within their limits: solvers behind one interface.
+"""Inverse kinematics of a hand: from five fingertips to the angles of five digits within their limits.
 
-- `ClosedForm` solves a digit in its plane, and what cannot be reached by a small limited search. It is what the tracker
-  uses.
+- `ClosedForm` solves a digit in its plane, and searches for the nearest posture if the target cannot be reached. The
+  tracker uses it.
 - `Fabrik`: A. Aristidou, J. Lasenby, "FABRIK: A fast, iterative solver for the Inverse Kinematics problem", Graphical
   Models 73 (2011) 243.
 - `JacobianTranspose`, `PseudoInverse`, `DampedLeastSquares`: S. Buss, "Introduction to Inverse Kinematics with Jacobian

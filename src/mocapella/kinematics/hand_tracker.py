@@ -40,17 +40,18 @@ class HandSettings:
     """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
 
     Attributes:
-        marker_sd_m: of a coordinate of a marker, where none is given.
-        flexion_sd_deg, abduction_sd_deg: of the fingers' angles around rest.
-        thumb_sd_deg: of the thumb's angles around rest.
-        coupling_sd_deg: of a third joint from following the second, where it is not held to it.
-        angle_rate_deg_s: how unsure a predicted angle becomes.
-        palm_rate_m_s, palm_rate_deg_s: likewise the palm's place and direction.
-        velocity_memory_s: velocities fade with it while nothing is seen.
-        outlier_sd: a marker that is farther from the hand, in its standard deviations, is left out.
-        tracked_sd_m: a landmark is tracked where the markers of the instant alone would tell it as surely as that.
-        forget_after_s: a hand that was not seen for longer is forgotten.
-        most_iterations: of the fit.
+        marker_sd_m: default standard deviation of a marker's coordinate.
+        flexion_sd_deg, abduction_sd_deg: standard deviations of the fingers' angles about the posture at rest.
+        thumb_sd_deg: standard deviation of the thumb's angles about the posture at rest.
+        coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
+            it is free.
+        angle_rate_deg_s: growth of a predicted angle's standard deviation per second.
+        palm_rate_m_s, palm_rate_deg_s: the same for the palm's position and orientation.
+        velocity_memory_s: time constant of the decay of velocities while no marker is seen.
+        outlier_sd: markers farther from the hand than this are rejected, in their standard deviations.
+        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is below this.
+        forget_after_s: time without markers after which the hand is forgotten.
+        most_iterations: largest number of iterations of the fit.
     """
 
     marker_sd_m: float = 0.001
@@ -439,7 +440,12 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
 
 
 def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
-    """Which free angle each of a digit's five follows and how much, (5, 5); where the free ones are in `ANGLES`."""
+    """Return how the angles of a hand depend on its free angles.
+
+    Returns:
+        (5, 5) index of the free angle that each of a digit's five angles follows, −1 for none; (5, 5) factors; and (n,)
+        indices of the free angles in `ANGLES`.
+    """
     columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
     angle_of: list[int] = []
     for digit in range(5):
@@ -456,7 +462,10 @@ def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[n
 
 
 def angle_prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
-    """(n, n) the inverse covariance of the free angles around rest, with fingers that follow their neighbours."""
+    """Return the inverse covariance (n, n) of the free angles about rest; neighbouring fingers are correlated.
+
+    ``columns`` (5, 5) is the first result of `free_angles`.
+    """
     n = int(columns.max()) + 1
     out = np.zeros((n, n))
 

@@ -40,15 +40,14 @@ _LINE: Final = 0.05
 
 
 def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
-    """The pose, its angles within their limits.
+    """Fit a mesh's pose to landmarks, with angles within their limits.
 
     Args:
-        mesh: a body, a hand, or what else has landmarks.
-        joints: where landmarks are in the world, (3,) each [m], by name; NaN: not seen.
+        mesh: a mesh with landmarks, such as a body or a hand.
+        joints: positions (3,) of landmarks in the world by name [m]; NaN for unknown ones.
 
     Raises:
-        SettingsError: a landmark that the mesh does not have, or fewer that are seen than say where it is: three that
-            are not on a line.
+        SettingsError: an unknown landmark, or fewer than three known landmarks that are not on a line.
     """
     for name in joints:
         if name not in mesh.landmarks:

@@ -1,4 +1,4 @@
-"""What images say for many poses of a limb; compiled. Importing this module imports numba."""
+"""Kernels that compare many poses of a limb with the foreground of images. Importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -23,14 +23,14 @@ def places(
     parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, now: Float64, tried: Float64, part: Int64,
     points: Float64, at: Float64,
 ) -> None:  # fmt: skip
-    """Write the points in each candidate pose of a tree.
+    """Compute points of a body in each of n candidate poses of its tree.
 
     Args:
-        parents, joint_parts, twists: as of `TwistTree`; the root may have joints, too.
-        T: (4, 4) the root's motion before these.
-        now, tried: (m,) the present angles, (n, m) the candidates [rad].
+        parents, joint_parts, twists: of a `TwistTree`, whose root may also have joints.
+        T: (4, 4) motion of the root before its joints.
+        now, tried: (m,) present angles, and (n, m) candidate angles [rad].
         part, points: (p,) part of each point, and (p, 3) its present position [m].
-        at: (n, p, 3) written [m].
+        at: (n, p, 3) positions in each candidate pose, written [m].
     """
     origin, n = np.zeros(3), len(points)
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
@@ -50,13 +50,16 @@ def add_worth(
     at: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, strange: Float32, x0: int, y0: int,
     step: int, worth: Float64,
 ) -> None:  # fmt: skip
-    """Add to worth (n, 2) what one camera shows at the points of each pose, for it and against it.
+    """Add one camera's evidence for and against each of n poses to ``worth`` (n, 2).
+
+    Evidence for a pose is the sum of the foreground values at its points; evidence against it, of the background
+    values.
 
     Args:
         at: (n, p, 3) of `places`.
         T_camera_world, lens, farthest_r2: of the camera.
         strange, x0, y0, step: of `Evidence`.
-        worth: sums, added to.
+        worth: (n, 2) sums, updated.
     """
     count, (rows, columns) = at.shape[1], strange.shape
     pixels, depth = np.empty((len(at) * count, 2)), np.empty(len(at) * count)
@@ -75,7 +78,7 @@ def add_worth(
 
 @njit(cache=True)
 def forget_covered(mask: UInt8, strange: Float32) -> None:
-    """Set strange (rows, columns) to 0 where the mask, or a sample beside it, is not."""
+    """Set strange (rows, columns) to 0 (unknown) at samples in the mask (rows, columns) or adjacent to it."""
     rows, columns = mask.shape
     for i in range(rows):
         for j in range(columns):
@@ -104,11 +107,11 @@ def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, str
 
 @njit(cache=True)
 def depths(ends: Float64, radii: Float64, pairs: Int64, deep: Float64) -> None:
-    """Write how deep the limbs of ``pairs`` (q, 2) are in each other, all together, (n,) [m] for each pose.
+    """Write for each pose the sum of the penetration depths of the ``pairs`` (q, 2) of capsules into ``deep`` (n,) [m].
 
     Args:
-        ends: (n, c, 2, 3) of the capsules' axes.
-        radii: (c,) of these.
+        ends: (n, c, 2, 3) end points of the capsules' axes in each pose [m].
+        radii: (c,) of the capsules [m].
     """
     for k in range(len(ends)):
         deep[k] = depth(ends[k], radii, pairs)

@@ -34,9 +34,9 @@ HIT = 6
 # Small functions go into their callers' loops: handed on, an array's references are counted.
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _level(phi: Float32, x0: float, y0: float, per_px: float, x: float, y: float) -> tuple[float, float, float]:
-    """phi (rows, columns) at the image's point (x, y), and its slopes along x and y: bilinear; NaN outside.
+    """Return phi (rows, columns) and its derivatives by x and y at an image point (x, y), bilinear; NaN outside.
 
-    ``per_px`` is 1 / step: divisions take long.
+    ``x0``, ``y0`` is the first sample's image point [px], and ``per_px`` the inverse of the sampling step.
     """
     u, v = per_px * (x - x0), per_px * (y - y0)
     rows, columns = phi.shape
@@ -54,9 +54,11 @@ def _constraints(
     hits: Float64, which: Int64, k: int, points: Float64, bone: Int32, far: Float64, soft_px: float, sd_px: float,
     R: Float64, t: Float64, lens: Float64, farthest_r2: float, T: Float64,
 ) -> tuple[Int64, Float64, Float64, Float64]:  # fmt: skip
-    """What `touching` returns: the surface's point ``which`` is to be seen on the line through (x, y) across the slope.
+    """Convert k matches to the planes that `touching` returns, which describes the arguments.
 
-    That is the plane n·x = d in the world through the eye and that line; none where the lens shows no such direction.
+    A match is a row of ``hits`` (k, HIT) with the surface point ``which`` (k,). The plane n·x = d contains the camera
+    centre and the tangent of the image's outline at the match. Matches whose pixel the lens model cannot undistort are
+    left out.
     """
     part, rest, planes, weights = np.empty(k, np.int64), np.empty((k, 3)), np.empty((k, 4)), np.empty(k)
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]

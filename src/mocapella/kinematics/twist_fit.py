@@ -33,15 +33,15 @@ Int64 = NDArray[np.int64]
 
 
 class OnLines(msgspec.Struct, frozen=True, eq=False):
-    """Points that are to lie on lines, such as the lines of sight of a camera.
+    """Constraints that points of a tree lie on lines, such as a camera's lines of sight.
 
-    What has a number that is not finite, or a weight that is not above 0, does not count; in `OnPoints` and `InPlanes`
-    neither.
+    Points with a number that is not finite, or without a positive weight, are ignored, also in `OnPoints` and
+    `InPlanes`.
 
     Attributes:
-        part: (n,) which part each point is of.
-        points: (n, 3) where it is at rest [m].
-        lines: (n, 6) of `geometry.plucker`, in the world.
+        part: (n,) index of each point's part.
+        points: (n, 3) positions in the rest pose [m].
+        lines: (n, 6) Plücker lines (`geometry.plucker`) in the world.
         weights: (n,) [1/m²].
     """
 
@@ -52,7 +52,7 @@ class OnLines(msgspec.Struct, frozen=True, eq=False):
 
 
 class OnPoints(msgspec.Struct, frozen=True, eq=False):
-    """Points that are to lie on points.
+    """Constraints that points of a tree lie at given positions.
 
     Attributes:
         part, points, weights: as of `OnLines`.
@@ -66,7 +66,7 @@ class OnPoints(msgspec.Struct, frozen=True, eq=False):
 
 
 class InPlanes(msgspec.Struct, frozen=True, eq=False):
-    """Points that are to lie in planes.
+    """Constraints that points of a tree lie in planes.
 
     Attributes:
         part, points, weights: as of `OnLines`.
@@ -109,12 +109,12 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class FitSettings:
-    """When a fit ends.
+    """Stopping criteria of a fit.
 
     Attributes:
         most_steps: largest number of accepted steps.
-        rest_m: a step that moves the root by less …
-        rest_rad: … and turns it and every joint by less is the last.
+        rest_m: the fit has converged if a step moves the root by less than this …
+        rest_rad: … and rotates it and every joint by less than this.
     """
 
     most_steps: int = 20
@@ -186,8 +186,8 @@ class NormalEquations(msgspec.Struct, frozen=True, eq=False):
     second-order terms, and g half its negative gradient.
 
     Attributes:
-        H, g: (dofs, dofs), (dofs,); limits do not show in them.
-        about: (3,) where the tree's point ``root`` is [m].
+        H, g: (dofs, dofs), (dofs,), without the joint limits.
+        about: (3,) position of the tree's point ``root`` in the world [m].
         cost: of constraints and priors.
     """
 

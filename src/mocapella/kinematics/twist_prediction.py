@@ -1,4 +1,4 @@
-"""Where a tree will be next, and the penalty on being elsewhere: smoothness that is part of the estimate.
+"""Predict the next pose of a tree, and penalise deviations from it, so that smoothing is part of the estimate.
 
 The prediction repeats the last motion: the root's in its own frame, so that what runs in a circle goes on in it, and
 the angles' velocities (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion
@@ -20,12 +20,12 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class JitterPenalty:
-    """How steady the estimate is to be, against constraints of the weights they have; 0 is off.
+    """Weights of the penalty on deviations from the predicted pose; 0 disables a term.
 
     Attributes:
-        root_per_m: of the root's way from where it was predicted [1/m].
-        root_per_rad: of its turn from there [1/rad].
-        angle_per_rad: of every angle [1/rad].
+        root_per_m: inverse standard deviation of the root's position [1/m].
+        root_per_rad: inverse standard deviation of its orientation [1/rad].
+        angle_per_rad: inverse standard deviation of every angle [1/rad].
     """
 
     root_per_m: float
@@ -38,11 +38,11 @@ class JitterPenalty:
 
 
 def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
-    """The pose that comes next if everything goes on as from ``before`` to ``last``.
+    """Extrapolate a pose by repeating the motion from ``before`` to ``last``.
 
     Args:
-        before, last: one after the other; leading batch axes.
-        ratio: of the time until then to the time between these two.
+        before, last: successive poses, with leading batch axes.
+        ratio: time from ``last`` to the prediction, divided by the time from ``before`` to ``last``.
     """
     T = np.empty(np.shape(last.T_world_model))
     for k in np.ndindex(T.shape[:-2]):
@@ -51,13 +51,13 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
 
 
 def looser(prior: Prior, times: float) -> Prior:
-    """The same with deviations that are so many times as large."""
+    """Return the prior with its standard deviations multiplied by ``times``."""
     per_m, per_rad = prior.root_per_m / times, prior.root_per_rad / times
     return Prior(prior.pose, per_m, per_rad, np.asarray(prior.angles_per_rad) / times)
 
 
 def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) -> Prior:
-    """The penalty on a pose other than the predicted one, for `fit`."""
+    """Return the penalty on deviations from a predicted pose, as a prior for `mocapella.kinematics.twist_fit.fit`."""
     every = np.full(len(tree.joint_parts), penalty.angle_per_rad)
     return Prior(prediction, penalty.root_per_m, penalty.root_per_rad, every)
 

@@ -25,7 +25,7 @@ _RELATIVE_FLOOR = 1e-12  # of the largest diagonal element; unconstrained degree
 
 @njit(cache=True)
 def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
-    """Write above (dofs,): the next degree of freedom towards the root, -1 for none."""
+    """Write for each degree of freedom the next one towards the root, above (dofs,); −1 for none."""
     last, j = np.empty(len(parents), dtype=np.int64), 0
     for i in range(ROOT):
         above[i] = i - 1
@@ -85,7 +85,8 @@ def substitute(above: Int64, L: Float64, b: Float64) -> None:
 def _equations_of_free(
     above: Int64, H: Float64, g: Float64, damping: float, floor: float, held: Bool, L: Float64, delta: Float64,
 ) -> None:  # fmt: skip
-    """Write the matrix of the free degrees of freedom into L and their right-hand side into delta."""
+    """Write the damped equations of the degrees of freedom that are not ``held``: their matrix into L, their right-hand
+    side into delta."""
     for i in range(len(g)):
         fixed = i >= ROOT and held[i - ROOT]
         L[i, i] = 1.0 if fixed else H[i, i] * (1.0 + damping) + floor

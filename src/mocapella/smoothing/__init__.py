@@ -1,1 +1,1 @@
-"""Noisy joints → steady joints. One filter for all joints of all people at once; past frames only."""
+"""Smoothing filters of joints and other points, which use past frames only."""

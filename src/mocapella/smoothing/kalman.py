@@ -24,12 +24,12 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KalmanSettings:
-    """How people move.
+    """Process model of moving points, and robustness of the filter.
 
     Attributes:
         acceleration_density: of the white acceleration [m²/s³]; higher follows faster and is less steady.
         speed_sd: standard deviation of a new point's speed along an axis [m/s].
-        degrees_of_freedom: of the Student-t weight; infinity trusts every measurement as it says.
+        degrees_of_freedom: of the Student-t weight; infinity disables the weight.
         forget_after_s: a point that was not seen for longer is no longer predicted.
     """
 

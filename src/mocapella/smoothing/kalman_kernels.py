@@ -21,7 +21,7 @@ def predict(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, dt: float, at_s: float,
     density: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """`kalman.predict` by ``dt``, to the instant ``at_s``."""
+    """Predict points by ``dt`` to the instant ``at_s``, see `mocapella.smoothing.kalman.predict`."""
     for j in range(len(seen_s)):
         if at_s - seen_s[j] > forget_after_s:
             positions[j] = np.nan
@@ -41,7 +41,10 @@ def correct(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, at_s: float, measured: Float64,
     measured_variance: Float64, scale: float, nu: float, speed_variance: float,
 ) -> None:  # fmt: skip
-    """`kalman.correct`; the measurements' variances are ``scale`` times those given."""
+    """Update points by measurements (points, 3), see `mocapella.smoothing.kalman.correct`.
+
+    The variance of a measured coordinate is ``scale`` · ``measured_variance`` (points,) [m²].
+    """
     for j in range(len(seen_s)):
         if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):
             continue

@@ -1,8 +1,8 @@
-"""The 1-euro filter: a low pass whose cutoff rises with speed, so that rest is steady and motion is not late.
+"""The 1-euro filter: a low pass whose cutoff rises with speed, for little jitter at rest and little lag in motion.
 
 Source: Casiez, Roussel, Vogel: 1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in Interactive Systems
-(CHI 2012), section 3 and its appendix A. Theirs filters one number; here the speed that opens the filter is that of
-the point, so that the result does not depend on where the axes lie, or, if so wished, that of each coordinate.
+(CHI 2012), section 3 and appendix A. The paper filters one number. Here the cutoff depends on the speed of the point,
+so that the result does not depend on the axes; optionally, on the speed of each coordinate.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneEuroSettings:
-    """The paper's parameters, and what happens after a gap.
+    """Parameters of the filter, as in the paper, and the longest gap.
 
     Attributes:
-        min_cutoff_hz: cutoff at rest; lower is steadier.
-        beta_per_m: how much the cutoff rises with speed [Hz/(m/s)], or for each pixel a second where the points are in
-            pixels; higher is less late.
-        speed_cutoff_hz: cutoff of the low pass on the velocity.
-        forget_after_s: a joint that was not seen for longer begins anew.
-        per_component: each coordinate is filtered by its own speed, as in the paper; otherwise by that of its point.
+        min_cutoff_hz: cutoff at rest; a lower one reduces jitter.
+        beta_per_m: increase of the cutoff with speed [Hz/(m/s)], or [Hz/(px/s)] for points in pixels; a higher one
+            reduces lag.
+        speed_cutoff_hz: cutoff of the low pass of the velocity.
+        forget_after_s: the filter of a point that was not seen for longer is restarted.
+        per_component: whether each coordinate is filtered by its own speed, as in the paper, rather than by the
+            point's.
     """
 
     min_cutoff_hz: float = 1.0
@@ -64,7 +65,7 @@ class OneEuro:
         Args:
             positions: (..., dimensions) [m], or [px] with settings of that unit, of the same shape every time; NaN
                 where a point is not seen.
-            at_s: when they were captured [s]; not before the last.
+            at_s: capture time [s]; not before the last one.
 
         Returns:
             (..., dimensions), NaN where a point is not seen.

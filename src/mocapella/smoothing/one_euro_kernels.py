@@ -1,4 +1,4 @@
-"""The hot step of `mocapella.smoothing.one_euro`, compiled and in place; importing this module imports numba."""
+"""Kernels of `mocapella.smoothing.one_euro`, in place; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -15,14 +15,14 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True)
 def gain(cutoff_hz: float, dt: float) -> float:
-    """The weight α of the new value in a first-order low pass after ``dt`` seconds (the paper's equations 4 and 5)."""
+    """Return the weight α of a new value in a first-order low pass after ``dt`` [s] (the paper's equations 4 and 5)."""
     r = 2.0 * math.pi * cutoff_hz * dt
     return r / (r + 1.0)
 
 
 @njit(cache=True)
 def seen(measured: Float64, j: int) -> bool:
-    """Whether all of a point is there."""
+    """Return whether all coordinates of point j are finite."""
     there = True
     for k in range(measured.shape[1]):
         there &= np.isfinite(measured[j, k])
@@ -72,7 +72,7 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """`smooth_points`, by the speed of each coordinate."""
+    """Update the filter as `smooth_points`, but by the speed of each coordinate."""
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):
         together &= seen_s[j] == since
@@ -108,7 +108,9 @@ def smooth_components(
 def smooth_all(
     x: Float64, v: Float64, m: Float64, y: Float64, dt: float, min_cutoff_hz: float, beta_per_m: float, part: float
 ) -> None:
-    """Numbers x with velocities v towards the measured m, in place and into y; ``part`` is the velocity's gain."""
+    """Filter numbers x with velocities v by the measured numbers m, in place, and write x into y.
+
+    ``part`` is the gain α of the velocity's low pass."""
     rate, turn = 1.0 / dt, 2.0 * math.pi * dt
     for i in range(len(m)):
         moved = m[i] - x[i]
