@@ -1,1 +1,1 @@
-"""From observations to where each body or sensor stands: methods side by side, chosen by name."""
+"""Calibration methods: estimate poses of sensors, cameras and bodies from observations."""

@@ -131,7 +131,7 @@ class ArmExtrinsics:
         self.seen: dict[str, deque[ArmSights]] = {}
 
     def update(self, camera: str, arms: Sequence[SeenArm], at_s: float, places: Mapping[str, Float64]) -> list[str]:
-        """Take in a frame.
+        """Update the estimates with a camera's frame.
 
         Args:
             camera, arms: name, and its arms in its own frame.
@@ -230,7 +230,12 @@ def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
 def extrinsics_from_arm(
     instants: Sequence[Instant], settings: ArmExtrinsicsSettings | None = None
 ) -> ArmExtrinsicsResult:
-    """Estimate the pose of the camera that saw ``own``, and list the missing requirements."""
+    """Estimate the pose of the camera that measured ``Instant.own``, and the missing requirements.
+
+    Args:
+        instants: simultaneous observations of one arm by a calibrated camera and this one.
+        settings: the settings.
+    """
     s = settings or ArmExtrinsicsSettings()
     p, q = np.array([one.world for one in instants]), np.array([one.own for one in instants])
     v, w = np.array([one.velocity for one in instants]), np.array([one.weights for one in instants])

@@ -41,10 +41,10 @@ class Corners:
     """The corners of all views, grouped by view.
 
     Attributes:
-        camera: (n,) index.
+        camera: (n,) index of the camera.
         board: (n,) index of the board pose.
-        corner_m: (n, 3) in the board's frame.
-        pixel: (n, 2).
+        corner_m: (n, 3) corners in the board's frame.
+        pixel: (n, 2) detected corners [px].
     """
 
     camera: Int64
@@ -55,11 +55,11 @@ class Corners:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Cameras and boards.
+    """Parameters of the bundle adjustment: cameras and boards.
 
     Attributes:
         T_camera_world: (cameras, 4, 4).
-        lenses: (cameras, 9).
+        lenses: (cameras, 9), see `geometry.lens`.
         T_world_board: (boards, 4, 4).
     """
 
@@ -73,8 +73,8 @@ class LensPrior:
     """Prior of the lenses; coefficients that the images do not determine stay near it.
 
     Attributes:
-        mean: (cameras, 9).
-        precision: (cameras, 9, 9).
+        mean: (cameras, 9) typical coefficients.
+        precision: (cameras, 9, 9) inverse covariances.
     """
 
     mean: Float64
@@ -86,9 +86,9 @@ class Adjusted:
     """Result of the adjustment.
 
     Attributes:
-        bundle: cameras and boards at the least cost.
-        residual_px: (n, 2) measured minus projected.
-        sigma_px: robust standard deviation of a coordinate.
+        bundle: adjusted cameras and boards.
+        residual_px: (n, 2) measured minus projected corners.
+        sigma_px: robust standard deviation of a corner's coordinate.
         dispersion: variance of whole views' errors relative to that of single corners; 1 or more.
         covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 for fixed ones.
     """

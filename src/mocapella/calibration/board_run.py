@@ -145,7 +145,7 @@ class BoardRun:
         self._lately: deque[bool] = deque(maxlen=LATELY)
 
     def add(self, looks: Mapping[str, BoardLook]) -> None:
-        """Take in one round; cameras that are missing gave no image.
+        """Add one round of images; cameras that are missing gave no image.
 
         Raises:
             CalibrationError: a camera that the run does not have.

@@ -40,8 +40,8 @@ class OneCamera:
     """A camera from its own views alone.
 
     Attributes:
-        lens: (9,).
-        T_camera_board: for each view, in order.
+        lens: (9,), see `geometry.lens`.
+        T_camera_board: (4, 4) for each view, in order.
         sigma_px: noise of a corner's coordinate.
         covariance: (9, 9) of the lens; 0 if it was given.
     """

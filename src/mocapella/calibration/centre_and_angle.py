@@ -55,7 +55,7 @@ def shoulder_angle(left: Any, right: Any) -> Float64:
 
 
 def world_from_sensor(centre: Any, angle: Any) -> Float64:
-    """Equation 7 as a matrix: with p' = p − C, x = x'·cosθ + z'·sinθ, y = y', z = z'·cosθ − x'·sinθ.
+    """Return the thesis' equation 7 as a matrix: p' = p − C, x = x'·cosθ + z'·sinθ, y = y', z = z'·cosθ − x'·sinθ.
 
     The centre becomes the origin and the line of the shoulders the world's x axis. Its `inverse` is equation 8.
 

@@ -112,7 +112,7 @@ class ColdStart:
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
-    """A hypothesis, and the residual of its best rival [m]."""
+    """The hypothesis with the best fit, and the residual of its best rival [m]."""
 
     pair: PairCalibration
     rival: float

@@ -40,7 +40,7 @@ ENOUGH_S: Final = 1.0
 
 
 class FloorJoints(NamedTuple):
-    """Joints of a topology that the floor is estimated from; ``feet`` (feet,)."""
+    """Indices of the joints of a topology that the floor is estimated from: root, head, and ``feet`` (feet,)."""
 
     root: int
     head: int
@@ -60,7 +60,7 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         up: (3,) unit vector.
         height: of the sensor over it [m].
-        up_sd: standard deviation of the direction [rad]. height_sd: of the height [m].
+        up_sd, height_sd: standard deviations of the direction [rad] and of the height [m].
     """
 
     up: Float64
@@ -75,7 +75,7 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def T_level_sensor(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4) to a frame with y up, y = 0 on the floor, and the sensor over the origin, looking along +z."""
+        """Transform (4, 4) to a frame with y up, the floor at y = 0, and the sensor above the origin, facing +z."""
         forward = np.array([0.0, 0.0, 1.0])
         if abs(self.up[2]) > 0.99:  # it looks straight up or down: use its own up instead
             forward = np.array([0.0, -np.sign(self.up[2]), 0.0])
@@ -97,11 +97,11 @@ class FloorFromFeet:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
         back: (4,) Σ of directions from the root to the head, and their time in seconds.
         plane: (4,) the floor's ``up`` and height at the last update; 0 before.
-        grown: ``sums[0]`` at that update; the next one is at 5 % more.
-        ids: (bodies,) tracking ids of the newest frame that was used; feet: (bodies, feet, 3) its feet, NaN where not
-            seen;
-            last: its time [s].
-        known: the floor of ``plane``; None before there was one.
+        grown: ``sums[0]`` at that update; the next update is due when it has grown by 5 %.
+        ids: (bodies,) tracking ids of the newest frame that was used.
+        feet: (bodies, feet, 3) feet of that frame [m]; NaN where not seen.
+        last: time of that frame [s].
+        known: the floor of ``plane``; None before the first update.
     """
 
     sums: Float64 = field(default_factory=lambda: np.zeros(10))
@@ -114,7 +114,7 @@ class FloorFromFeet:
     known: Floor | None = None
 
     def update(self, bodies: Bodies, at: float) -> None:
-        """Take in a frame at its time [s]. Inferred joints do not count, and about ten frames a second are used."""
+        """Update with a frame's bodies at its time [s]; about ten frames a second are used, and no inferred joints."""
         dt = at - self.last
         if 0 <= dt < EVERY_S:
             return

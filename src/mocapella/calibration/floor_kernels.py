@@ -38,14 +38,15 @@ def stand(
     states: NDArray[np.uint8],
     joints: FloorJoints,
 ) -> None:
-    """Fill the feet of ``now``, and add to ``sums`` and ``back``; see `floor.FloorFromFeet`.
+    """Write the feet of a frame, and add those that stand to the sums of `floor.FloorFromFeet`.
 
     Args:
-        sums, back, plane: see there.
-        before, now: the previous frame, and this one.
-        dt: time between them [s].
-        positions: (bodies, joints, 3); states: (bodies, joints).
-        joints: see there.
+        sums, back: (10,) and (4,) of `floor.FloorFromFeet`, updated.
+        plane: (4,) of `floor.FloorFromFeet`.
+        before, now: the previous frame; this frame, whose feet are written.
+        dt: time between the frames [s].
+        positions, states: (bodies, joints, 3) in the sensor's frame [m], (bodies, joints) `JointState`.
+        joints: the joints that are used.
     """
     ids, feet, foot_joints, root, head = now.ids, now.positions, joints.feet, joints.root, joints.head
     for i in range(len(ids)):

@@ -58,15 +58,17 @@ def refine(  # noqa: PLR0917
     most_steps: int,
     smallest_step: float,
 ) -> Float64:
-    """Refine ``world`` in place, except its first, by Gauss–Newton over all pairs; see `sensor_graph`.
+    """Refine the sensors' poses, except the first, by Gauss–Newton steps over all pairs; see `sensor_graph`.
 
     Args:
-        world: (sensors, 4, 4) T_root_sensor.
-        a, b: (pairs,) indices of the sensors; T_a_b: (pairs, 4, 4); weights: (pairs, 6, 6) inverse covariances.
+        world: (sensors, 4, 4) T_root_sensor, updated in place.
+        a, b: (pairs,) indices of the sensors.
+        T_a_b: (pairs, 4, 4) measured relative poses.
+        weights: (pairs, 6, 6) their inverse covariances.
         most_steps, smallest_step: stopping criteria.
 
     Returns:
-        (6·(sensors − 1), 6·(sensors − 1)) covariance.
+        Covariance (6·(sensors − 1), 6·(sensors − 1)) of small motions of the poses.
     """
     n = len(world)
     C = np.zeros((6 * n - 6, 6 * n - 6))

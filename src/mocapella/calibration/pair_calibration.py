@@ -57,7 +57,7 @@ class PairSettings:
         moved_factor: a sensor was moved if the views' centres are farther apart than usual by this factor …
         moved_least_m: … and by at least this distance [m].
         every_s: least interval between frames of one body [s], because sensor errors persist for longer.
-        told_s: weight of a given initial estimate, in seconds of motion [s].
+        told_s: weight of a given initial estimate, as a duration of shared motion [s].
     """
 
     memory_s: float = 15.0
@@ -101,7 +101,7 @@ class PairSettings:
 
     @cached_property
     def parameters(self) -> PairParameters:
-        """The settings for the kernels, which are compiled for floats alone."""
+        """The settings for the kernels, as floats."""
         return PairParameters(*(float(getattr(self, name)) for name in PairParameters._fields))
 
 
@@ -186,7 +186,7 @@ class PairCalibration:
         return pair
 
     def update(self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64]) -> bool:
-        """Take in the newest frame of a body.
+        """Update the estimate with the newest frame of a body.
 
         Args:
             who: key of the pair of bodies, such as the tracking ids in a and b.
@@ -194,9 +194,8 @@ class PairCalibration:
             mirror: (joints,) of the topology.
 
         Returns:
-            Whether a frame of a was used: the newest that b's frames surround by half a `velocity_window_s` or more. A
-                frame
-            without such frames within 0.2 s is left out.
+            Whether a frame of a was used: the newest one that b's frames surround by at least half a
+            `velocity_window_s`. A frame without such frames within 0.2 s is left out.
         """
         body = self.bodies.get(who)
         if body is None:
@@ -205,7 +204,7 @@ class PairCalibration:
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
-        """Leave out frames that disagree with a trusted estimate more than usual from now on."""
+        """From now on, leave out frames that disagree with this trusted estimate more than usual."""
         reach = estimate.position_sd + REACH_M * estimate.rotation_sd
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 

@@ -168,13 +168,13 @@ def add_bodies(
 
 @njit(cache=True)
 def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
-    """Take in the newest frame of a that b's frames surround in time, if it is due; whether there was one.
+    """Update the pair with the newest frame of a that b's frames surround in time; return whether one was due.
 
     Args:
         pair: state, updated in place.
         a, b: the newest frames of the body in both sensors.
         mirror: (joints,) of the topology.
-        p: see there.
+        p: the settings.
     """
     S, body, half = pair.scalars, pair.body, p.velocity_window_s
     joints, offset = len(mirror), S[REFERENCE_OFFSET]
@@ -210,7 +210,7 @@ def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p
 
 @njit(cache=True)
 def _moving(frames: BodyFrames, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
-    """Interpolate joints and velocities (joints, 3) and weights (joints,) at a time; whether frames surround it."""
+    """Write joints q, velocities v (joints, 3) and weights w (joints,) at a time; return whether frames surround it."""
     times, points, weights = frames.times, frames.points, frames.weights
     before, w_before, w_after = np.empty_like(q), np.empty_like(w), np.empty_like(w)
     if (
@@ -237,7 +237,7 @@ def _learn_clock(
     half: float,
     mirror: Int64,
 ) -> None:
-    """Add Σ w u_a·u_b and Σ w z·r at one time to the sums of the block; see `time_offset`."""
+    """Add Σ w u_a·u_b and Σ w z·r at the time t to the block's sums for the clock offset; see `time_offset`."""
     n = len(mirror)
     p, q, u_a, u_b, w = (
         np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -267,7 +267,7 @@ def _learn_clock(
 
 @njit(cache=True)
 def _changes(frames: BodyFrames, t: float, half: float, x: Float64, v: Float64, w: Float64) -> bool:
-    """Compute the changes of joints and velocities (joints, 3) in the last `CLOCK_LAG`; whether frames cover it."""
+    """Write the changes x of joints, v of velocities (joints, 3) over `CLOCK_LAG`; return whether frames cover it."""
     x_before, v_before, w_before = np.empty_like(x), np.empty_like(v), np.empty_like(w)
     if not (_moving(frames, t, half, x, v, w) and _moving(frames, t - CLOCK_LAG, half, x_before, v_before, w_before)):
         return False
@@ -318,7 +318,7 @@ def _choose_labels(
 
 @njit(cache=True)
 def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: Int64, settings: PairParameters) -> float:
-    """Return the time that a frame counts for [s], by how fast the body moves: standing still adds ever less."""
+    """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
     speed_sq, used = 0.0, 0
     for j in range(len(w)):
         used += w[j] > 0.0
@@ -349,7 +349,7 @@ def _step(
         q, v: (joints, 3) joints in b at that time, and their velocities [m], [m/s].
         w, w_mirrored: (joints,) weights with b's labels, and with mirrored ones; written over.
         mirror: (joints,) of the topology.
-        settings: see there.
+        settings: the settings.
     """
     M, B, T, S, clock, body = pair.moments, pair.scatter, pair.T_a_b, pair.scalars, pair.clock, pair.body
     joints, offset, started = len(w), S[OFFSET], M[0] > 0.0

@@ -1,4 +1,4 @@
-"""Layout of the arrays that a `PairCalibration` keeps, and the newest frames of bodies."""
+"""Layout of the arrays of a `PairCalibration`, and the newest frames of bodies."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class PairArrays(NamedTuple):
 
 
 class BodyFrames(NamedTuple):
-    """The arrays of a `BodyTrack`, for the kernels: ``times``, ``points``, ``weights``, ``held``."""
+    """The arrays of a `BodyTrack` of the same names, for the kernels."""
 
     times: Float64
     points: Float64
@@ -107,7 +107,7 @@ class BodyFrames(NamedTuple):
 
 
 class PairParameters(NamedTuple):
-    """`pair_calibration.PairSettings` for the kernels; see there."""
+    """The values of `pair_calibration.PairSettings` for the kernels."""
 
     memory_s: float
     first_memory_s: float
@@ -125,7 +125,7 @@ class PairParameters(NamedTuple):
 
 
 def new_body(*, mirrored: bool = False) -> Float64:
-    """Return the state of a pair of bodies that was never seen."""
+    """Return the initial state of a pair of bodies."""
     body = np.zeros(BODY_SCALARS)
     body[LAST] = body[STEP_AT] = -np.inf
     body[MIRRORED] = mirrored
@@ -138,9 +138,9 @@ class BodyTrack:
     """One sensor's newest frames of one body, in the order of their times.
 
     Attributes:
-        times: (2·kept,) [s]; points: (2·kept, joints, 3) [m]; weights: (2·kept, joints).
-        held: (2,) int64: which of them are held, from the first to before the second.
-        frozen_since: (1,) since when no joint has moved at all [s]; NaN where one has.
+        times, points, weights: (2·kept,) [s], (2·kept, joints, 3) in camera space [m], and (2·kept, joints).
+        held: (2,) int64 index of the first stored frame, and index after the last one.
+        frozen_since: (1,) since when no joint has moved at all [s]; NaN if one has.
     """
 
     times: Float64
@@ -190,9 +190,8 @@ class SensorTracks:
     """One sensor's newest frames of all bodies, one *slot* each; `bodies` are views of the arrays.
 
     Attributes:
-        ids: (slots,) tracking id; used: (slots,) whether it is a body's.
-        times: (slots, 2·kept); points: (slots, 2·kept, joints, 3); weights: (slots, 2·kept, joints); held: (slots, 2);
-            frozen_since: (slots, 1). See `BodyTrack`.
+        ids, used: (slots,) tracking ids, and whether a slot is in use.
+        times, points, weights, held, frozen_since: the arrays of `BodyTrack` with a leading axis (slots,).
         frozen: time since when no body of the newest frame has changed at all [s]; NaN if one has, or none is seen.
     """
 
@@ -231,7 +230,8 @@ class SensorTracks:
         Args:
             at: time [s].
             ids: (bodies,) tracking ids, each once.
-            positions: (bodies, joints, 3) float64; states: (bodies, joints); inferred_weight: as in `BodyTrack.add`.
+            positions, states: (bodies, joints, 3) float64 and (bodies, joints), as in `BodyTrack.add`.
+            inferred_weight: weight of an inferred joint.
         """
         if any(body not in self._slots for body in ids):
             self._make_room([body for body in ids if body not in self._slots])

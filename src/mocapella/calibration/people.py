@@ -116,7 +116,7 @@ class PeopleCalibration:
         people: Identities | None = None,
         pose: SensorPose | None = None,
     ) -> PeopleState:
-        """Take in one sensor's frame.
+        """Update the calibration with one sensor's frame.
 
         Args:
             bodies: the sensor's bodies.
@@ -155,7 +155,7 @@ class PeopleCalibration:
 
     @property
     def tied(self) -> frozenset[str]:
-        """The sensors whose poses people have confirmed."""
+        """Names of the sensors whose poses observations of people have confirmed."""
         return frozenset(
             name
             for key, pair in self._pairs.items()

@@ -1,11 +1,11 @@
 """Check whether a rig still fits its cameras' images: detect exchanged cameras and moved ones.
 
-Two cameras that see the same point leave one number that does not depend on where the point is: how far their rays
-pass each other (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, section 9.6). Here it is the distance, in
-pixels, of both to the projections of the best point, at the same instant: the pixels of the camera that came last are
-interpolated to the instant of the other's frame. The mean of its squares is kept for each two cameras, and beside it
-the same with the two cameras exchanged. Exchanged cameras that look at one another's side see a scene inside out,
-which fits nearly as well where little of the picture is used; so several points and instants count together.
+Two cameras that see the same point determine one number that does not depend on the point's position: the distance of
+their rays (Hartley, Zisserman: Multiple View Geometry, 2nd ed. 2004, section 9.6). Here it is measured in pixels, from
+both observations to the projections of the best point. The pixels of the camera that came last are interpolated to the
+time of the other's frame. Its mean square is kept for each pair of cameras, both as calibrated and with the two
+cameras exchanged. Exchanged cameras that face each other see the scene mirrored in depth, which fits nearly as well if
+only a small part of the image is used, so several points and instants are combined.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class RigFitSettings:
         least_points: fewest observations before a result.
         longest_gap_s: largest gap between a camera's frames that is interpolated.
         largest_px: largest root mean square distance of a rig that fits.
-        swapped_ratio: how many times smaller it must be with the cameras exchanged.
+        swapped_ratio: cameras are reported as exchanged if exchanging them reduces the distance by this factor.
         cap_px: upper bound of one observation's distance.
     """
 
@@ -57,9 +57,8 @@ class RigFitSettings:
 class RigFit:
     """Monitors the cameras of one rig; `problem` describes errors.
 
-    State: the two newest frames of each camera, and for each pair the number of points, the sums of their squared
-        distances
-    as calibrated and with the two exchanged [px²], and the time of the last comparison.
+    The state is the two newest frames of each camera, and for each pair the number of points, the sums of their squared
+    distances as calibrated and with the two cameras exchanged [px²], and the time of the last comparison.
     """
 
     def __init__(self, rig: CameraRig, points: int, settings: RigFitSettings | None = None) -> None:
@@ -81,7 +80,7 @@ class RigFit:
         self._sums, self._looked_s = np.zeros((len(self._pairs), 3)), np.full(len(self._pairs), -np.inf)
 
     def update(self, camera: str, pixels: Any, at_s: float) -> None:
-        """Take in a camera's frame.
+        """Update the statistics with a camera's frame.
 
         Args:
             camera: its name in the rig.

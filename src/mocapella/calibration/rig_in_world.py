@@ -34,7 +34,7 @@ _FEWEST: Final = 4
 
 @dataclass(frozen=True)
 class RigInWorldSettings:
-    """When the rig's pose is accepted.
+    """Requirements of an accepted pose of the rig.
 
     Attributes:
         every_s: interval between samples [s].
@@ -42,7 +42,7 @@ class RigInWorldSettings:
         fewest: fewest samples for an estimate.
         moved_m: least motion of both [m].
         within_m: largest median distance of joints of one person [m].
-        beyond: largest ratio of that to the distance to the next person.
+        beyond: largest ratio of the median distance to that of the next person.
         again_s: interval between estimates [s].
     """
 
@@ -101,7 +101,7 @@ class RigAlignment:
         self.found, self._samples, self._taken_s, self._tried_s = memory
 
     def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:
-        """Take in the bodies and people at one time.
+        """Update the estimate with the bodies and people at one time.
 
         Args:
             bodies: (joints, 3) of each body by its name, in the rig's frame [m]; NaN where not known. Left and right

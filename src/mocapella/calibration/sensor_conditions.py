@@ -27,9 +27,9 @@ class StreamFaults(msgspec.Struct, frozen=True):
 
     Attributes:
         frozen: whether its bodies do not change at all.
-        behind_s: by how much its times are behind another sensor's; 0 where that is tolerated [s].
-        jumped_s: time since its clock jumped back; infinite where it did not [s].
-        moved: whether it, or the sensor beside it, was moved and is not calibrated again.
+        behind_s: delay of its times behind another sensor's, if it is too large; otherwise 0 [s].
+        jumped_s: time since its clock jumped back; infinite if it did not [s].
+        moved: whether it, or the other sensor of a pair, was moved and is not calibrated again yet.
     """
 
     frozen: bool

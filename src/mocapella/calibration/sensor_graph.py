@@ -30,7 +30,7 @@ class SensorPair(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         a, b: their names.
-        T_a_b: (4, 4); covariance: (6, 6). As in `pair_calibration.PairEstimate`.
+        T_a_b, covariance: (4, 4) and (6, 6), as in `pair_calibration.PairEstimate`.
         offset: of b's clock against a's.
         trusted: an untrusted pair is used only if nothing else ties a sensor to the others.
     """

@@ -100,7 +100,7 @@ def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
     """Read a layout from JSON.
 
     Raises:
-        InputError: it is no layout, of another version, or a number in it cannot be; names the field.
+        InputError: it is no layout, has another version, or contains an invalid number; names the field.
     """
     try:
         layout = msgspec.json.decode(data, type=SensorLayout)
@@ -160,7 +160,7 @@ def _check_motion(value: Any, field: str, file: object) -> None:
 
 
 def is_layout(data: bytes) -> bool:
-    """Return whether the bytes are meant as a layout (JSON with ``sensors``), complete or not."""
+    """Return whether the bytes are a layout (JSON with ``sensors``), valid or not."""
     try:
         return "sensors" in msgspec.json.decode(data, type=dict[str, msgspec.Raw])
     except msgspec.DecodeError:

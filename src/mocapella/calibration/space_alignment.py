@@ -86,12 +86,12 @@ class SpaceFit(msgspec.Struct, frozen=True, eq=False):
         T_world_space: (4, 4).
         lever_m: (points, 3) the markers in the body's frame.
         delay_s: of the poses.
-        position_sd_m: of a point where the object was moved.
-        rotation_sd_rad: about an axis.
-        lever_sd_m: the largest, of a coordinate.
-        delay_sd_s: of the delay.
+        position_sd_m: standard deviation of a point in the region where the object was moved.
+        rotation_sd_rad: standard deviation of the rotation about an axis.
+        lever_sd_m: largest standard deviation of a marker's coordinate.
+        delay_sd_s: standard deviation of the delay.
         residual_m: standard deviation of an inlier's coordinate.
-        instants, left_out: simultaneous observations, and the outliers among them.
+        instants, left_out: number of simultaneous observations, and of outliers among them.
         turn_rad, space_m: rotation and motion of the object, as in `SpaceAlignmentSettings`.
     """
 
@@ -146,9 +146,9 @@ def align_space(
 def try_to_align(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-    """Return the best alignment so far, and all that is missing; arguments as of `align_space`.
+    """Estimate the alignment as far as possible, and list its shortfalls; arguments as in `align_space`.
 
-    The fit is None if too much is missing for one; without shortfalls it is good enough.
+    The fit is None if the observations do not suffice for one. Without shortfalls it is accurate enough.
     """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)

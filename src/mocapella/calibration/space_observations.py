@@ -35,7 +35,7 @@ class SpaceObservations:
     Args:
         body: the other tracker's name of the object.
         space: its space; empty if there is only one.
-        thing, marker: this program's name of it; one of them is empty.
+        thing, marker: name of the tracked object, or of the marker on it; one of them is empty.
         source: origin of the messages for errors: a take's path, or None.
 
     Raises:
@@ -56,7 +56,7 @@ class SpaceObservations:
         self._poses: list[tuple[_Key, str, Float64]] = []
 
     def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
-        """Take in new messages."""
+        """Add the observations of new messages."""
         for message in messages:
             if isinstance(message, Scene):
                 self._add_scene(message)

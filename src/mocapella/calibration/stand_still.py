@@ -37,8 +37,8 @@ class StandStillSettings:
     Attributes:
         frames: number of frames per sensor; the latest count.
         still_within_m: largest distance of a head or hand from the frame it is compared with [m].
-        compare_with: that frame: the ``previous`` one (the thesis' algorithm) or the ``first`` of those that count (its
-            program).
+        compare_with: frame to compare with: the ``previous`` one (the thesis' algorithm) or the ``first`` of the stored
+            ones (its program).
         angle_from: θ is the circular ``mean`` over the frames, or that of the ``latest`` frame (its program).
     """
 
@@ -113,7 +113,7 @@ class StandStill:
         self._T_world_sensor = kept
 
     def update(self, bodies: Bodies, speaking: Collection[str]) -> Calibration:
-        """Take in one frame.
+        """Update the calibration with one frame.
 
         Args:
             bodies: of one sensor's newest frame.
@@ -211,9 +211,8 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
     """Describe a head or hand that went missing or moved too far between two frames of the same bodies; empty if none
     did.
 
-    Motion counts only if a part is tracked in both frames: an inferred position jumps although nothing moves. A part
-        that
-    is missing in both does not count either, because a sensor at a person's side may never see the far hand.
+    Motion counts only if a part is tracked in both frames, because an inferred position jumps although nothing moves. A
+    part that is missing in both is ignored, because a sensor at a person's side may never see the far hand.
     """
     parts = [now.topology.parts[part] for part in STILL_PARTS]
     names = list(STILL_PARTS.values())

@@ -48,7 +48,7 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
 
 
 def moved_clock(clock: Float64, by: float) -> Float64:
-    """Return the sums for a change of the assumed offset [s]; after a large change they count less.
+    """Return the sums `pair_memory.CLOCK_SUMS`, converted to another assumed offset [s]; a large change reduces them.
 
     For a swing of 2 Hz, 50 ms are a tenth of a period: beyond, velocities are not constant.
     """

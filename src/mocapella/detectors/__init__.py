@@ -1,4 +1,4 @@
-"""Detectors: the images of one camera in, observations out. No clock, thread, file or socket.
+"""Detectors convert the images of one camera to observations; they use no clock, thread, file or socket.
 
 `DETECTORS` has them by name. A tracker (`mocapella.tracker`) turns their observations into scenes.
 """
@@ -47,7 +47,7 @@ def arm_detector(name: str) -> Detector:
     """Return the detector of arms of that name.
 
     Raises:
-        SettingsError: there is none; says its present name, or which there are.
+        SettingsError: there is none; names its present name, or lists the known ones.
     """
     known = arm_detectors()
     if name in known:

@@ -35,7 +35,7 @@ FEW_POINTS: Final = 40
 
 
 class Found(NamedTuple):
-    """A detected arm; its cost may include more than its fit's."""
+    """A detected arm: its side and fit, and a cost to compare it with others, at least that of the fit."""
 
     cost: float
     side: Handedness

@@ -11,7 +11,7 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class KinematicArmSettings:
-    """How arms are detected and tracked. A cost is that of a fit.
+    """Parameters of detection and tracking. A cost is that of a fit, `Fitted.cost`.
 
     Attributes:
         arms: most arms that are tracked.

@@ -58,7 +58,7 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
 
 
 def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
-    """Yield `COLUMNS`, a row for each known point."""
+    """Return the CSV with `COLUMNS`, a row for each known point."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -109,5 +109,5 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
 
 
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:
-    """Return (frames,) times of the tracks, or of their frame numbers at a rate [s]."""
+    """Return the times (frames,) of the tracks, or else computed from their frame numbers and a rate [s]."""
     return tracks.frames / hz if hz is not None else tracks.at_s

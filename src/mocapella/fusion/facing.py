@@ -199,7 +199,7 @@ class FacingFilter:
         at_s: float,
         velocities: Float64,
     ) -> Facings:
-        """Take in a sensor's frame.
+        """Process a sensor's frame.
 
         Args:
             sensor: its name.

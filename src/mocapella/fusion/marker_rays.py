@@ -107,7 +107,7 @@ class RayMemory(NamedTuple):
 
 
 class RayParameters(NamedTuple):
-    """`MarkerRaysSettings` for the kernels; see there.
+    """The values of `MarkerRaysSettings` for the kernels.
 
     Attributes:
         least_sin2: squared sine of ``least_angle_rad``. The other fields are the settings of the same names.

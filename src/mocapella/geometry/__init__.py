@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: rotations, rigid motions, angles. Knows no people and no files."""
+"""Geometry on arrays: rotations, rigid motions, angles, lenses, triangulation; without people and files."""

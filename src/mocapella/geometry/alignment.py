@@ -98,7 +98,7 @@ def align(M: Float64, offset: float = 0.0) -> Float64:
 
 
 def centred_products(M: Float64, offset: float = 0.0) -> Float64:
-    """Σ w (p − p̄)(q + δv − q̄)ᵀ, (..., 3, 3). Its determinant is negative where q is a mirror image of p."""
+    """Return Σ w (p − p̄)(q + δv − q̄)ᵀ, (..., 3, 3), whose determinant is negative if q is a mirror image of p."""
     W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None, None]
     shape = (*M.shape[:-1], 3, 3)
     pq = M[..., 7:16].reshape(shape) + offset * M[..., 19:28].reshape(shape)
@@ -147,7 +147,7 @@ def _symmetric(upper: Float64) -> Float64:
 
 
 def cross_matrix(x: Any) -> Float64:
-    """[x]× with [x]× y = x × y, (..., 3, 3)."""
+    """Return the matrix [x]× (..., 3, 3) of vectors (..., 3), with [x]× y = x × y."""
     x = np.asarray(x, dtype=np.float64)
     out = np.zeros((*x.shape[:-1], 3, 3))
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):

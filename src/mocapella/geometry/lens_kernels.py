@@ -20,7 +20,7 @@ STEPS = 20
 def distort(
     x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """(x', y') and the derivatives (∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y) of `lens.distort`."""
+    """Distort normalised coordinates (x, y); return (x', y') and ∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y."""
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -38,7 +38,7 @@ def distort(
 def undistorted(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """What `undistort` returns, and the derivatives of `distort` there."""
+    """Return (x, y) of `undistort` and the derivatives of `distort` at that point."""
     x, y = u, v
     for _ in range(STEPS):
         at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
@@ -65,7 +65,7 @@ def undistorted_all(
     us: Float64, vs: Float64, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float, xs: Float64,
     ys: Float64,
 ) -> None:  # fmt: skip
-    """Write `undistorted` of points, us and vs (n,), to xs and ys (n,): all of them step together, several at once."""
+    """Write `undistort` of points us, vs (n,) into xs, ys (n,), by vectorised Newton steps of all points together."""
     for i in range(len(us)):
         xs[i], ys[i] = us[i], vs[i]
     edge = farthest_r2 if farthest_r2 > 0.0 else math.inf
@@ -100,7 +100,7 @@ def undistort(
 
 @njit(cache=True)
 def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Float64) -> None:
-    """`lens.undistort`, (points, 2)."""
+    """Write the directions (points, 2) of pixels (points, 2) into ``out``, see `lens.undistort`."""
     for i in range(len(pixels)):
         u, v = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]
         out[i, 0], out[i, 1] = undistort(u, v, lens[4], lens[5], lens[6], lens[7], lens[8], farthest_r2)

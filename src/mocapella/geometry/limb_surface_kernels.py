@@ -1,4 +1,4 @@
-"""Flesh about bones: the smooth union of tapered limbs, and its surface as triangles; compiled.
+"""Kernels of the smooth union of tapered limbs, as a signed distance field, and of its triangulated surface.
 
 A limb is a row of `LIMB` numbers: ends a and b [m], the radii there [m], and the group it belongs to. Importing this
 module imports numba; `mocapella.geometry.limb_surface` is what to call.
@@ -22,14 +22,14 @@ LIMB = 9
 
 @njit(cache=True)
 def smooth_min(a: float, b: float, k: float) -> float:
-    """The lesser of both, rounded off where they differ by less than ``k`` (quadratic: lower by k/4 where equal)."""
+    """Return the quadratic smooth minimum: rounded where a and b differ by less than ``k``, by k/4 where equal."""
     h = k - abs(a - b)
     return min(a, b) - (h * h / (4.0 * k) if h > 0.0 else 0.0)
 
 
 @njit(cache=True)
 def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
-    """Distance of a point from a tapered limb with round ends [m]; negative inside."""
+    """Return the signed distance of a point (x, y, z) from a tapered limb with round ends [m]; negative inside."""
     ux, uy, uz = limb[3] - limb[0], limb[4] - limb[1], limb[5] - limb[2]
     px, py, pz = x - limb[0], y - limb[1], z - limb[2]
     uu = ux * ux + uy * uy + uz * uz
@@ -40,12 +40,13 @@ def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
 
 @njit(cache=True)
 def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z: float, by_group: Float64) -> float:
-    """The smooth union of all limbs at a point: negative inside; and each group's own, out.
+    """Return the signed distance of a point (x, y, z) from the smooth union of all limbs [m]; negative inside.
 
     Args:
         limbs: (n, `LIMB`), sorted by group.
-        within: (groups,) how far limbs of a group flow into each other [m]; between: and groups [m].
-        by_group: (groups,) out.
+        within: (groups,) blending distance between limbs of a group [m].
+        between: blending distance between groups [m].
+        by_group: (groups,) written: signed distance from each group alone [m].
     """
     by_group[:] = 1e3
     for i in range(len(limbs)):
@@ -59,7 +60,7 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
 
 @njit(cache=True)
 def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out: Float64) -> None:
-    """Write `flesh` (a, b, c) at the nodes (a, b, c, 3)."""
+    """Write `flesh` at the grid nodes (a, b, c, 3) into out (a, b, c) [m]."""
     by_group = np.empty(len(within))
     for i in range(nodes.shape[0]):
         for j in range(nodes.shape[1]):
@@ -70,9 +71,9 @@ def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out:
 
 @njit(cache=True)
 def separate(values: Float64) -> bool:
-    """Change signs until no face of a cell has inside and outside in its opposite corners; whether none is left.
+    """Change signs until no cell face has inside and outside at alternating corners; return whether that succeeded.
 
-    There the surface would touch itself along an edge. The corner nearest to the surface goes outside.
+    At such a face the surface would touch itself along an edge. The corner nearest to the surface is moved outside.
     """
     shape = values.shape
     for _ in range(50):
@@ -112,7 +113,9 @@ def separate(values: Float64) -> bool:
 
 @njit(cache=True)
 def surface_net(values: Float64, nodes: Float64, vertices: Float64, triangles: Int64) -> tuple[int, int]:
-    """The surface where ``values`` change their sign; (vertices, triangles) that were written, outwards anticlockwise.
+    """Write the surface at which ``values`` change sign; return the numbers of vertices and triangles.
+
+    Triangles are anticlockwise as seen from outside.
 
     S. Gibson, "Constrained elastic surface nets" (MICCAI 1998): a vertex in each cell that the surface crosses, at the
     mean of the crossings of its edges; a quadrilateral about each edge that it crosses.
@@ -190,6 +193,6 @@ def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, m
 
 @njit(cache=True)
 def group_distances(limbs: Float64, within: Float64, points: Float64, out: Float64) -> None:
-    """Write each group's own distance (n, groups) at points (n, 3)."""
+    """Write the signed distance of points (n, 3) from each group into out (n, groups) [m]."""
     for i in range(len(points)):
         flesh(limbs, within, 1e-6, points[i, 0], points[i, 1], points[i, 2], out[i])

@@ -31,7 +31,7 @@ MOST = 4096
 def see(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, pixels: Float64, depth: Float64,
 ) -> None:  # fmt: skip
-    """Project vertices (n, 3): write pixels (n, 2) and depths (n,) [m].
+    """Project vertices (n, 3) in the world [m]; write pixels (n, 2) [px] and depths (n,) [m].
 
     Vertices that are too near, or outside of the lens model, have the depth 0.
     """
@@ -144,7 +144,7 @@ def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: in
 
 @njit(cache=True)
 def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
-    """(m, 4) the edges between a face whose outside is seen and none, or one whose outside is not.
+    """Return the contour edges (m, 4): between a face whose outside is visible and another face or none.
 
     Args:
         faces: (k, 3).
@@ -152,8 +152,8 @@ def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
         sides: of `face_sides`.
 
     Returns:
-        Their two ends, the third corner of the face that is seen, and 1 where that runs from the first end to the
-        second, else −1.
+        For each edge its two ends, the third corner of the visible face, and 1 if that face runs from the first end to
+        the second, else −1.
     """
     chosen, m = np.empty(len(edges) + 1, np.int32), 0
     for e in range(len(edges)):
@@ -174,10 +174,10 @@ def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
 
 @njit(cache=True, error_model="numpy")
 def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, mask: UInt8) -> None:
-    """What `cover` does, of a surface whose edges have two faces at most, which run along them in opposite directions.
+    """Set mask (rows, columns) as `cover` does, for a consistently oriented surface (`one_way`).
 
-    Only the edges of its `border` are drawn: above a sample of a column as many of them lead one way as the other,
-    unless faces cover it.
+    Only the edges of its `border` are drawn. A sample is covered if, in its column above it, more of them run in one
+    direction than in the other.
     """
     rows, columns = mask.shape
     f, steps = 1.0 / step, np.zeros((rows, columns), np.int8)
@@ -207,8 +207,9 @@ def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, m
 
 @njit(cache=True)
 def alike(mask: UInt8, phi: Float32) -> float:
-    """Intersection over union of a mask (rows, columns), 0 or 1, and of where phi (rows, columns) is above 0; 0 of
-    nothing.
+    """Return the intersection over union of a mask (rows, columns) and of the region phi (rows, columns) > 0.
+
+    It is 0 if both are empty.
     """
     both = either = 0
     for i in range(len(mask)):
@@ -221,7 +222,7 @@ def alike(mask: UInt8, phi: Float32) -> float:
 
 
 def one_way(faces: Int32) -> bool:
-    """Whether every edge has two faces at most, which run along it in opposite directions."""
+    """Return whether every edge has at most two faces, which run along it in opposite directions."""
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     if not len(along):
         return True
@@ -234,7 +235,7 @@ def outline(
     step: int, spacing: float, bones: Int32, at: Float64, normals: Float64, points: Float64, bone: Int32,
     far: Float64,
 ) -> int:  # fmt: skip
-    """Write points of the outline: of the edges of the border, outside the mask.
+    """Sample the outline: write points of the border's edges that are outside the mask; return their number.
 
     Args:
         vertices: (n, 3) [m].
@@ -242,10 +243,10 @@ def outline(
         edges: of `border`.
         mask, x0, y0, step: of `cover`; an edge within it, as of an arm in front of the body, is not part of the
             outline.
-        spacing: a point for about so much of an edge [px].
-        bones: (n,) the part that moves each vertex most.
-        at, normals, points, bone, far: written: (most, 2) where [px], (most, 2) outwards, of the length of outline
-            that the point stands for [px], (most, 3) [m], (most,) part, (most,) depth [m].
+        spacing: approximate distance between points [px].
+        bones: (n,) part with the largest weight of each vertex.
+        at, normals, points, bone, far: written: (most, 2) pixels, (most, 2) outward normals as long as each point's
+            share of the outline [px], (most, 3) positions in the world [m], (most,) parts, (most,) depths [m].
 
     Returns:
         Number of points; those without room are left out.
@@ -290,9 +291,13 @@ def outlined(
     """Render mask and outline of a mesh.
 
     Args:
-        vertices, T_camera_world, lens, farthest_r2: of `see`; size_px: (width, height) of the image.
-        faces: of the mesh; edges: of `outline_edges`; by_edges: whether `cover_by_edges` is for it.
-        step, margin: of `window`; given: a window to use again, unless it has no columns.
+        vertices, T_camera_world, lens, farthest_r2: of `see`.
+        size_px: (width, height) of the image.
+        faces: (k, 3) of the mesh.
+        edges: of `outline_edges`.
+        by_edges: whether `cover_by_edges` can be used, see `one_way`.
+        step, margin: of `window`.
+        given: an earlier window that is reused, unless it has no columns.
         spacing, bones: of `outline`.
 
     Returns:
@@ -322,7 +327,7 @@ def outlined(
 
 
 def outline_edges(faces: Int32) -> Int32:
-    """(e, 4) each edge once: its two corners, then the faces beside it, −1 for the second where there is one face."""
+    """Return each edge once, (e, 4): its two corners, then its faces; −1 for a missing second face."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     face = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort((face, ends[:, 1], ends[:, 0]))

@@ -1,4 +1,4 @@
-"""Which triangles of a surface a picture's samples see; compiled. Importing this module imports numba."""
+"""Kernels that rasterise triangles: the visible triangle at each sample of an image. Importing this imports numba."""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -20,13 +20,13 @@ NEAR_M = 0.05
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, out: Float64) -> None:
-    """Write (n, 3): x, y [px] and 1/z of vertices in the world; 1/z is 0 where the lens does not show them.
+    """Project vertices; write x, y [px] and 1/z [1/m] into out (n, 3), with 1/z = 0 for invisible vertices.
 
     Args:
         vertices: (n, 3) world [m].
         T: (4, 4) from the world to the camera.
         lens, farthest_r2: of `mocapella.geometry.lens`.
-        out: (n, 3) is written.
+        out: (n, 3) written.
     """
     for i in range(len(vertices)):
         p, q, r = vertices[i, 0], vertices[i, 1], vertices[i, 2]
@@ -44,7 +44,7 @@ def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, ou
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float64) -> None:
-    """Write (x0, y0, x1, y1), whole pixels, the last ones not included: around all that is seen, within the picture."""
+    """Write the bounding box (x0, y0, x1, y1) of the visible vertices in the image, whole pixels, end exclusive."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(seen)):
         if seen[i, 2] > 0.0:
@@ -64,17 +64,17 @@ def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float
 def cover(
     seen: Float64, triangles: Int64, left: float, top: float, step: float, nearest: Float64, which: Int64,
 ) -> None:  # fmt: skip
-    """Write which triangle is nearest at each sample of a grid; a surface is closed, so only its outside is drawn.
+    """Write the nearest triangle at each sample of a grid; only the outside of the closed surface is drawn.
 
-    Samples are points: one is covered where it is inside, on an edge included.
+    A sample is a point; it is covered if it is inside the triangle or on its edge.
 
     Args:
         seen: (n, 3) of `project`.
         triangles: (m, 3) corners, counter-clockwise as seen from outside.
-        left, top: where the first sample is [px].
-        step: between samples [px].
-        nearest: (rows, columns) float64 1/z of the nearest surface, 0 where there is none; in and out.
-        which: (rows, columns) int32 its triangle, -1 where there is none; in and out.
+        left, top: position of the first sample [px].
+        step: distance between samples [px].
+        nearest: (rows, columns) float64 1/z of the nearest surface, 0 for none; updated.
+        which: (rows, columns) int32 index of its triangle, −1 for none; updated.
     """
     h, w = which.shape
     scale = 1.0 / step
@@ -112,7 +112,7 @@ def cover(
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def weights(seen: Float64, a: int, b: int, c: int, x: float, y: float) -> tuple[float, float, float]:
-    """The shares of a triangle's corners a, b, c in its point that is seen at x, y [px]; they add up to 1."""
+    """Return the barycentric weights of corners a, b, c of the triangle's point at pixel x, y, with perspective."""
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
     v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) * seen[b, 2]
@@ -123,7 +123,7 @@ def weights(seen: Float64, a: int, b: int, c: int, x: float, y: float) -> tuple[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def vertex_normals(vertices: Float64, triangles: Int64, out: Float64) -> None:
-    """Write (n, 3) unit normals out of the surface: of a corner's triangles, each as much as its area."""
+    """Write outward unit normals (n, 3) of the vertices: the area-weighted mean of their triangles' normals."""
     out[:] = 0.0
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]

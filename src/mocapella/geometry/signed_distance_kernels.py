@@ -1,4 +1,4 @@
-"""The loops of `mocapella.geometry.signed_distance`, compiled; importing this module imports numba.
+"""Kernels of `mocapella.geometry.signed_distance`; importing this module imports numba.
 
 Distances are separable: along one axis to the next crossing in the same row or column, then over the other axis the
 least of the sums of squares (P. F. Felzenszwalb, D. P. Huttenlocher, Distance Transforms of Sampled Functions, Theory
@@ -30,13 +30,13 @@ _NEAR = np.float32(2.25)
 
 @njit(cache=True, error_model="numpy")
 def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> None:
-    """Write the signed distance [steps × step] of every sample to where a field crosses 0.
+    """Write the signed distance of every sample to the zero crossing of a field [px].
 
     Args:
         field: (rows, columns) float32, above 0 inside; linear between neighbours.
-        reach: [samples] whole; farther is cut off at reach × step.
-        step: [px] float32 between samples.
-        out: (rows, columns) float32.
+        reach: distances are clipped at reach × step; a whole number [samples].
+        step: distance between samples, float32 [px].
+        out: (rows, columns) float32, written.
     """
     rows, columns = field.shape
     wide = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
@@ -71,7 +71,7 @@ def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> No
 
 @njit(cache=True, error_model="numpy")
 def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
-    """`signed_distance` of a mask (rows, columns) uint8: its outline passes midway between two samples that differ."""
+    """Write the `signed_distance` of a uint8 mask (rows, columns), whose outline is midway between unequal samples."""
     field = np.empty(mask.shape, np.float32)
     for i in range(len(mask)):
         row, to = mask[i], field[i]
@@ -85,9 +85,10 @@ def _down_columns(field: Float32, far: np.float32, border: int, squares: Float32
     """Write the squared distance of every sample to the next crossing above or below, far² where none is near.
 
     Args:
-        field: (rows, columns) float32; far: [samples].
-        border: columns before the first, which are far.
-        squares: (rows, border + columns or more) float32.
+        field: (rows, columns) float32.
+        far: largest distance [samples].
+        border: number of padding columns before the first, which get far².
+        squares: (rows, border + columns or more) float32, written.
     """
     rows, columns = field.shape
     above, below = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
@@ -118,9 +119,10 @@ def _along_rows(field: Float32, far: np.float32, border: int, squares: Float32) 
     """Write the squared distance of every sample to the next crossing left or right, far² where none is near.
 
     Args:
-        field: (rows, columns) float32; far: [samples].
-        border: rows before the first, which are not changed.
-        squares: (border + rows or more, columns or more) float32.
+        field: (rows, columns) float32.
+        far: largest distance [samples].
+        border: number of padding rows before the first, which are not changed.
+        squares: (border + rows or more, columns or more) float32, written.
     """
     rows, columns = field.shape
     crossed = np.zeros((columns + 8) // 8 * 8, np.uint8)  # from the sample before
@@ -155,8 +157,11 @@ def _least(flat: Float32, first: int, apart: int, groups: int, best: Float32) ->
     """Lower ``best`` to a row's least sums of squares, over samples up to 4 × groups steps away on both sides.
 
     Args:
-        flat: squares; first: the place of the row's first; apart: from there to that of the next step.
-        best: (row,).
+        flat: squared distances, flattened.
+        first: index of the row's first value.
+        apart: stride from a value to that one step away.
+        groups: a quarter of the number of steps.
+        best: (row,) smallest sums so far, updated.
     """
     here = flat[first:]
     for j in range(len(best)):

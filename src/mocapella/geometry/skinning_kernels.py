@@ -1,4 +1,4 @@
-"""A mesh that follows rigid parts; compiled. Importing this module imports numba."""
+"""Kernels of linear blend skinning. Importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -17,11 +17,11 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def skin(vertices: Float64, bones: Int32, shares: Float64, R: Float64, t: Float64, out: Float64) -> None:
-    """Write where the vertices are: linear blend skinning, x = Σ share · (R x₀ + t).
+    """Write the posed vertices by linear blend skinning, x = Σ share · (R x₀ + t).
 
     Args:
         vertices: (n, 3) at rest [m].
-        bones, shares: (n, most) parts that move each vertex, and how much; the first share of 0 ends a row.
+        bones, shares: (n, most) parts that move each vertex, and their weights; the first weight of 0 ends a row.
         R, t: (parts, 9), (parts, 3) the parts' motions, rotations row by row.
         out: (n, 3) is written.
     """
@@ -41,12 +41,12 @@ def skin(vertices: Float64, bones: Int32, shares: Float64, R: Float64, t: Float6
 
 @njit(cache=True)
 def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) -> None:
-    """Write where points (n, 3) are at rest that each one part carries: x₀ = Rᵀ (x − t).
+    """Write the rest positions of points that each move with one part: x₀ = Rᵀ (x − t).
 
     Args:
-        points: [m].
-        part: (n,) of each.
-        R, t: as of `skin`.
+        points: (n, 3) in the pose [m].
+        part: (n,) part of each point.
+        R, t: as in `skin`.
         out: (n, 3) is written.
     """
     for k in range(len(points)):
@@ -58,7 +58,7 @@ def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) 
 
 @njit(cache=True)
 def farthest_apart(these: Float64, those: Float64) -> float:
-    """The largest distance of points (n, 3) from as many others [m]; 0 of none."""
+    """Return the largest distance between corresponding points, (n, 3) each [m]; 0 without points."""
     most = 0.0
     for i in range(len(these)):
         x, y, z = these[i, 0] - those[i, 0], these[i, 1] - those[i, 1], these[i, 2] - those[i, 2]

@@ -413,7 +413,7 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler kno
 def newton(
     u: float, v: float, x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float
 ) -> tuple[float, float, float, float]:
-    """Take one Newton step of the inverse of `distort` at (u, v); return the new point and the step."""
+    """Take a Newton step from (x, y) towards the solution of distort(x, y) = (u, v); return the point and the step."""
     at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
     du, dv, scale = u - at_u, v - at_v, 1.0 / (uu * vv - uv * uv)
     dx, dy = scale * (vv * du - uv * dv), scale * (uu * dv - uv * du)
@@ -425,7 +425,11 @@ def triangulate(
     views: Float64, pixels: Float64, sd: Float64, gate: float, least_sin2: float, points: Float64,
     covariances: Float64, residuals: Float64, used: Bool, states: UInt8,
 ) -> None:  # fmt: skip
-    """`triangulation.triangulate`: pixels (points, views, 2), sd (points, views); writes the last five."""
+    """Triangulate pixels (points, views, 2) with standard deviations sd (points, views), see
+    `triangulation.triangulate`.
+
+    The last five arguments are written: the fields of `Triangulated`.
+    """
     count = pixels.shape[1]
     rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
     fitted = np.empty(len(pixels), dtype=np.bool_)

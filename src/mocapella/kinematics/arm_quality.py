@@ -140,7 +140,7 @@ class ArmQualityMeter:
         self._at_s: float | None = None
 
     def update(self, arms: Sequence[Arm], at_s: float) -> ArmQuality:
-        """Take in the arms of a frame.
+        """Process the arms of a frame.
 
         Args:
             arms: all arms of the frame.

@@ -357,7 +357,7 @@ class HandGestures:
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
     def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:
-        """Take in an instant.
+        """Process an instant.
 
         Args:
             hand: see `hand_features`; None where it is not seen.

@@ -1,4 +1,4 @@
-"""The loops that own threads and wall clocks: a node (one sensor), the server, the view's process, a replay.
+"""Processes and loops with threads and wall clocks: a sensor's node, the server, the view, a replay.
 
 Loops only pass values on; the computation is in the other packages.
 """

@@ -26,7 +26,7 @@ _POLL_S: Final = 0.05
 class Compilation:
     """The processes that compile a method's kernels.
 
-    They end with the ``with`` block at the latest. None is started where no folder for compiled kernels can be written.
+    They end with the ``with`` block at the latest. None is started if no folder for compiled kernels can be written.
 
     Args:
         method: key of `mocapella.tracker.METHODS`.

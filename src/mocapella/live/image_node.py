@@ -1,4 +1,4 @@
-"""A camera's node whose images are sent themselves, with questions answered meanwhile (`live/camera_service.py`)."""
+"""Node of a camera that publishes its images, and answers requests meanwhile (`live/camera_service.py`)."""
 
 from __future__ import annotations
 

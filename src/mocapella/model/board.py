@@ -31,8 +31,9 @@ DICTIONARIES: Final = (
 class Board:
     """A flat board of squares, black where row + column is even, whose inner corners are detected in images.
 
-    Its own space has the origin at the outer corner of the first square, x along the columns, y along the rows and z
-    into the board, so that whoever looks at it sees x to the right and y down.
+    The board's frame has the origin at the outer corner of the first square and z into the board; seen from the front,
+    x
+    points right and y down.
 
     Attributes:
         kind: ``chessboard``, or ``charuco`` with a marker in every white square.
@@ -41,9 +42,9 @@ class Board:
         square_m: side of a square, as measured on the print.
         marker_ratio: side of a marker over side of a square, of a ChArUco board.
         dictionary: of the markers.
-        inverted: printed with black and white exchanged.
-        legacy: a ChArUco board by OpenCV before 4.6: with an even number of rows, its first square is
-            white.
+        inverted: whether it is printed with black and white exchanged.
+        legacy: whether it is a ChArUco board of OpenCV before 4.6, whose first square is white if the number of rows is
+            even.
     """
 
     kind: Literal["chessboard", "charuco"]
@@ -105,10 +106,10 @@ _KEYS: Final = "kind, columns, rows, square_m, and of a ChArUco board marker_rat
 
 
 def load_board(path: Path | str) -> Board:
-    """Read a board's TOML file, or Caliscope's ``charuco.toml``.
+    """Read a board's TOML file, or a ``charuco.toml`` of Caliscope.
 
     Raises:
-        InputError: there is no such file, it is no TOML, or something in it cannot be; says what can.
+        InputError: there is no such file, it is no TOML, or a value is invalid; names valid ones.
     """
     try:
         text = Path(path).read_bytes()
@@ -121,7 +122,7 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
     """Return the board of a TOML text; ``path`` names it in errors.
 
     Raises:
-        InputError: as `load_board`.
+        InputError: as in `load_board`.
     """
     try:
         data = tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))

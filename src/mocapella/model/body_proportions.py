@@ -32,13 +32,13 @@ HEIGHTS_M: Final = (0.5, 2.5)
 
 @dataclass(frozen=True)
 class Lengths:
-    """Lengths of the segments: over the height in a table, else [m].
+    """Lengths of a body's segments [m], or in a table of average people, relative to the height.
 
     Attributes:
         ankle_height: of the ankles above the ground.
         shank, thigh: from joint to joint.
-        trunk: from between the hips to between the shoulders.
-        head: from there to the top of the head.
+        trunk: from the midpoint of the hips to that of the shoulders.
+        head: from the midpoint of the shoulders to the top of the head.
         shoulder_width, hip_width: between the joints' centres.
         upper_arm, forearm: from joint to joint.
         hand: from the wrist to the fingertips.
@@ -123,7 +123,7 @@ class Flesh:
 
 @dataclass(frozen=True)
 class BodyShape:
-    """The average shape of a sex: its height, and all other measures over the height."""
+    """The average shape of a sex: its height, and all other measures relative to the height."""
 
     name: str
     height_m: float
@@ -136,7 +136,7 @@ def body_shape(sex: Sex) -> BodyShape:
     """Return the average shape of a sex.
 
     Raises:
-        SettingsError: there is no such table; says which there are.
+        SettingsError: there is no such table; lists the known ones.
     """
     folder = files("mocapella.model").joinpath("body_shapes")
     names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
@@ -195,19 +195,19 @@ _SPANS: Final = {
 
 
 def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProportions:
-    """Measure a person's segments from joints: of one frame, such as a T-pose, or of a tracked skeleton.
+    """Measure a person's segments from the joints of one frame, such as a T-pose, or of several frames.
 
-    Of each segment the median over frames and sides, so that both sides are alike and a frame that went wrong does not
-    count; of the trunk that is right of people who mostly stand upright. A segment whose ends are never seen together
-    is not known; the ankles' height, which needs a ground, never.
+    A length is the median over frames and over both sides, so that both sides are equal and single wrong frames have no
+    effect; for the trunk this is correct for people who mostly stand upright. A segment whose ends are never seen
+    together is unknown, and so is the height of the ankles, which would need the floor.
 
     Args:
         joints: positions [m], (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
-            seen. Names that no segment needs do no harm.
+            seen. Other names are ignored.
         girth: see `BodyProportions`.
 
     Raises:
-        SettingsError: arrays of other shapes, no segment that is seen, or one that no person has.
+        SettingsError: arrays of other shapes, no visible segment, or an implausible length.
     """
     seen = {name: np.atleast_2d(np.asarray(place, dtype=np.float64)) for name, place in joints.items()}
     shapes = {place.shape for place in seen.values()}

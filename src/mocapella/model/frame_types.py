@@ -90,7 +90,7 @@ def by_class() -> dict[type[SensorFrame], FrameType]:
 
 
 def what_it_sends(frame: SensorFrame) -> str:
-    """Return the name of a frame's type."""
+    """Return the name of a frame's type, such as ``skeletons``."""
     known = frame_type_of(frame)
     return known.name if known is not None else str(getattr(frame, "kind", type(frame).__name__))
 

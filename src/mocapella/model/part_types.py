@@ -24,7 +24,7 @@ class PartType:
         decode: returns the part of such a message or bytes and the scene's topology, validated; raises `WireError`.
         field: of the message ``Scene`` that has them; empty if they are in ``Scene.parts``, like a plug-in's.
         counted: singular and plural noun, for the view and the summary; None if they are not counted.
-        none: text of an empty stage.
+        none: text that the view shows while there are no parts.
         there: whether a part is present at this instant; parts that only wait are not counted.
         drawing: ``module:name`` of a `mocapella.viewer.room.DrawPart`, which draws them life-size; may be empty.
         meter: ``module:name`` of a class with ``update(parts, at_s)`` and ``quality.as_json()``, or empty: their

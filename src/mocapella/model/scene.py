@@ -21,7 +21,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class Phase(StrEnum):
-    """The thesis' states, and stopped."""
+    """Phases of the tracker: those of the KinectMultiTrack thesis, and stopped."""
 
     STOPPED = "stopped"
     WAITING_FOR_SENSORS = "waiting for sensors"
@@ -52,15 +52,15 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
     """One sensor's view of a person (the thesis' *potential skeleton*).
 
     Attributes:
-        sensor: whose view it is.
-        tracking_id: that sensor's id of the body.
-        time_ns: when it was captured, on that sensor's own clock.
-        tilt: of that sensor, upwards positive [rad].
-        height: of that sensor over the floor [m].
-        T_world_sensor: (4, 4), from that sensor's camera space to the world of this person.
+        sensor: name of the sensor.
+        tracking_id: the sensor's id of the body.
+        time_ns: capture time, on the sensor's own clock.
+        tilt: of the sensor, upwards positive [rad].
+        height: of the sensor above the floor [m].
+        T_world_sensor: (4, 4), from the sensor's camera space to the world of this person.
         positions: (joints, 3), world [m], with the sensor's own labels; NaN where not tracked.
         states: (joints,), `JointState`.
-        mirrored: whether the method holds its left and right labels for swapped, and repaired them in the person.
+        mirrored: whether the method judges its left and right labels as swapped, and corrected them in the person.
     """
 
     sensor: str
@@ -83,9 +83,10 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         states: (joints,), `JointState`: tracked = measured by at least one sensor; inferred; not tracked.
         views: the potential skeletons, in the order of their sensors' names. A sensor that has lost the person for
             now may keep a view without tracked joints.
-        sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None where the method does
-            not say.
-        name: given to the person in this session; empty if none was.
+        sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None if the method does
+            not
+            estimate it.
+        name: name given to the person in this session; empty without one.
     """
 
     id: int
@@ -96,13 +97,13 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     name: str = ""
 
     def view_of(self, sensor: str) -> PotentialSkeleton | None:
-        """Return that sensor's view, or None if it does not see this person."""
+        """Return a sensor's view of this person; None without one."""
         return next((view for view in self.views if view.sensor == sensor), None)
 
     def seen_from(self, sensor: str) -> Float64 | None:
-        """(joints, 3), the fused skeleton in that sensor's camera space [m]; None where it has no view of this person.
+        """Return the fused skeleton (joints, 3) in a sensor's camera space [m]; None without a view of this sensor.
 
-        A view without tracked joints suffices: it shows how the others see a person whom that sensor has lost.
+        A view without tracked joints suffices, so this also works for a person whom the sensor has lost.
         """
         view = self.view_of(sensor)
         return None if view is None else apply(inverse(view.T_world_sensor), self.positions)
@@ -114,8 +115,8 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor: its name.
         T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
-        position_sd: standard deviation of a point's position where people are [m]; NaN where not known.
-        rotation_sd: likewise of the angle [rad].
+        position_sd: standard deviation of a point at people's positions [m]; NaN if unknown.
+        rotation_sd: standard deviation of the rotation [rad]; NaN if unknown.
         quality: of the pose, in words.
         problem: why its views are not used, or what to do; empty if there is no problem.
     """
@@ -163,8 +164,8 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
         sd: (23,) float32, standard deviation of a coordinate [m]; NaN where not known.
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
         T_world_palm: (4, 4); None where not known.
-        gesture: in a word, such as open or fist; empty where none is recognised.
-        gesture_sure: from 0 to 1.
+        gesture: name, such as open or fist; empty if none is recognised.
+        gesture_sure: confidence of the gesture, from 0 to 1.
         grabbing: whether the hand holds on to something.
         person: id of the arm's `Person`; -1 if unassigned.
         cameras: names of the cameras that see it now; empty while it is only predicted.
@@ -195,13 +196,13 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
 
 
 class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
-    """Points that several cameras see.
+    """Points triangulated from several cameras.
 
     Attributes:
-        names: (points,).
+        names: (points,) of the markers or keypoints.
         positions: (points, 3), world [m]; NaN where not known.
         sd: (points,) float32, standard deviation of a coordinate [m]; NaN where not known.
-        cameras: (points,) uint8, how many agree.
+        cameras: (points,) uint8, number of cameras that agree.
     """
 
     names: tuple[str, ...]
@@ -215,7 +216,7 @@ class TrackedObject(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         name: of the object.
-        T_world_object: (4, 4); None where it has not been seen.
+        T_world_object: (4, 4); None before it is seen.
         outline: (k, 3) a closed line in its own frame, to be drawn [m].
         state: `JointState`: tracked; inferred = as last seen, or in the hand; not tracked.
     """
@@ -268,7 +269,9 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
         landmarks: (landmarks, 3), world [m].
         states: (landmarks,) uint8 `JointState`: tracked = in the image of a camera that sees the body now; inferred =
             predicted, or where the body waits; not tracked = the tracker does not look for the body yet.
-        lost: whether the person is absent, not yet come or gone; the pose is then the start's, or the last one seen.
+        lost: whether the person is absent, because not yet arrived or gone; the pose is then the initial one, or the
+            last
+            one seen.
         views: in the order of the rig's cameras.
         person: id of the body's `Person`; -1 if unassigned.
     """
@@ -291,10 +294,10 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
     """The tracker's result for one frame, with that frame's identity, so that it can be reproduced.
 
     Attributes:
-        step: 0, 1, 2, … since the tracker was made.
-        at_ns: capture time of that frame on the common clock.
-        sensor, node_id, sequence: the frame of this step.
-        topology: of all skeletons in it.
+        step: number of the scene, from 0 with each new tracker.
+        at_ns: capture time of the frame on the common clock.
+        sensor, node_id, sequence: identity of the frame (`SensorFrame`).
+        topology: of all skeletons in the scene.
         state: of the tracker.
         parts: by the name of their type (`mocapella.model.part_types`), each in the order of their ids or names.
         sensors: by name; empty if the method gives sensors no poses.

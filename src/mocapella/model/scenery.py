@@ -1,4 +1,4 @@
-"""Static objects of a simulated room, for the view: what stands in it, and where the simulated sensors stand."""
+"""Static objects of a simulated room, and the poses of its sensors, for the view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What identifies a frame, of whatever a sensor sees."""
+"""The common fields of all frames, which identify a frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG
 
 
 class SensorFrame(msgspec.Struct, frozen=True, eq=False):
-    """What one sensor saw at one instant.
+    """Base class of frames: the data of one sensor at one instant.
 
     A frame is identified by (sensor, node_id, sequence): the node's process numbers its frames from 0, so that a gap
     is a loss and a second arrival is a duplicate.
@@ -16,9 +16,9 @@ class SensorFrame(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor: the sensor's name.
         node_id: random number of the process that serves the sensor, new at each start.
-        sequence: 0, 1, 2, … of that process.
-        time_ns: when the sensor captured it, on the *sensor's own* clock.
-        sent_ns: when the node published it, on the node's monotonic clock; 0 where there was no node.
+        sequence: number of the frame since that process started, from 0.
+        time_ns: capture time, on the *sensor's own* clock.
+        sent_ns: time of publication, on the node's monotonic clock; 0 without a node.
     """
 
     sensor: str
@@ -29,31 +29,31 @@ class SensorFrame(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def bodies(self) -> int:
-        """How many things the frame has: what a table of sensors shows."""
+        """Number of items in the frame, such as bodies, for the table of sensors."""
         return 0
 
     @property
     def field_of_view_deg(self) -> tuple[float, float]:
-        """Of the sensor, across and high [°]."""
+        """Horizontal and vertical field of view of the sensor [°]."""
         return UNKNOWN_FIELD_OF_VIEW_DEG
 
     @property
     def for_the_take(self) -> bool:
-        """Whether a node sends it for takes only: no method has to use it."""
+        """Whether the frame is sent for takes only, so that no method needs to use it."""
         return False
 
     @property
     def key(self) -> tuple[str, int, int]:
-        """What identifies the frame: (sensor, node_id, sequence)."""
+        """Identity of the frame: (sensor, node_id, sequence)."""
         return self.sensor, self.node_id, self.sequence
 
 
 class UnknownFrame(SensorFrame, frozen=True, eq=False):
-    """A frame of a type that no installed package reads; it is stored as it came.
+    """A frame of a type that no installed package decodes; it is stored unchanged.
 
     Attributes:
         kind: name of its type.
-        content: as the plug-in wrote it.
+        content: bytes encoded by the plug-in.
     """
 
     kind: str

@@ -66,15 +66,15 @@ class SensorPose:
 
 @dataclass(frozen=True)
 class Setup:
-    """The choices before a start.
+    """Configuration of a session.
 
     Attributes:
         method: name of the tracker's method.
-        sensors_expected: how many sensors to wait for before calibrating.
-        participant: the study's number of the person, or −9999.
+        sensors_expected: number of sensors to wait for before calibrating.
+        participant: the participant's number in the study, or −9999.
         placement: key of `PLACEMENTS`, or empty.
         scenario: key of `SCENARIOS`, or empty.
-        sensors: pose by sensor name; overrides what the frames say.
+        sensors: pose by sensor name; overrides the poses in the frames.
     """
 
     method: str = "default"
@@ -93,25 +93,25 @@ class Setup:
 
 @dataclass(frozen=True)
 class SensorHealth:
-    """One row of the table of sensors.
+    """State of one sensor, for the table of sensors.
 
     Attributes:
         name, node_id: the sensor, and the process that serves it.
-        connected: its node is alive on the bus.
-        silent: connected or not, no frame has come for longer than the limit.
-        local: the node runs on the server's machine.
-        bodies: in its newest frame: people, or what else it sends.
-        rate_hz: frames a second, over the last seconds.
-        latency: from publish to result, median of the last seconds [s]; None where unknown.
-        frames: live frames tracked.
-        dropped: live frames passed over because a fresher one was there, or lost on the way.
-        rejected: messages refused at the door.
+        connected: whether its node is connected to the bus.
+        silent: whether no frame has arrived for longer than the limit, connected or not.
+        local: whether the node runs on the server's machine.
+        bodies: number of items, such as people, in its newest frame.
+        rate_hz: frame rate over the last seconds.
+        latency: from publication to result, median of the last seconds [s]; None if unknown.
+        frames: number of tracked live frames.
+        dropped: number of live frames that were skipped for a newer one, or lost in transfer.
+        rejected: number of rejected messages.
         clock_offset: node's monotonic clock minus the server's [s]; None until measured.
-        clock_bound: half the round trip: how wrong the offset can be [s].
-        stored: frames of the record path that are in the take.
-        lost: frames of the record path that are known to be missing from the take.
-        tilt: as set up, or else as its frames say, upwards positive [rad].
-        height: likewise, over the floor [m]; 0 where unknown.
+        clock_bound: largest error of the offset, half the round trip [s].
+        stored: number of frames of the record path that are in the take.
+        lost: number of frames of the record path that are known to be missing from the take.
+        tilt: upward tilt, as configured, or else from its frames [rad].
+        height: height above the floor, from the same source [m]; 0 if unknown.
         problem: a message for users; empty if there is none.
         pictures: whether it is a camera that answers requests for its image.
         capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
@@ -174,18 +174,18 @@ class SessionStatus:
     """The server's complete state for views and scripts.
 
     Attributes:
-        revision: grows by one with every command carried out, so that two views can tell which came last.
+        revision: number of commands carried out, from which a view knows the newest status.
         running: whether frames are tracked.
         phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
         counts: number of parts in the newest scene, by the name of their type.
-        scenes: results so far.
-        scenes_hz: results a second, over the last seconds.
-        setup: the last one.
-        sensors: one row each, by name.
-        recording: the present take, or the last one.
-        next_take: a name that no take in the server's folder has, for the one after that.
-        notices: messages for users, the newest last: refused nodes, changes of state.
-        uptime: of the server [s].
+        scenes: number of scenes so far.
+        scenes_hz: rate of scenes over the last seconds.
+        setup: the present setup.
+        sensors: state of each sensor, by name.
+        recording: state of the present take, or of the last one.
+        next_take: proposed name for the next take, which no take in the server's folder has.
+        notices: messages for users, the newest last, such as refused nodes and changes of state.
+        uptime: time since the server started [s].
         version: of Mocapella.
     """
 

@@ -44,15 +44,15 @@ class StudyRow(msgspec.Struct, frozen=True, eq=False):
         study_id: the participant.
         kinect_config: placement of the sensors, a value of `mocapella.model.session.PLACEMENTS`.
         scenario_id: scenario, a value of `mocapella.model.session.SCENARIOS`.
-        tracker_time_ms: when the program wrote the row, since the beginning of year 1.
-        person_id: which person.
-        skeleton_id: which view of this person; 0 is the reference sensor's.
-        skeleton_time_ticks: when the view was captured, on that sensor's own clock [100 ns].
+        tracker_time_ms: time at which the program wrote the row, since the beginning of year 1 [ms].
+        person_id: number of the person.
+        skeleton_id: number of the view of this person; 0 is the reference sensor's.
+        skeleton_time_ticks: capture time of the view, on the sensor's own clock [100 ns].
         init_angle: the view's stand-still angle θ [rad].
         init_dist: the z of the view's stand-still centre C, camera space [m].
         kinect_id: the sensor, by its address or name.
-        tilt_deg: of that sensor, upwards positive [°].
-        height_cm: of that sensor over the floor [cm].
+        tilt_deg: of the sensor, upwards positive [°].
+        height_cm: of the sensor above the floor [cm].
         positions: (25, 3) float32 in kinect_v2's order, camera space *of the reference view* [m]; NaN = missing.
     """
 

@@ -19,7 +19,7 @@ UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
 
 @dataclass(frozen=True)
 class Topology:
-    """Joints, bones, mirror pairs and the parts a method may ask for.
+    """Joints, bones, mirror pairs and named parts of a sensor's skeletons.
 
     Attributes:
         name: in messages and files, such as ``kinect_v2``.
@@ -27,7 +27,7 @@ class Topology:
         bones: (parent, child) indices; a tree that reaches every joint from ``root``.
         mirror: for each joint, the index of its mirror image (itself for central joints).
         parts: joint index by role: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
-        field_of_view_deg: of the sensors that report these joints, across and high [°].
+        field_of_view_deg: horizontal and vertical field of view of the sensors with this topology [°].
     """
 
     name: str

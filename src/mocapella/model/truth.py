@@ -13,13 +13,13 @@ class Truth(msgspec.Struct, frozen=True, eq=False):
     """The ground truth at the capture of one sensor's frame.
 
     Attributes:
-        sensor, sequence: the frame that it belongs to.
-        room_ns: the room's own time.
+        sensor, sequence: identity of the frame.
+        room_ns: capture time in room time.
         topology: of the people.
-        people: (people,) int, who they are; never changes.
+        people: (people,) int, numbers of the people, which never change.
         positions: (people, joints, 3) float64, world [m].
-        T_world_sensor: (4, 4), where the sensor stands.
-        body_people: (bodies,) int, for each body of the frame, who it is.
+        T_world_sensor: (4, 4) true pose of the sensor.
+        body_people: (bodies,) int, number of the person of each body in the frame.
         mirrored: (bodies,) bool, whether the sensor swapped left and right.
     """
 

@@ -1,1 +1,1 @@
-"""Pixels → observations: pure functions on images, and a small object where something is followed over time."""
+"""Image processing: detect markers, tags, boards, silhouettes and arms in images."""

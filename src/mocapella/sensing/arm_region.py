@@ -166,7 +166,7 @@ def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, ste
 
 
 def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
-    """Return the surfaces near spheres (k, 5) [m], and those connected to them."""
+    """Segment the surfaces near spheres (k, 5) [m], and those connected to them."""
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
     hand = np.ascontiguousarray(spheres[spheres[:, 4] > 0])
@@ -235,7 +235,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
 
 
 def within(point: Float64, balls: Float64) -> bool:
-    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5), with radii in the fourth column [m]."""
+    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5): centre, radius, … [m]."""
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 

@@ -31,7 +31,7 @@ Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class MemorySettings:
-    """How a background is learnt.
+    """Parameters of learning and applying a background.
 
     Attributes:
         guard_steps: samples nearer than this to a person are not learnt.
@@ -109,7 +109,7 @@ class BackgroundMemory:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(rows, columns) which samples of the image are known."""
+        """Whether each sample of the image is known, (rows, columns)."""
         return self._count > 0
 
     def update(
@@ -146,9 +146,9 @@ class BackgroundMemory:
         self._learnt = self._learnt or bool(self._count.any())
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
-        """Share of the known samples away from people that have changed, 0 to 1; NaN if there are none.
+        """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.
 
-        Arguments and errors as of `update`.
+        Arguments and errors are those of `update`.
         """
         image, (left, top), phi = self._door(image, person)
         differ, known, noise = self._compared(image, phi, left, top)
@@ -170,7 +170,7 @@ class BackgroundMemory:
         return samples
 
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
-        """Foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
+        """Return the foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
 
         0: unknown, or probably in shadow. Each is a vote of five samples. Arguments and errors as of `update`.
         """
@@ -182,7 +182,7 @@ class BackgroundMemory:
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """Foreground score at points (n, 2) of the image [px]; 0 beyond it."""
+        """Return the foreground score (n,) at points (n, 2) of the image [px]; 0 outside it."""
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
         if self._learnt:
@@ -199,7 +199,7 @@ class BackgroundMemory:
         return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """See `Background`. Its window is aligned as of `update`."""
+        """See `Background`; the window must be aligned as for `update`."""
         prior = band.prior
         left, top = self._place(prior)
         if not self._shape:

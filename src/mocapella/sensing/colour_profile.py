@@ -34,19 +34,19 @@ SKIN: Final = "skin"
 
 
 def chromaticity(bgr: NDArray[Any]) -> Float64:
-    """(..., 3) 8-bit blue, green, red → (..., 2) u, v."""
+    """Return the chromaticity u, v (..., 2) of 8-bit blue, green, red (..., 3)."""
     logs = np.log(np.asarray(bgr, np.float64) + OFFSET)
     return np.stack([logs[..., 2] - logs[..., 1], logs[..., 0] - logs[..., 1]], axis=-1)
 
 
 def brightness(bgr: NDArray[Any]) -> Float64:
-    """(..., 3) 8-bit blue, green, red → (...) luma of ITU-R BT.601, 0 … 255."""
+    """Return the luma (...) by ITU-R BT.601, 0 to 255, of 8-bit blue, green, red (..., 3)."""
     return np.asarray(np.asarray(bgr, np.float64) @ np.array([0.114, 0.587, 0.299]))
 
 
 @dataclass(frozen=True)
 class CameraControls:
-    """The camera's controls, in its driver's units; None where it has no such control.
+    """Values of a camera's controls, in its driver's units; None for a missing control.
 
     Attributes:
         automatic: names of the automatic modes that could not be switched off; none is best.

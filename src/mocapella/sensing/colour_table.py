@@ -117,7 +117,7 @@ def _noise(values: Float64, s: TableSettings) -> Float64:
 
 
 def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) -> Float64:
-    """Return (...) the density at chromaticities (..., 2); noise (..., 3) is added to the covariance uu, uv, vv."""
+    """Return the Gaussian density (...) at chromaticities (..., 2); noise (..., 3) is added to its uu, uv, vv."""
     uu, uv, vv = np.moveaxis(np.asarray(seen.covariance) + noise, -1, 0)
     x, y = np.moveaxis(at - np.asarray(seen.mean), -1, 0)
     det = uu * vv - uv * uv
@@ -125,7 +125,7 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """Return (...) the density of the background, relative to that of markers of these areas (...).
+    """Return the density (...) of the background, relative to that of markers of areas (...) [px].
 
     The scene's histogram is scaled by area: an object as large as the marker is as likely as the marker.
     """

@@ -150,7 +150,7 @@ def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: Li
 
 
 def nearest(points: PointGrid, pixel: Float64) -> int:
-    """Which point of a grid, by its number, is nearest to a pixel (2,)."""
+    """Return the index of the grid point nearest to a pixel (2,)."""
     return int(((points.pixels - pixel) ** 2).sum(axis=-1).argmin())
 
 

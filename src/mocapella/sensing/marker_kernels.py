@@ -1,4 +1,4 @@
-"""Following markers from image to image, compiled; importing this module imports numba."""
+"""Kernels that track markers from image to image; importing this module imports numba."""
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
@@ -70,13 +70,13 @@ class MarkerLimits(NamedTuple):
 
     Attributes:
         least_px, most_px: area [px].
-        elongation: greatest.
-        fill: least.
+        elongation: largest elongation.
+        fill: smallest fill.
         window_px: side of the search window.
-        sd_floor_px, sd_scale: of a centre's standard deviation.
-        area_range: factor by which the area may differ from the learnt one.
-        acceleration_px_s2: by which a prediction can be wrong.
-        forget_s: age after which there is no prediction.
+        sd_floor_px, sd_scale: parameters of a centre's standard deviation.
+        area_range: largest factor between the area and the learnt one.
+        acceleration_px_s2: unmodelled acceleration of a marker.
+        forget_s: age of a marker's last detection after which there is no prediction.
     """
 
     least_px: float
@@ -112,18 +112,18 @@ def choose(
     found: Float64, count: int, label: int, x0: int, y0: int, predicted: bool, px: float, py: float,
     area_before: float, usual: float, limits: MarkerLimits, shape: Float64, mine: Float64, counts: Float64,
 ) -> int:  # fmt: skip
-    """Return the number of the piece that is the marker, or −1.
+    """Choose the piece that is the marker; return its index, or −1.
 
     Args:
-        found, count: pieces, with sums from (x0, y0).
+        found, count: pieces of `marker_piece_kernels.pieces`, with sums relative to (x0, y0), and their number.
         label: of the marker.
-        x0, y0: see above.
+        x0, y0: origin of the sums [px].
         predicted: whether there is a prediction.
-        px, py: predicted position.
-        area_before: area when last seen, or 0.
-        usual: area when it was learnt.
-        limits: see there.
-        shape: (7,) scratch.
+        px, py: predicted position [px].
+        area_before: area when last seen [px], or 0.
+        usual: area when it was learnt [px].
+        limits: limits and scales.
+        shape: (7,) workspace.
         mine: (11,) out: the piece, joined with the parts that a highlight cut off.
         counts: (`OUT`,) out: numbers of candidates and rejected pieces.
     """
@@ -283,8 +283,8 @@ def follow(
         rows: of the markers.
         at_s: capture time [s].
         whole: whether the whole image is searched even if no marker is lost.
-        limits: see there.
-        buffers: scratch.
+        limits: limits and scales.
+        buffers: workspace.
 
     Returns:
         Bits: 1 the whole image was searched, 2 there were more runs than capacity.

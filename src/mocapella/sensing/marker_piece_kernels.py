@@ -139,7 +139,7 @@ def pieces(image: UInt8, table: UInt8, x0: int, y0: int, x1: int, y1: int, only:
 
 @njit(cache=True)
 def table_label(image: UInt8, table: UInt8, y: int, x: int) -> int:
-    """Return the label of one pixel."""
+    """Return the label of the pixel in row y and column x."""
     b, g, r = image[y, x, 0], image[y, x, 1], image[y, x, 2]
     label: int = table[(b >> 3) | ((g & 248) << 2) | ((r & 248) << 7)]
     return label

@@ -39,7 +39,7 @@ LIGHT_STEP: Final = 16
 
 @dataclass(frozen=True)
 class MarkerSettings:
-    """How markers are searched.
+    """Parameters of the marker detection.
 
     Attributes:
         window_px: side of the search window around a prediction; 40 as in the thesis.
@@ -209,7 +209,7 @@ class MarkerDetector:
 
     @property
     def table(self) -> UInt8:
-        """(32768,) the look-up table of `mocapella.sensing.colour_table.lookup_table`."""
+        """The look-up table (32768,) of `mocapella.sensing.colour_table.lookup_table`."""
         return self._table
 
     @property
@@ -247,7 +247,7 @@ def linear_light() -> Float64:
 
 
 def piece_buffers(width: int, runs: int) -> PieceBuffers:
-    """Return buffers for rows of ``width`` pixels and at most so many runs."""
+    """Return buffers for rows of ``width`` pixels and at most ``runs`` runs."""
     from mocapella.sensing.marker_piece_kernels import PieceBuffers
 
     labels = np.zeros(8 * (width // 8 + 2), np.uint8)

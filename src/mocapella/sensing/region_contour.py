@@ -125,7 +125,7 @@ def region_contour(
     settings: RegionSettings = DEFAULT,
     energies: bool = False,
 ) -> RegionContour:
-    """Move a contour to where the image shows it.
+    """Segment a body: move the contour to minimise the energy.
 
     Args:
         image: (height, width) or (height, width, 3) uint8; only the prior's window is read. Beyond the image, and
@@ -225,7 +225,7 @@ def read_band(
 
 
 def check_silhouette(silhouette: Silhouette, name: str) -> None:
-    """Refuse a silhouette that is not a window of distances.
+    """Check that a silhouette is a window of signed distances.
 
     Raises:
         SettingsError: phi is of another shape or type, or the step is below 1.
@@ -246,7 +246,17 @@ def settle(
     guided: bool = True,
     energies: bool = False,
 ) -> RegionContour:
-    """Move the contour; ``outside``, ``inside_cost`` and ``unsure_px`` as in the kernel `settled` and its weights."""
+    """Minimise the energy of a contour whose image was read by `read_band`.
+
+    Args:
+        band: samples of the image.
+        outside: (blocks, size) −log p2 of a background model [nats], NaN where the density is learnt; or (0, 0).
+        inside_cost: −log p1 if it is constant [nats]; NaN if it is learnt.
+        s: weights and limits.
+        unsure_px: samples nearer to the prior's contour are not learnt from before the first move.
+        guided: whether there is a prior.
+        energies: whether energies are computed.
+    """
     step, columns = band.prior.step_px, band.prior.phi.shape[1]
     k = kernels()
     weights = k.ContourWeights(

@@ -1,4 +1,4 @@
-"""The iteration of `mocapella.sensing.region_contour`, compiled; importing this module imports numba.
+"""Kernels of the iteration of `mocapella.sensing.region_contour`; importing this module imports numba.
 
 All samples of the blocks that the band touches are evaluated at once, and again only where something has changed.
 """
@@ -49,7 +49,7 @@ def move_samples(
     band: ContourBand, samples: ContourSamples, lattice: DensityLattice, learning: bool, blurred: UInt16,
     block_at: Int32, dirty: UInt8,
 ) -> bool:  # fmt: skip
-    """Move samples to the sides where they cost less, one by one, and mark what must be evaluated again.
+    """Move samples to the side with the lower cost, one by one, and mark the blocks to be evaluated again.
 
     Args:
         band, samples, lattice: the state; labels and sides become the new ones, and sums follow them.
@@ -93,7 +93,7 @@ def move_samples(
 
 @njit(cache=True, error_model="numpy")
 def _began_elsewhere(phi: Float32, inside: UInt8, prior: UInt8) -> np.bool_:
-    """Write the mask of the prior; return whether the start is another one."""
+    """Write the mask of phi > 0 into ``prior``; return whether ``inside``, the initial mask, differs from it."""
     differs = _0B
     for i in range(phi.shape[0]):
         for j in range(phi.shape[1]):

@@ -50,15 +50,15 @@ class ContourWeights(NamedTuple):
 
     Attributes:
         prior_weight: [nats/px²].
-        length: [nats] cost of a sample in the midst of the other side.
-        slope: [1/px] of the blurred mask of a straight contour, doubled.
+        length: cost of a sample that is surrounded by the other side [nats].
+        slope: twice the slope of the blurred mask across a straight contour [1/px].
         guided: whether there is a prior.
-        unsure: [px] nearer than this to the prior's contour, nothing is learnt before the first move.
-        fewest: [samples] see `update_densities`.
-        least_sd: [half grey levels] of a density.
-        most: [nats] at which −log p is cut off.
-        inside_cost: [nats] −log p1 where it is the same everywhere; NaN where it is learnt.
-        iterations: at most.
+        unsure: samples nearer to the prior's contour are not learnt from before the first move [px].
+        fewest: see `update_densities` [samples].
+        least_sd: smallest standard deviation of a density [half grey levels].
+        most: upper bound of −log p [nats].
+        inside_cost: −log p1 if it is constant; NaN if it is learnt [nats].
+        iterations: largest number of moves.
     """
 
     prior_weight: np.float32
@@ -79,14 +79,14 @@ class ContourSamples(NamedTuple):
     Attributes:
         distance: float32 of the prior [px].
         blurred: uint16 the mask's binomial mean [1/256].
-        prior_gain: float32 what a sample gains by being inside, of the prior alone [nats].
+        prior_gain: float32 cost of being outside minus cost of being inside, by the prior alone [nats].
         label: uint8 `INSIDE`, `OUTSIDE`, `OUTLIER` or `UNKNOWN`.
         inside: uint8 1 inside the contour.
         inside_cost, outside_cost: float32 −log p1 and −log p2 [nats].
-        own_cost: float32 that of the side with the lower energy [nats].
-        gain: float32 what a sample gains by being inside [nats].
+        own_cost: float32 −log p of the side with the lower energy [nats].
+        gain: float32 cost of being outside minus cost of being inside [nats].
         contrast: float32 log p1 − log p2 [nats]; 0 where unknown.
-        new_label, new_inside: uint8 what label and inside become with the next move.
+        new_label, new_inside: uint8 label and inside after the next move.
     """
 
     distance: Float32
@@ -249,7 +249,7 @@ def update_costs(
 
 @njit(cache=True, error_model="numpy")
 def decide(samples: ContourSamples, outside: Float32, known: UInt8, active: UInt8, w: ContourWeights) -> None:
-    """Write on which side flat samples cost less, and by how much.
+    """Determine the side of lower cost for each sample, and the difference.
 
     Args:
         samples: flat views; in: distance, blurred, prior_gain and both costs, which are cut off here; out: gain,

@@ -207,7 +207,7 @@ def update_densities(lattice: DensityLattice, size: int, fewest: float, least_sd
 
 @njit(cache=True, error_model="numpy")
 def mark_blocks(stale: UInt8, blocks: Int32, rows: int, size: int, dirty: UInt8) -> None:
-    """Mark blocks of which one of the four nodes is stale: their costs must be evaluated again.
+    """Mark blocks with a stale node among their four nodes, whose costs must be evaluated again.
 
     Args:
         stale: of `DensityLattice`.

@@ -1,4 +1,4 @@
-"""How `mocapella.sensing.region_contour` reads an image near a contour; compiled. Importing this imports numba.
+"""Kernels that read an image near a contour for `mocapella.sensing.region_contour`. Importing this imports numba.
 
 A window is padded to whole blocks of samples of a row. All samples of the blocks that the band touches are read, and
 stored one block after another, so that later stages run in long loops.
@@ -24,7 +24,7 @@ _0F, _0B, _1B = np.float32(0.0), np.uint8(0), np.uint8(1)
 
 
 class WindowLayout(NamedTuple):
-    """How a window's samples lie in the image and in blocks.
+    """Layout of a window's samples in the image and in blocks.
 
     Attributes:
         x0, y0: pixel of the first sample, which may lie beyond the image.

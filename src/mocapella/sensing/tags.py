@@ -42,7 +42,7 @@ _UNREFINED_SD_PX: Final = 0.7
 
 @dataclass(frozen=True)
 class TagSettings:
-    """Which tags are detected, and how precise their corners are.
+    """Tags to detect, and precision of their corners.
 
     Attributes:
         dictionary: OpenCV's name of it, in any case, with or without ``DICT_``.

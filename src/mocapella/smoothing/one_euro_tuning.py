@@ -130,7 +130,10 @@ def spread(points: Float64) -> float:
 
 
 def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """Return the delay [s] at which the raw recording fits the filtered one best, by least squares."""
+    """Return the lag of the filter [s]: the delay at which the raw recording fits the filtered one best.
+
+    ``fast`` has the times (frames,) [s] and the points (frames, points, dimensions) of markers in fast motion.
+    """
     at_s, points = fast
     result = filtered(at_s, points, settings)
     later = at_s - at_s[0] >= max(SETTLING_S, LONGEST_LAG_S)

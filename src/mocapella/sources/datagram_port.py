@@ -1,4 +1,4 @@
-"""One camera's UDP port: which sender it belongs to, and which of its datagrams becomes a frame."""
+"""One camera's UDP port: choose its sender, and the datagram that becomes a frame."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ class DatagramPort:
 
 
 class SenderClock:
-    """A sender's clock, brought to ours by the least delay of the last seconds, which is taken for the constant part.
+    """Converts a sender's clock to this machine's, by the least delay of the last seconds as the constant offset.
 
     With this window, clocks whose rates differ by 50 parts in a million cause an error of a quarter of a millisecond.
     """
@@ -227,7 +227,11 @@ class SenderClock:
         self._least_ns = self._least_before_ns = math.inf
 
     def at(self, sent_ns: int, arrived_ns: int) -> tuple[int, bool]:
-        """Time of sending on our clock, never after the arrival; and whether the sender's clock jumped."""
+        """Return the time of sending on this machine's clock, never after the arrival, and whether the sender's clock
+        jumped.
+
+        Both arguments are times [ns]: of sending, on the sender's clock, and of arrival, on this machine's.
+        """
         delay_ns = arrived_ns - sent_ns
         least_ns = min(self._least_ns, self._least_before_ns)
         jumped = self._began_ns is not None and abs(delay_ns - least_ns) > _CLOCK_JUMP_NS

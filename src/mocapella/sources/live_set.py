@@ -244,7 +244,7 @@ class LiveSet:
         return now_s
 
     def _collect(self, say: Callable[[str], None]) -> bool:
-        """Take in the images that have arrived; whether all sources have ended."""
+        """Process the images that have arrived; whether all sources have ended."""
         # With a late camera, the others' older images are needed for the same instant: keep enough of them.
         held = self._set.held_ns is not None
         kept = 1 + round(LATEST_S * NS_PER_S / self._set.period_ns) if held else 1
@@ -266,7 +266,7 @@ class LiveSet:
         return all(camera.ended for camera in self._cameras.values())
 
     def _add(self, name: str, picture: Picture, say: Callable[[str], None]) -> None:
-        """Take in an image; one of another size than the first is ignored, since its intrinsics are unknown."""
+        """Process an image; one of another size than the first is ignored, since its intrinsics are unknown."""
         size, first = picture.size_px, self._sizes[name]
         if size == first:
             self._other_sizes.pop(name, None)

@@ -1,4 +1,4 @@
-"""A fake camera: the port `mocapella.sources.picture_source.PictureSource` without a device."""
+"""A fake camera: a `mocapella.sources.picture_source.PictureSource` without a device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _POLL_S = 0.01
 
 
 class FakeCamera:
-    """A live camera of made-up images, with a plug that can be pulled.
+    """A live camera with synthetic images, which can be disconnected.
 
     Args:
         state: what it reports when it is opened. With ``unit_m``, it is a depth camera. Images come at ``fps``, or as
@@ -28,8 +28,8 @@ class FakeCamera:
 
     Attributes:
         plugged: set it to False to pull the plug: reading returns None, and opening raises `InputError`.
-        opened, closed: how often it was.
-        count: images so far; it goes on when the camera is opened again.
+        opened, closed: number of times that it was opened and closed.
+        count: number of images so far, also over several openings.
     """
 
     live = True
@@ -73,7 +73,7 @@ class FakeCamera:
         return None
 
     def close(self) -> None:
-        """Count it."""
+        """Count the call."""
         self.closed += 1
 
     def _numbered(self, number: int) -> Image:

@@ -35,8 +35,8 @@ class FakeServer:
 
     Attributes:
         address: such as ``tcp/127.0.0.1:40123``: what nodes and readers connect to.
-        frames: received so far, in order.
-        commands: received so far, as (verb, arguments).
+        frames: frames received so far, in order.
+        commands: commands received so far, as (verb, arguments).
         problems: messages that could not be read.
     """
 
@@ -60,10 +60,10 @@ class FakeServer:
         self._link.publish_status(msgspec.json.encode(status))
 
     def wait_for(self, frames: int = 0, commands: int = 0, timeout_s: float = 30.0) -> None:
-        """Wait until that many frames and commands have come.
+        """Wait until at least so many frames and commands have arrived.
 
         Raises:
-            AssertionError: they have not within ``timeout_s`` seconds; says how many have.
+            AssertionError: fewer have arrived after ``timeout_s`` seconds; says how many.
         """
         with self._changed:
             if not self._changed.wait_for(

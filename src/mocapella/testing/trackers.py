@@ -1,4 +1,4 @@
-"""A check of trackers: what a replay and a restarted recording rely on."""
+"""Check the properties of trackers on which replays and resumed recordings rely."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class WalkerSensor:
         name: of the sensor.
         T_world_sensor: (4, 4).
         noise: standard deviation of every coordinate [m].
-        clock: by how much its times are ahead of true time [s].
+        clock: offset of its clock: its times minus the true ones [s].
         phase: time of its first frame [s].
         mirrored: whether it swaps left and right.
         outliers: fraction of the joints that are displaced by about a metre.
@@ -100,7 +100,7 @@ class WalkerSensor:
         self.rng = np.random.default_rng([self.seed, *self.name.encode()])
 
     def see(self, walkers: Mapping[int, Walker], t: float) -> Bodies:
-        """Return the skeletons that it sees at a true time [s], by tracking id, in its camera space."""
+        """Return the skeletons of the walkers at a true time [s], in the sensor's camera space."""
         seen = []
         for body in sorted(walkers):
             p = apply(inverse(self.T_world_sensor), walkers[body].at(t))
@@ -113,7 +113,7 @@ class WalkerSensor:
         return Bodies(self.name, KINECT_V2, tuple(sorted(walkers)), positions, states)
 
     def frame(self, walkers: Mapping[int, Walker], t: float, sequence: int = 0) -> BodyFrame:
-        """Return the same as the frame that its node would send, with a time on the sensor's clock."""
+        """Return the same skeletons as a frame, with a capture time on the sensor's clock."""
         return frame_of(self.see(walkers, t), round(1e9 * (t + self.clock)), sequence)
 
 
@@ -131,7 +131,7 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
 
 
 def standing_at(x: float, z: float, yaw_deg: float = 0.0, height: float = 1.0, tilt_deg: float = 0.0) -> Float64:
-    """Return ``T_world_sensor`` of a sensor there; yaw as in the simulated room, upward tilt positive."""
+    """Return ``T_world_sensor`` (4, 4) of a sensor at (x, z), ``height`` above the floor [m]; tilt is upwards."""
     turn = rotation_about_y(np.radians(yaw_deg)) @ rotation_about_x(-np.radians(tilt_deg))
     return rigid(turn, (x, height, z))
 
@@ -151,7 +151,7 @@ def walking_arrivals(
     noise: float = 0.0,
     outliers: float = 0.0,
 ) -> list[Arrival]:
-    """Return what sensors see of walkers at 30 frames a second each, in the order of capture.
+    """Return the frames of sensors that see the walkers, at 30 Hz each, in the order of capture.
 
     Args:
         walkers: by tracking id.

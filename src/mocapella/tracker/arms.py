@@ -165,7 +165,7 @@ class ArmsTracker:
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         frame: Any = arrival.frame
         if type(frame) is not ArmFrame:
             problem = not_taken(frame, "arms")
@@ -176,7 +176,7 @@ class ArmsTracker:
         return self._scene(arrival)
 
     def _see(self, arrival: Arrival, frame: ArmFrame) -> None:
-        """Take in a depth camera's arms."""
+        """Process a depth camera's arms."""
         camera = frame.sensor
         self._newest[camera] = (frame.node_id, frame.time_ns)
         self._heard_ns[camera] = arrival.at_ns

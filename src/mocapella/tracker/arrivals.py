@@ -65,7 +65,7 @@ class Arrivals:
         self._now_ns: int | None = None
 
     def update(self, arrival: Arrival) -> Heard:
-        """Take in a frame of bodies, unless it has a problem."""
+        """Process a frame of bodies, unless it has a problem."""
         frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)

@@ -195,7 +195,7 @@ class DefaultTracker:
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         see = self._see.get(type(arrival.frame))
         problem = not_taken(arrival.frame, "default") if see is None else see(arrival)
         if problem:
@@ -203,7 +203,7 @@ class DefaultTracker:
         return self._scene(arrival)
 
     def _see_bodies(self, arrival: Arrival) -> str:
-        """Take in a sensor's bodies; return why the frame cannot be used."""
+        """Process a sensor's bodies; return why the frame cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
             return heard.problem
@@ -219,7 +219,7 @@ class DefaultTracker:
         return ""
 
     def _see_arms(self, arrival: Arrival) -> str:
-        """Take in a depth camera's arms; return why the frame cannot be used."""
+        """Process a depth camera's arms; return why the frame cannot be used."""
         frame: Any = arrival.frame
         placed = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
         if problem := self._arms.problem(frame, placed):
@@ -229,7 +229,7 @@ class DefaultTracker:
         return ""
 
     def _see_images(self, arrival: Arrival) -> str:
-        """Take in a camera's image; return why it cannot be used."""
+        """Process a camera's image; return why it cannot be used."""
         problem = self._bodies.see(arrival, self._shown, self._arrivals.topology)
         self._shown_bodies = self._bodies.tracked_bodies(self._shown, self._arrivals.topology)
         return problem

@@ -180,7 +180,7 @@ class FrameSync:
         )
 
     def update(self, arrival: Arrival) -> list[SyncedFrames]:
-        """Take in a frame; return the sets that it completes, in the order of their times.
+        """Process a frame; return the sets that it completes, in the order of their times.
 
         Raises:
             KeyError: its sensor is none of the cameras.

@@ -217,7 +217,7 @@ class HandsTracker:
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         frame = arrival.frame
         takes = self._takes.get(type(frame))
         if takes is None:
@@ -230,7 +230,7 @@ class HandsTracker:
         return self._scene(arrival)
 
     def _see_poses(self, arrival: Arrival) -> None:
-        """Take in another tracker's poses of objects."""
+        """Process another tracker's poses of objects."""
         frame: Any = arrival.frame
         space = self._spaces[frame.space]
         at_s = arrival.at_ns / NS_PER_S - space.clock_s
@@ -238,7 +238,7 @@ class HandsTracker:
         self._said = self._with_objects(self._said, max(at_s, self._told_s))
 
     def _see_markers(self, arrival: Arrival) -> None:
-        """Take in a camera's markers."""
+        """Process a camera's markers."""
         frame: Any = arrival.frame
         at_s = arrival.at_ns / NS_PER_S
         self._heard_ns[frame.sensor] = arrival.at_ns

@@ -206,7 +206,7 @@ class _ObjectState:
         return TrackedObject(self.settings.name, self.T, self.outline, int(state))
 
     def add_pose(self, T_world_body: Float64, state: int, at_s: float) -> None:
-        """Take in another tracker's pose."""
+        """Process another tracker's pose."""
         if self.heard and not self.heard[-1].at_s < at_s <= self.heard[-1].at_s + self.forget_s:
             self.heard = []  # its clock jumped, or it was absent
         self.heard = [*self.heard[1 - _HEARD :], HeardPose(at_s, T_world_body @ self.T_body_object, state)]
@@ -264,7 +264,7 @@ class RigidObjects:
             item.reset()
 
     def add_markers(self, frame: MarkerFrame, at_s: float, *, marker_sd_px: float, tag_sd_px: float) -> None:
-        """Take in a camera's markers.
+        """Process a camera's markers.
 
         Args:
             frame: of a camera of the rig.
@@ -286,7 +286,7 @@ class RigidObjects:
             item.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
 
     def add_poses(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
-        """Take in another tracker's poses at a time of the rig's clock."""
+        """Process another tracker's poses at a time of the rig's clock."""
         for item in self._items:
             if item.settings.space != frame.space:
                 continue

@@ -189,7 +189,7 @@ class People:
         return out
 
     def update(self, frame: AssignedBodies, at_s: float) -> None:
-        """Take in one frame.
+        """Process one frame.
 
         Args:
             frame: its bodies, each assigned to a person.

@@ -98,7 +98,7 @@ class PeopleArms:
         return time_problem(frame, self._newest.get(frame.sensor))
 
     def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
-        """Take in a frame without a `problem`."""
+        """Process a frame without a `problem`."""
         self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
         places = {name: sensors[sensor] @ T for name, (sensor, T) in self._in.items() if sensor in sensors}
         self._tracks.update(frame.sensor, frame.arms, at_s, places)

@@ -104,7 +104,7 @@ class PeopleBodies:
         vars(self).update(own)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
-        """Take in an image; return why it cannot be used.
+        """Process an image; return why it cannot be used.
 
         Args:
             arrival: of the image.

@@ -151,7 +151,7 @@ class FacingResults(NamedTuple):
 
 
 class PeopleParameters(NamedTuple):
-    """`mocapella.tracker.people.PeopleSettings` for the kernels; see there.
+    """The values of `mocapella.tracker.people.PeopleSettings` for the kernels.
 
     Attributes:
         acceleration_density, forget_after_s, speed_variance: of the Kalman filter.

@@ -170,6 +170,16 @@ def turn_views(
     at shoulders and hips differ. An uncertain facing, above ``sure_sd`` [rad], changes no labels, and turns lines less
     the more uncertain it is. If the labels change while the person stands, slower than ``still_m_s``, the old labels
     were wrong: the view restarts at the person's position and glides to its own.
+
+    Args:
+        rows: (bodies,) row of each body's person.
+        column: column of the sensor.
+        dts: (bodies,) time since each person's previous view [s].
+        parameters: the settings.
+        lines: (lines, 2) see above.
+        facing: the facing filter's results for the frame.
+        yaw: (people,) facing of all people [rad], updated.
+        views: updated.
     """
     sure_sd, turn_s = parameters.sure_sd, parameters.turn_s
     for b in range(len(rows)):

@@ -82,7 +82,7 @@ class Tracker(Protocol):
     """One step per frame. The same arrivals and commands in the same order give the same scenes, to the bit."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
 
     def recalibrate(self, reason: str) -> None:
         """Restart the calibration; the next scene gives the reason."""

@@ -178,7 +178,7 @@ class SilhouettesTracker:
         return self._sync, self._fitters, self._presence, self._conditions, self._rig_check, self._room
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one image and return the scene: the bodies of the last complete set of images.
+        """Process one image and return the scene: the bodies of the last complete set of images.
 
         An image that cannot be used is counted and changes nothing; a damaged one is counted once its set is complete.
         """
@@ -192,7 +192,7 @@ class SilhouettesTracker:
         return self._scene(arrival)
 
     def _add_image(self, arrival: Arrival, frame: ImageFrame) -> None:
-        """Take in a usable image."""
+        """Process a usable image."""
         if frame.empty_room:
             self._learn_empty(frame)
             return

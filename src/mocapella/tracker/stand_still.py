@@ -110,7 +110,7 @@ class StandStillTracker:
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Take in one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
         bodies = type(arrival.frame) is BodyFrame
         problem = self._see_bodies(arrival) if bodies else not_taken(arrival.frame, "stand-still")
         if problem:
@@ -118,7 +118,7 @@ class StandStillTracker:
         return self._scene(arrival)
 
     def _see_bodies(self, arrival: Arrival) -> str:
-        """Take in a sensor's bodies; return why the frame cannot be used."""
+        """Process a sensor's bodies; return why the frame cannot be used."""
         heard = self._arrivals.update(arrival)
         if heard.problem:
             return heard.problem

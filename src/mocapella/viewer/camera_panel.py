@@ -86,7 +86,7 @@ class CameraPanel:
         return "" if self._cameras.value == NONE else str(self._cameras.value)
 
     def click(self, at: Point) -> None:
-        """Take in a click into the large image, at x, y [px]; may be called from any thread."""
+        """Process a click into the large image, at x, y [px]; may be called from any thread."""
         self._wish(lambda: self._point(self._pointing.click(at)))
 
     def leave(self) -> None:

@@ -1,9 +1,10 @@
-"""A BVH file's motion by a body of 26 degrees of freedom: the directions of its bones, in closed form.
+"""Retarget a BVH file to a body of 26 degrees of freedom, in closed form from the directions of its bones.
 
-Only where the file's joints are is used, so it does not matter how its skeleton is at rest. A shoulder's and a hip's
-first two turns follow from the direction of the bone below, the third and the next joint's flexion from the direction
-of the bone after that; a foot's flexion from where its toes are. What the body has no turn for is lost: the trunk's
-twist, and wrists, neck and collar bones. Angles are kept within the joints' limits and smoothed.
+Only the positions of the file's joints are used, so the rest pose of its skeleton does not matter. A shoulder's and a
+hip's first two angles follow from the direction of the bone below, the third and the next joint's flexion from the
+direction of the bone after that, and a foot's flexion from the position of its toes. Motions without a degree of
+freedom are lost: the trunk's twist, and wrists, neck and collar bones. Angles are clamped to the joint limits and
+smoothed.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def advance(
         x, v: (n, 3) positions [m] and velocities [m/s], in and out.
         fixed: (n,) 0 for a free particle, 1 for one that moves straight to its target in these steps.
         target: (n, 3) [m].
-        threads, obstacles, steps: see there.
+        threads, obstacles, steps: constraints, collision spheres, and time integration.
     """
     pairs, rest, compliance = threads.pairs, threads.rest, threads.compliance
     spheres_from, spheres_to = obstacles.before, obstacles.after

@@ -115,7 +115,7 @@ def photograph(
         rays: (h, w, SAMPLES, 2) float32 directions x/z, y/z of each pixel's rays.
         parts: (n, 13) at the middle of the first row's exposure, see the module.
         rates: (n, 6) velocities of their ends [m/s].
-        camera, lighting: see there.
+        camera, lighting: the camera, and the light on the hand.
         linear: written.
         seen, whole: (markers,) counts of the visible rays, and of all rays as if nothing occluded them; added to.
     """

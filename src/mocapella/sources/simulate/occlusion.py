@@ -23,7 +23,8 @@ class Box:
     """A box on the floor, such as a table or a screen.
 
     Attributes:
-        centre: of its base (world x, z) [m]. size: along its own x, up, and its own z [m].
+        centre: of its base (world x, z) [m].
+        size: along its own x, up, and its own z [m].
         yaw_deg: rotation about the vertical axis, from z towards x.
     """
 
@@ -40,7 +41,8 @@ class Cylinder:
     """A pillar on the floor.
 
     Attributes:
-        centre: of its base (world x, z) [m]. radius, height: [m].
+        centre: of its base (world x, z) [m].
+        radius, height: of the cylinder [m].
     """
 
     centre: tuple[float, float]
