@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numba
-from numba.core import event
+from numba.core import config, event
 
 from mocapella.kernel_cache import NotCompiledError, keep_on_disk, keeps_kernels, only_compiled
+from mocapella.kernel_dispatcher import KernelDispatcher
 
 __all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_first_compilation", "only_compiled"]
 
@@ -49,8 +49,9 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
         raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")
 
     def decorated(function: Callable[..., Any]) -> Any:
-        compile_kernel: Any = numba.njit  # an option that its types do not list: nobody calls kernels from C
-        dispatcher = compile_kernel(no_cfunc_wrapper=True, **options)(function)
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return function
+        dispatcher = KernelDispatcher(function, {"nopython": True, "no_cfunc_wrapper": True, **options})
         if cache:
             keep_on_disk(dispatcher)
         return dispatcher

@@ -21,6 +21,8 @@ from typing import IO, Any, Final
 
 from numba.core import caching
 
+from mocapella.kernel_dispatcher import compiling, is_callee, rebuild_callee
+
 if sys.platform == "win32":
     import msvcrt
 else:
@@ -151,6 +153,11 @@ class _KernelCacheImpl(caching.CompileResultCacheImpl):
         self._locator_classes = [_InGivenFolder, _BesideSource, _InUsersCache]
         super().__init__(py_func)  # type: ignore[no-untyped-call]
 
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        if is_callee(payload):
+            return rebuild_callee(target_context, payload)
+        return super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
+
 
 class _KernelCache(caching.FunctionCache):
     """numba's cache for processes that start at the same time.
@@ -164,21 +171,34 @@ class _KernelCache(caching.FunctionCache):
     def __init__(self, py_func: Callable[..., Any]) -> None:
         super().__init__(py_func)  # type: ignore[no-untyped-call]
         self._claim: ExitStack | None = None
+        self._of_callee = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        found = self._load(sig, target_context)
         if found is not None:
             return found
         if self._claim is None and _compiling_allowed.get():  # else a signature of this kernel calls another one
             self._claim = ExitStack()
             with suppress(OSError):  # a folder that was removed: compile without a claim
                 self._claim.enter_context(_claimed(Path(self._cache_path) / f"{self._impl.filename_base}.claim"))
-            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            found = self._load(sig, target_context)
             if found is not None:
                 self._release()
         return found
 
+    def _load(self, sig: Any, target_context: Any) -> Any:
+        """Load an entry of a callee while another kernel is compiled; one with machine code does as well."""
+        for self._of_callee in (True, False) if compiling() else (False,):
+            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                return found
+        return None
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), self._of_callee)  # type: ignore[no-untyped-call]
+
     def save_overload(self, sig: Any, data: Any) -> None:
+        self._of_callee = compiling()
         try:
             with _locked(Path(self._cache_path)):
                 self._remove_outdated()
