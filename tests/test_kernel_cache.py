@@ -266,3 +266,54 @@ def test_a_claim_that_is_never_given_back_does_not_stop_others(tmp_path: Path, m
     monkeypatch.setattr(kernel_cache, "CLAIM_S", 0.05)
     with kernel_cache._claimed(tmp_path / "a.claim"), kernel_cache._claimed(tmp_path / "a.claim"):
         pass
+
+
+TWO_KERNELS = """
+from mocapella.compiled import njit
+
+@njit(cache=True)
+def inverse(x):
+    if x == 0.0:
+        raise ZeroDivisionError("no inverse")
+    return 1.0 / x
+
+@njit(cache=True)
+def work(x):
+    return inverse(x) + inverse(2.0 * x)
+"""
+CALL_INVERSE = CALL.replace("import work", "import inverse as work")
+
+
+@pytest.fixture
+def two_kernels(tmp_path: Path) -> Path:
+    """The folder of a kernel that calls another one."""
+    (tmp_path / "work_kernels.py").write_text(TWO_KERNELS, encoding="utf-8")
+    return tmp_path
+
+
+def out_of(process: subprocess.Popen[str]) -> list[str]:
+    return process.communicate(timeout=120)[0].split()
+
+
+def test_a_callee_gets_machine_code_when_python_calls_it(two_kernels: Path) -> None:
+    assert call(two_kernels, "2.0") == ["0.75", "2"]
+    assert call(two_kernels, "2.0") == ["0.75", "0"]
+    assert out_of(start(two_kernels, code=ONLY_COMPILED.replace("import work", "import inverse as work"))) == [
+        *["not", "compiled:", "work_kernels.inverse(int64,)"]
+    ]
+    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "1"]
+    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "0"]
+
+
+def test_kernels_compile_in_any_order(two_kernels: Path) -> None:
+    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "1"]
+    assert call(two_kernels, "2.0") == ["0.75", "1"]  # the machine code of the callee serves as LLVM code
+    both = CALL.replace("import work", "import inverse, work")
+    both = both.replace("work(eval(x))", "(work(eval(x)), inverse(eval(x)), work(eval(x)))")
+    assert out_of(start(two_kernels, "4.0", code=both)) == ["(0.375,", "0.25,", "0.375)", "0"]
+
+
+def test_an_error_of_a_callee_reaches_python(two_kernels: Path) -> None:
+    code = "from work_kernels import work\ntry:\n    work(0.0)\nexcept ZeroDivisionError as error:\n    print(error)\n"
+    for _ in ("compiled", "loaded"):
+        assert out_of(start(two_kernels, code=code)) == ["no", "inverse"]
