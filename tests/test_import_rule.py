@@ -87,9 +87,12 @@ def room_of(path: Path) -> str:
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SOURCE)))
-def test_a_module_imports_only_what_its_room_may(path: Path) -> None:
-    assert violations(room_of(path), path.read_text(encoding="utf-8")) == []
+def test_a_module_imports_only_what_its_room_may() -> None:
+    found = {
+        str(path.relative_to(SOURCE)): violations(room_of(path), path.read_text(encoding="utf-8")) for path in modules()
+    }
+    assert len(found) > 500
+    assert {name: imports for name, imports in found.items() if imports} == {}
 
 
 def test_every_room_is_in_the_rule() -> None:
@@ -120,9 +123,9 @@ def test_the_rule_lets_the_allowed_through(room: str) -> None:
 
 
 @pytest.mark.parametrize("room", sorted(PURE))
-@pytest.mark.parametrize("module", sorted(IMPURE_MODULES))
-def test_the_rule_bites_for_clocks_threads_and_sockets(room: str, module: str) -> None:
-    assert violations(room, f"import {module}") == [f"{room} imports {module}"]
+def test_the_rule_bites_for_clocks_threads_and_sockets(room: str) -> None:
+    for module in IMPURE_MODULES:
+        assert violations(room, f"import {module}") == [f"{room} imports {module}"]
 
 
 def test_the_rule_bites_for_images_and_relative_imports() -> None:
