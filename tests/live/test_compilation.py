@@ -132,4 +132,6 @@ def test_a_method_without_kernels_is_compiled() -> None:
 def test_where_kernels_cannot_be_kept_no_process_compiles_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mocapella.live.compilation.keeps_kernels", lambda: False)
     with Compilation("default") as compilation:
+        assert not compilation.done
+        compilation.start()
         assert compilation.done

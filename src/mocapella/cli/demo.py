@@ -163,10 +163,10 @@ class Wish:
 
 def _people_show(wish: Wish) -> Show:
     from mocapella.model.session import Setup
-    from mocapella.sources.simulate import load_scene
+    from mocapella.sources.simulate import scene_settings
 
     scene, seed = check_scene(wish.scene or "obstacle"), wish.seed
-    names = load_scene(scene, seed=seed).sensor_names
+    names = [sensor.name for sensor in scene_settings(scene).sensors]
     words = ["--scene", scene, "--seed", str(seed)]
     nodes = [["simulate", "--sensor", name, *words] for name in names]
     said = f"simulating {scene}: sensors {', '.join(names)}"

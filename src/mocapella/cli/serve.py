@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -59,7 +59,7 @@ VIEW_HOST = "127.0.0.1"
 
 COMPILING = "compiling the tracking method; tracking begins by itself"
 COMPILING_STOPPED = "compiling the tracking method; then press Start"
-BEGIN_IN_S = 2.0
+BEGIN_IN_S = 1.0
 """From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
 
 
@@ -74,6 +74,7 @@ class LiveSession:
         stop: ends the session.
         compilation: of the method's kernels; tracking cannot begin before its end. None if they are compiled.
         begins: whether tracking begins by itself after the compilation.
+        shown: set when the view has printed its URL; from the beginning without a view.
     """
 
     server: Server
@@ -82,12 +83,20 @@ class LiveSession:
     stop: threading.Event
     compilation: Compilation | None = None
     begins: bool = True
+    shown: threading.Event = field(default_factory=threading.Event)
 
     def begin_if_compiled(self) -> None:
-        """Allow tracking as soon as the method's kernels are compiled, and start it if the session ``begins``."""
+        """Allow tracking as soon as the method's kernels are compiled, and start it if the session ``begins``.
+
+        The compilation starts when the view is there: it takes all cores, and the view would wait for it.
+        """
         from mocapella.tracker import warm_up
 
-        if self.compilation is not None and self.compilation.done:
+        if self.compilation is None:
+            return
+        if self.shown.is_set() or self.view.any_ended():
+            self.compilation.start()
+        if self.compilation.done:
             self.compilation = None
             warm_up(self.server.status().setup.method)
             self.server.ready(begin=self.begins)
@@ -149,11 +158,19 @@ def live_session(
         server = Server(settings, say=say)
         stack.callback(server.close)
         view = stack.enter_context(Children())
-        if view_port is not None:
+        shown = threading.Event()
+
+        def show(url: str) -> None:
+            on_url(url)
+            shown.set()
+
+        if view_port is None:
+            shown.set()
+        else:
             arguments = ["view", "--connect", settings.listen, "--view-port", str(view_port), "--host", VIEW_HOST]
-            view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
+            view.start([*arguments, *view_words], lambda line: _pass_on(line, show))
         nodes = stack.enter_context(Children())
-        yield LiveSession(server, view, nodes, stop, compilation, begins)
+        yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
 
 
 def _pass_on(line: str, on_url: Callable[[str], None]) -> None:

@@ -21,6 +21,8 @@ from mocapella.registry import load
 from mocapella.tracker import METHODS, warm_up
 
 _POLL_S: Final = 0.05
+_NICENESS: Final = 5
+"""Added to the processes' niceness: sensors and the view start first, and compilation still goes on beside them."""
 
 
 class Compilation:
@@ -33,18 +35,25 @@ class Compilation:
     """
 
     def __init__(self, method: str) -> None:
+        self._method = method
         self._children = Children()
-        if keeps_kernels():
-            for part in ("", *METHODS[method].warm_up_parts):
-                self._children.start([method, part], module="mocapella.live.compilation")
+        self._started = False
+
+    def start(self) -> None:
+        """Start the processes; a second call has no effect."""
+        if not self._started and keeps_kernels():
+            for part in ("", *METHODS[self._method].warm_up_parts):
+                self._children.start([self._method, part], module="mocapella.live.compilation")
+        self._started = True
 
     @property
     def done(self) -> bool:
         """Whether all processes have ended. A kernel that none of them could compile is compiled when it is called."""
-        return self._children.all_ended()
+        return self._started and self._children.all_ended()
 
     def wait(self) -> None:
-        """Wait until all processes have ended."""
+        """Start the processes, and wait until all have ended."""
+        self.start()
         while not self.done:
             time.sleep(_POLL_S)
 
@@ -77,5 +86,7 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
     gc.set_threshold(200_000, 50, 100)  # numba makes millions of small objects that live until the end
     compile_part(*sys.argv[1:3])
