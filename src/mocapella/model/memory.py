@@ -7,6 +7,7 @@ Only plain types and explicitly listed classes are supported, so that decoding f
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
@@ -15,10 +16,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from mocapella.errors import WireError
+from mocapella.decoding import FAULTS, decode_msgpack
+from mocapella.errors import MocapellaError, WireError
 from mocapella.model.topology import Topology, topology
 
 _PLAIN = (type(None), bool, int, float, str, bytes)
+_DTYPE = re.compile(r"[<>|]?[biufcU]\d{1,4}")
 
 
 def pack(value: Any, kinds: Sequence[type]) -> bytes:
@@ -43,8 +46,8 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         WireError: the bytes are not from `pack`, or contain other types.
     """
     try:
-        return _up(msgspec.msgpack.decode(data), {recorded_name(kind): kind for kind in kinds})
-    except (msgspec.DecodeError, LookupError, TypeError, ValueError) as error:
+        return _up(decode_msgpack(data), {recorded_name(kind): kind for kind in kinds})
+    except (*FAULTS, MocapellaError) as error:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
 
 
@@ -98,6 +101,8 @@ def _up(value: Any, kinds: Mapping[str, type]) -> Any:
 
 def _array(content: Any, _: Callable[[Any], Any]) -> Any:
     dtype, shape, data = content
+    if not (isinstance(dtype, str) and _DTYPE.fullmatch(dtype)):  # numpy evaluates others as Python
+        raise ValueError("an array of no plain numbers")
     return np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy()
 
 
