@@ -19,8 +19,9 @@ TRACKER = MODEL | STAGES | {"tracker"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
-    "kernel_cache": set(),
-    "compiled": {"kernel_cache"},
+    "kernel_dispatcher": set(),
+    "kernel_cache": {"kernel_dispatcher"},
+    "compiled": {"kernel_cache", "kernel_dispatcher"},
     "conventions": set(),
     "decoding": {"errors"},
     "settings": {"errors", "decoding", "conventions"},

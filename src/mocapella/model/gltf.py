@@ -63,7 +63,7 @@ class Gltf:
 
     def __init__(self, path: Path, data: bytes | None = None) -> None:
         self.path, self._alone = path, data is not None
-        self.content = _parsed(path, _read(path, "choose a .glb or .gltf file") if data is None else data)
+        self.content = _parsed(path, mesh_bytes(path) if data is None else data)
         required = self.content.extensionsRequired or []
         if required:
             raise self.error("cannot be read", "extensionsRequired", required, "export without compression")
@@ -203,10 +203,15 @@ class Gltf:
         other = Path(uri)
         if self._alone or other.is_absolute() or ".." in other.parts or ":" in uri:
             raise self.error("is not beside the file", f"{field}.uri", uri, "export as one .glb file")
-        return _read(self.path.parent / other, f"it belongs to {self.path}: export as one .glb file")
+        return mesh_bytes(self.path.parent / other, f"it belongs to {self.path}: export as one .glb file")
 
 
-def _read(path: Path, fix: str) -> bytes:
+def mesh_bytes(path: Path, fix: str = "choose a .glb or .gltf file") -> bytes:
+    """Return the contents of a mesh's file.
+
+    Raises:
+        InputError: it cannot be read, or is too large.
+    """
     return read_whole(path, fix=fix, most_bytes=_MOST_BYTES)
 
 

@@ -7,11 +7,12 @@ Only plain types and explicitly listed classes are supported, so that decoding f
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -21,6 +22,13 @@ from mocapella.errors import MocapellaError, WireError
 from mocapella.model.topology import Topology, topology
 
 _PLAIN = (type(None), bool, int, float, str, bytes)
+
+
+class _Resettable(Protocol):
+    def reset(self) -> None: ...
+
+
+_Kept = TypeVar("_Kept", bound=_Resettable)
 _DTYPE = re.compile(r"[<>|]?[biufcU]\d{1,4}")
 
 
@@ -49,6 +57,20 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         return _up(decode_msgpack(data), {recorded_name(kind): kind for kind in kinds})
     except (*FAULTS, MocapellaError) as error:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
+
+
+def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
+    """Make a tracker's ``restore`` raise `WireError` and reset the tracker if a memory is of another form."""
+
+    @functools.wraps(restore)
+    def guarded(self: _Kept, data: bytes) -> None:
+        try:
+            restore(self, data)
+        except FAULTS as error:
+            type(self).reset(self)
+            raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error!r})") from error
+
+    return guarded
 
 
 def _down(value: Any, kinds: frozenset[type]) -> Any:

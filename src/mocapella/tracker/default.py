@@ -41,7 +41,7 @@ from mocapella.geometry.rigid import inverse
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
 from mocapella.model.images import ImageFrame
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import (
     Float64,
@@ -143,6 +143,7 @@ class DefaultTracker:
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
         return pack([*parts, self._arms.memory(), self._bodies.memory()], _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)

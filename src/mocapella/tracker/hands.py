@@ -32,7 +32,7 @@ from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTrac
 from mocapella.model.camera import CameraRig
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, TrackedObject, TrackedPoints, TrackerState
@@ -198,6 +198,7 @@ class HandsTracker:
         ]
         return pack(parts, _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
