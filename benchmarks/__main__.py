@@ -1,4 +1,4 @@
-"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--inputs N] [--strict]`: run groups, print tables."""
+"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--inputs N] [--strict]`: print tables."""
 
 from __future__ import annotations
 

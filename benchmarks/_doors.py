@@ -13,6 +13,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from benchmarks import _seeds as seeds
 from benchmarks._mutations import MUTATIONS, flip_bits, insert, splice, truncate
 from benchmarks._take_mutations import TakeMutations, read_everything, write_example
 from benchmarks._text_mutations import drop_stretch, repeat_token, replace_token
@@ -95,20 +96,20 @@ def doors(folder: Path) -> list[Door]:
 
 
 def _of_bytes(
-    name: str, seeds: Sequence[bytes], read: Callable[[bytes], Any], damage: Sequence[Damage], share: float = 1.0
+    name: str, valid: Sequence[bytes], read: Callable[[bytes], Any], damage: Sequence[Damage], share: float = 1.0
 ) -> Door:
     def inputs(rng: random.Random) -> Iterator[tuple[Callable[[], Any], bytes]]:
         while True:
-            data = rng.choice(damage)(rng.choice(seeds), rng, seeds)
+            data = rng.choice(damage)(rng.choice(valid), rng, valid)
             yield (lambda data=data: read(data)), data
 
-    read_valid(name, seeds, read)
+    read_valid(name, valid, read)
     return Door(name, share, inputs)
 
 
-def read_valid(name: str, seeds: Sequence[bytes], read: Callable[[bytes], Any]) -> None:
+def read_valid(name: str, valid: Sequence[bytes], read: Callable[[bytes], Any]) -> None:
     """Check that a door opens to its seeds: refused ones would test nothing."""
-    for seed in seeds:
+    for seed in valid:
         try:
             read(seed)
         except Exception as error:
@@ -116,7 +117,7 @@ def read_valid(name: str, seeds: Sequence[bytes], read: Callable[[bytes], Any]) 
 
 
 def _of_file(
-    name: str, path: Path, seeds: Sequence[bytes], read: Callable[[Path], Any], damage: Sequence[Damage],
+    name: str, path: Path, valid: Sequence[bytes], read: Callable[[Path], Any], damage: Sequence[Damage], *,
     share: float = 0.1,
 ) -> Door:  # fmt: skip
     def of_bytes(data: bytes) -> None:
@@ -124,7 +125,7 @@ def _of_file(
         path.write_bytes(data)
         read(path)
 
-    return _of_bytes(name, seeds, of_bytes, damage, share)
+    return _of_bytes(name, valid, of_bytes, damage, share)
 
 
 def _messages() -> list[Door]:
@@ -158,8 +159,8 @@ def _messages() -> list[Door]:
             BYTES,
         ),
         _of_bytes(
-            "bus keys", [b"mocapella/v1/live/front/00000000000000ff"], lambda data: keys.node_of(data.decode("latin-1")),
-            TEXT,
+            "bus keys", [b"mocapella/v1/live/front/00000000000000ff"],
+            lambda data: keys.node_of(data.decode("latin-1")), TEXT,
         ),
     ]  # fmt: skip
 
@@ -203,9 +204,6 @@ def _texts() -> list[Door]:
     layout = SensorLayout(VERSION, True, {name: LayoutSensor(T, 1.0, 0.1) for name in "ab"}, [pair])
     hand = HandShape("left", np.full((5, 3), 0.03), np.full((5, 3), 0.02), "anna")
     run = Run(0, 1, TakeInfo(Setup(), 1_700_000_000_000_000_000, 5))
-    colour = (
-        b'{"name":"red","seen":{"mean":[0.1,0.2],"covariance":[1.0,0.1,1.0],"luma":[1,2,3],"pixels":9},"area_px":50}'
-    )
     return [
         _of_bytes("camera rigs", [encode_camera_rig(rig).encode(), foreign], decode_camera_rig, TEXT, 0.1),
         _of_bytes("sensor layouts", [encode_layout(layout)], decode_layout, TEXT, 0.3),
@@ -216,27 +214,13 @@ def _texts() -> list[Door]:
             "bodies' builds", [b'{"model":"legs","height_m":1.7,"proportions":{"thigh":0.43}}'],
             lambda data: mesh_of_build(data.decode("utf-8", "surrogateescape")), TEXT, 0.02,
         ),
-        _of_bytes("colours", [_profile(colour)], decode_profile, TEXT, 0.1),
+        _of_bytes("colours", [seeds.colour_profile()], decode_profile, TEXT, 0.1),
         _of_bytes("questions", [b'{"ask":"board","board":"columns = 5","explain":true}'], read_question, TEXT),
         _of_bytes("answers", [b'{"ok":true,"positions_px":[[1,2],null],"controls":{"fps":30}}'], read_answer, TEXT),
         _of_bytes("commands", [b'{"participant":7,"method":"default"}'],
                   lambda data: parse(Setup, decode_json(data, dict[str, Any])), TEXT),
         _of_bytes("replies", [b'{"ok":true,"message":"done"}'], lambda data: decode_json(data, CommandReply), TEXT),
     ]  # fmt: skip
-
-
-def _profile(colour: bytes) -> bytes:
-    from mocapella.sensing.colour_profile import BINS
-
-    counts = b",".join([b"[" + b",".join([b"1"] * BINS) + b"]"] * BINS)
-    background = b'{"luma":90.0,"chromaticity":[0.1,0.2],"counts":[' + counts + b"]}"
-    return (
-        b'{"camera":"cam_1","size_px":[640,480],"version":1,"colours":['
-        + colour
-        + b'],"background":'
-        + background
-        + b"}"
-    )
 
 
 def _files(folder: Path) -> list[Door]:
@@ -253,24 +237,8 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.sources.simulate.bvh import read_bvh
     from mocapella.sources.video import read_image, read_timestamps
 
-    log = _study_log(folder)
-    tracks = b"frame,camera,point,x_px,y_px,confidence,time_s\n0,a,nose,1.5,2.5,0.9,0.0\n1,b,nose,2.5,3.5,1,0.1\n"
-    space = b"time_s,point,x_m,y_m,z_m\n0.0,tip,1,2,3\n0.1,tip,1,2,3.5\n"
-    frame = b'{"frame":0,"time_s":0.0,"root_twist":[0,0,0,0,0,0],"angles":{"knee":0.1},"joints":{"hip":[0,1,2]},"overlap":{},"left_out":{}}'
-    body = b'{"format":"mocapella followed body","version":1,"model":"legs","frames":[' + frame + b"]}"
-    people = (
-        b'{"format":"mocapella followed people","version":1,"people":{"anna":{"model":"legs","frames":['
-        + frame
-        + b"]}}}"
-    )
-    alignment = b'format = "mocapella space alignment"\nversion = 1\nspace = "vr"\nrows = [[1.0, 0.0, 0.0, 0.5], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]\n'
-    bvh = (
-        b"HIERARCHY\nROOT hip\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
-        b"End Site\n{\nOFFSET 0 1 0\n}\n}\nMOTION\nFrames: 1\nFrame Time: 0.01\n0 1 0 0 0 0\n"
-    )
-    trc = b"PathFileType\t4\nx\ny\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n"
-    openpose = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
-    images = _images()
+    log = seeds.study_log(folder)
+    images = seeds.images()
 
     def keypoints(path: Path) -> object:
         return read_image_tracks([path.parent])
@@ -280,64 +248,35 @@ def _files(folder: Path) -> list[Door]:
 
     return [
         _of_file("study logs", folder / "log.csv", [log], read_study_log, TEXT),
-        _of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log, (*BYTES, packed, packed)),
-        _of_file("image tracks", folder / "tracks.csv", [tracks], lambda path: read_image_tracks([path]), TEXT),
-        _of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [openpose], keypoints, TEXT),
-        _of_file("point recordings", folder / "points.csv", [space], read_point_recording, TEXT),
-        _of_file("distances", folder / "far.csv", [b"distance_cm,disparity_px\n100,5\n"], read_measured_distances, TEXT),
+        _of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
+                 (*BYTES, packed, packed)),
+        _of_file("image tracks", folder / "tracks.csv", [seeds.TRACKS], lambda path: read_image_tracks([path]), TEXT),
+        _of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [seeds.OPENPOSE], keypoints, TEXT),
+        _of_file("point recordings", folder / "points.csv", [seeds.POINTS], read_point_recording, TEXT),
+        _of_file("distances", folder / "far.csv", [b"distance_cm,disparity_px\n100,5\n"],
+                 read_measured_distances, TEXT),
         _of_file("timestamps", folder / "times.csv", [b"camera,frame,time_s\na,0,0.1\na,1,0.2\n"],
                  lambda path: read_timestamps(path, ["a"]), TEXT),
-        _of_file("followed bodies", folder / "body.json", [body, people], read_followed_people, TEXT),
+        _of_file("followed bodies", folder / "body.json", [seeds.BODY, seeds.PEOPLE], read_followed_people, TEXT),
         _of_file("named joints", folder / "joints.json", [b'{"anna":{"hip":[0,1,2],"knee":[0,0.5,2]}}'], joints, TEXT),
-        _of_file("space alignments", folder / "space.toml", [alignment], load_space, TEXT),
+        _of_file("space alignments", folder / "space.toml", [seeds.SPACE], load_space, TEXT),
         _of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
                  read_sidecar, TEXT),
-        _of_file("BVH", folder / "walk.bvh", [bvh], read_bvh, TEXT),
-        _of_file("TRC", folder / "walk.trc", [trc], trc_points, TEXT),
-        _of_file("facing models", folder / "facing.json", [_shipped("facing.json")], facing_model.read_model, TEXT, 0.02),
-        _of_file("bias models", folder / "bias.json", [_shipped("joint_bias.json")], joint_bias.read_model, TEXT, 0.01),
-        _of_file("depth images", folder / "depth.png", [images[".png16"]], read_depth_png, (*BYTES, *[repaired_png] * 4)),
+        _of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
+        _of_file("TRC", folder / "walk.trc", [seeds.TRC], trc_points, TEXT),
+        _of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],
+                 facing_model.read_model, TEXT, share=0.02),
+        _of_file("bias models", folder / "bias.json", [seeds.shipped("joint_bias.json")],
+                 joint_bias.read_model, TEXT, share=0.01),
+        _of_file("depth images", folder / "depth.png", [images[".png16"]], read_depth_png,
+                 (*BYTES, *[repaired_png] * 4)),
         *(_of_file(f"images {kind}", folder / f"shot{kind}", [images[kind]], read_image,
                    (*BYTES, *[repaired_png] * 4) if kind == ".png" else BYTES)
           for kind in (".png", ".jpg", ".bmp", ".tiff", ".webp")),
-        _of_file("meshes .glb", folder / "mesh.glb", [_mesh(folder, ".glb")], load_rigged_mesh, BYTES, 0.05),
-        _of_file("meshes .gltf", folder / "mesh.gltf", [_mesh(folder, ".gltf")], load_rigged_mesh, TEXT, 0.02),
+        _of_file("meshes .glb", folder / "mesh.glb", [seeds.mesh(folder, ".glb")], load_rigged_mesh, BYTES, share=0.05),
+        _of_file("meshes .gltf", folder / "mesh.gltf", [seeds.mesh(folder, ".gltf")], load_rigged_mesh,
+                 TEXT, share=0.02),
     ]  # fmt: skip
-
-
-def _shipped(name: str) -> bytes:
-    from importlib.resources import files
-
-    return files("mocapella.fusion").joinpath("data", name).read_bytes()
-
-
-def _study_log(folder: Path) -> bytes:
-    from mocapella.model.study_log import StudyRow
-    from mocapella.recording.study_log import write_study_log
-
-    rows = [StudyRow(1, 2, 3, 4, 5, k, 7, 0.5, 1.5, "front", 0.0, 90.0, np.ones((25, 3), np.float32)) for k in range(3)]
-    path = folder / "seed.csv"
-    write_study_log(path, rows)
-    return path.read_bytes()
-
-
-def _images() -> dict[str, bytes]:
-    import cv2
-
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # a line for each damaged image
-    rng = np.random.default_rng(1)
-    shot, depth = rng.integers(0, 255, (12, 16, 3), np.uint8), rng.integers(0, 9999, (12, 16), np.uint16)
-    coded = {kind: cv2.imencode(kind, shot)[1].tobytes() for kind in (".png", ".jpg", ".bmp", ".tiff", ".webp")}
-    return {**coded, ".png16": cv2.imencode(".png", depth)[1].tobytes()}
-
-
-def _mesh(folder: Path, kind: str) -> bytes:
-    from mocapella.model.body_meshes import legs_mesh
-    from mocapella.model.rigged_mesh_file import save_rigged_mesh
-
-    path = folder / f"seed{kind}"
-    save_rigged_mesh(path, legs_mesh("male", detail=0.8))
-    return path.read_bytes()
 
 
 def _memories() -> list[Door]:

@@ -101,7 +101,7 @@ def read_everything(path: Path) -> None:
 
     found = read_take(path)
     kinds: tuple[Callable[[], object], ...] = (
-        lambda: found.info, lambda: found.complete(), lambda: found.unread_frame_types, lambda: found.part_counts,
+        lambda: found.info, found.complete, lambda: found.unread_frame_types, lambda: found.part_counts,
         lambda: list(found.frames()), lambda: list(found.scenes()), lambda: list(found.statuses()),
         lambda: list(found.clock_probes()), lambda: list(found.replay()), lambda: list(found.truths("front")),
         lambda: [list(found.frames_in_sequence(sensor)) for sensor in found.sensors],
