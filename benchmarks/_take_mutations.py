@@ -49,6 +49,7 @@ class TakeMutations:
 
     def __init__(self, data: bytes) -> None:
         self._events = [e for e in scan(BytesIO(data), len(data), "seed") if isinstance(e, MessageRead | MetadataRead)]
+        self._events.append(MessageRead(take.STATUS, 0, 14, 14, 0, b'{"phase":"tracking","scenes":7,"sensors":[]}'))
         self._binary = [e.data for e in self._events if isinstance(e, MessageRead) and e.topic not in FROM_TEXT]
 
     def write(self, path: Path, rng: random.Random) -> None:

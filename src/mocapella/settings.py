@@ -17,7 +17,7 @@ from mocapella.decoding import decode_json
 from mocapella.errors import InputError, SettingsError, one_of
 
 T = TypeVar("T")
-_NOT_FINITE = re.compile(r"\s*-?(NaN|Infinity|\d+(\.\d*)?[eE]\+?\d{4,})\s*")
+_NUMBER = re.compile(r"-?(NaN|Infinity|(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?)")
 
 
 def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") -> T:
@@ -90,9 +90,9 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
 
 def _of_text(text: str) -> Any:
     """Return a setting's value: JSON, or else the text itself."""
-    if _NOT_FINITE.fullmatch(text):
-        raise SettingsError(f"setting: {text} cannot be stored in a take; leave the setting out if it has no limit")
     try:
         return decode_json(text)
     except InputError:
-        return text
+        if not _NUMBER.fullmatch(text):
+            return text
+    raise SettingsError(f"setting: {text[:40]} cannot be stored in a take; leave the setting out if it has no limit")

@@ -130,3 +130,10 @@ def test_a_file_of_times_that_cannot_be_used_says_why(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=says):
             read_timestamps(path, ["a"])
+
+
+def test_timestamps_of_a_far_frame_do_not_ask_for_a_long_list(tmp_path: Path) -> None:
+    path = tmp_path / "times.csv"
+    path.write_text("camera,frame,time_s\na,0,0.1\na,999999999999,0.2\n")
+    with pytest.raises(InputError, match="1000000000000 places would be needed"):
+        read_timestamps(path, ["a"])
