@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mocapella.errors import MocapellaError, WireError
-from mocapella.model.memory import pack, recalls, recorded_name, unpack
+from mocapella.model.memory import pack, recalls, recorded_name, set_memory, unpack
 from mocapella.model.scene import Phase, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import topology
@@ -135,10 +135,27 @@ def test_a_tracker_that_cannot_recall_a_memory_is_reset(error: Exception) -> Non
 
         @recalls
         def restore(self, data: bytes) -> None:
-            vars(self)["reset"] = 5
+            self.reset, self.resets = None, 7  # type: ignore[method-assign,assignment]
             raise error
 
     tracker = Forgetful()
     with pytest.raises(WireError, match="3 bytes"):
         tracker.restore(b"abc")
     assert tracker.resets == 1
+
+
+@pytest.mark.parametrize("memory", [{"settings": "none"}, {"reset": 5}, {"settings": None}])
+def test_a_memory_sets_no_settings_of_another_type_and_no_method(memory: dict[str, Any]) -> None:
+    class Part:
+        def __init__(self) -> None:
+            self.settings, self.count = SensorPose(0.1, 2.0), 0
+
+        def reset(self) -> None:
+            self.count = 0
+
+    part = Part()
+    with pytest.raises(ValueError, match="cannot be recalled"):
+        set_memory(part, {"count": 3, **memory})
+    assert part.count == 0
+    set_memory(part, {"count": 3, "settings": SensorPose(0.2, 1.0)})
+    assert (part.count, part.settings) == (3, SensorPose(0.2, 1.0))

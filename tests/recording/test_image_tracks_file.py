@@ -207,3 +207,9 @@ def test_a_small_recording_of_points_does_not_ask_for_a_large_array(tmp_path: Pa
     text = "time_s,point,x_px,y_px\n" + "".join(f"{k},p{k},1,2\n" for k in range(2100))
     with pytest.raises(InputError, match="4410000 places would be needed"):
         read_point_recording(written(tmp_path, "p.csv", text))
+
+
+def test_names_are_in_the_order_of_their_numbers_however_long(tmp_path: Path) -> None:
+    names = ["cam_0", "cam_02", "cam_10", "cam_" + "9" * 5000, "cam_1" + "0" * 5000, "left"]
+    rows = "".join(f"0,{name},tip,1,2,1,0\n" for name in reversed(names))
+    assert read_image_tracks([written(tmp_path, "a.csv", OWN.splitlines()[0] + "\n" + rows)]).cameras == tuple(names)

@@ -163,6 +163,7 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
         scale = 1.0
     else:
         height = height_m
+        check(HEIGHTS_M[0] <= height <= HEIGHTS_M[1], "height_m", height, f"{HEIGHTS_M[0]} to {HEIGHTS_M[1]} m")
         left = height - sum(value for name, value in known.items() if name in UPRIGHT)
         unknown = sum(table[name] for name in UPRIGHT if name not in known)
         scale = left / (height * unknown) if unknown else 1.0

@@ -59,15 +59,31 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
 
 
+def set_memory(part: object, memory: Mapping[str, Any]) -> None:
+    """Set the attributes of a stateful object that a memory has.
+
+    Raises:
+        ValueError: it has a method's name, or settings of another type.
+    """
+    for name, value in memory.items():
+        another = name == "settings" and type(value) is not type(vars(part).get(name))
+        if another or callable(getattr(type(part), name, None)):
+            raise ValueError(f"{name} cannot be recalled")
+    vars(part).update(memory)
+
+
 def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
     """Make a tracker's ``restore`` raise `WireError` and reset the tracker if a memory is of another form."""
 
     @functools.wraps(restore)
     def guarded(self: _Kept, data: bytes) -> None:
+        before = dict(vars(self))
         try:
             restore(self, data)
         except FAULTS as error:
-            type(self).reset(self)
+            vars(self).clear()
+            vars(self).update(before)
+            self.reset()
             raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error!r})") from error
 
     return guarded

@@ -202,7 +202,8 @@ def _text(path: Path, row: int, field: str, cells: Mapping[str, str]) -> str:
 
 def _naturally(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts cam_2 before cam_10."""
-    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    parts = [part.lstrip("0") if part.isdecimal() else part for part in re.split(r"(\d+)", name) if part]
+    return [(0, len(part), part) if part.isdecimal() or not part else (1, 0, part) for part in parts]
 
 
 def _frame_of(path: Path) -> int:

@@ -25,7 +25,7 @@ from mocapella.kinematics.silhouette_fit import eye
 from mocapella.model.camera import CameraRig
 from mocapella.model.images import REMEMBERED as IMAGES_REMEMBERED
 from mocapella.model.images import ImageFrame
-from mocapella.model.memory import pack, recalls, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
 from mocapella.sensing.images import decode_image
@@ -167,7 +167,7 @@ class SilhouettesTracker:
             raise ValueError(f"of {kind!r}")
         for part, memory in zip(self._parts(), memories, strict=True):
             part.recall(memory)
-        vars(self).update(own)
+        set_memory(self, own)
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:

@@ -162,7 +162,7 @@ class _Reader:
 
     def integer(self, field: str, least: int, most: int) -> int:
         word = self.word(f"a whole number ({field})")
-        if not (word.isascii() and word.isdigit() and least <= int(word[:12]) <= most):
+        if not (word.isascii() and word.isdigit() and len(word) <= 12 and least <= int(word) <= most):
             self.fail("is out of range", field, word, f"write a whole number from {least} to {most}")
         return int(word)
 
