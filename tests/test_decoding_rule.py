@@ -6,7 +6,7 @@ docs/decisions/0018-files-are-doors.md says why.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -37,6 +37,8 @@ UNSAFE = {
 WHOLE = {"read_text", "read_bytes"}
 """Methods that read a file of any size."""
 
+NAMES = WHOLE.union(*UNSAFE.values())
+
 ALLOWED = {
     "kernel_cache.py: read_bytes": "reads this program's sources",
     "settings.py: msgspec.convert": "its mappings come from `decoding`",
@@ -58,31 +60,24 @@ ALLOWED = {
 """By ``path: what``, the reason."""
 
 
-def called(source: str) -> Iterator[str]:
-    """Yield the unsafe functions that a module mentions, called or not."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Attribute):
-            owner = ast.unparse(node.value).replace("numpy", "np")
-            if node.attr in UNSAFE.get(owner, ()):
-                yield f"{owner}.{node.attr}"
-            elif node.attr in WHOLE:
-                yield node.attr
-        elif isinstance(node, ast.ImportFrom) and node.module in UNSAFE:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names if alias.name in UNSAFE[str(node.module)])
-
-
 def unsafe(source: str) -> set[str]:
-    """Return what `called` finds, without `np.dtype` of literals only."""
-    tree = ast.parse(source)
-    literal = [
-        node.func
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "np.dtype" and _is_literal(node.args[0])
-    ]
-    found = set(called(source))
-    every = [n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n) == "np.dtype"]
-    annotations = [n for n in ast.walk(tree) if isinstance(n, ast.Subscript) and ast.unparse(n.value) == "np.dtype"]
-    return found - ({"np.dtype"} if len(every) == len(literal) + len(annotations) else set())
+    """Return the unsafe functions that a module mentions, called or not; not `np.dtype` of literals."""
+    nodes = list(ast.walk(ast.parse(source)))
+    harmless = {
+        id(node.func) for node in nodes if isinstance(node, ast.Call) and node.args and _is_literal(node.args[0])
+    } | {id(node.value) for node in nodes if isinstance(node, ast.Subscript)}  # np.dtype[np.float64] is a type
+    found = set()
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and node.attr in NAMES:
+            owner = ast.unparse(node.value).replace("numpy", "np")
+            if node.attr in WHOLE:
+                found.add(node.attr)
+            elif node.attr in UNSAFE.get(owner, ()) and not (node.attr == "dtype" and id(node) in harmless):
+                found.add(f"{owner}.{node.attr}")
+        elif isinstance(node, ast.ImportFrom):
+            unsafe_names = UNSAFE.get(str(node.module), set())
+            found |= {f"{node.module}.{alias.name}" for alias in node.names if alias.name in unsafe_names}
+    return found
 
 
 def _is_literal(node: ast.AST) -> bool:
@@ -90,6 +85,7 @@ def _is_literal(node: ast.AST) -> bool:
     return not names or isinstance(node, ast.Tuple | ast.List)
 
 
+@cache
 def found() -> set[str]:
     places = {path.relative_to(SOURCE).as_posix(): path for path in SOURCE.rglob("*.py")}
     return {

@@ -91,10 +91,32 @@ def read_image(path: Path) -> UInt8:
     return np.asarray(image, dtype=np.uint8)
 
 
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video's file.
+
+    Raises:
+        InputError: it is no video, or its images have more than `MOST_PX` pixels.
+    """
+    fix = "make it an MP4 (H.264) or AVI"
+    try:
+        capture = cv2.VideoCapture(str(path))
+    except cv2.error as error:
+        raise InputError("is no video that can be read", file=path, fix=fix) from error
+    if not capture.isOpened():
+        raise InputError("is no video that can be read", file=path, fix=fix)
+    width, height = (capture.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > MOST_PX:
+        capture.release()
+        raise InputError(
+            f"has images of {width:g} × {height:g} px", file=path, fix=f"at most {MOST_PX} pixels are read"
+        )
+    return capture
+
+
 def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
     if not path.is_file():
         raise InputError("is not there", file=path, fix="name a video, an image or a folder of images")
-    capture = cv2.VideoCapture(str(path))
+    capture = open_video(path)
     try:
         frame = 0
         while (frames.end is None or frame < frames.end) and capture.grab():
