@@ -1,6 +1,6 @@
 """Only `mocapella.decoding` calls the decoders of the libraries; every exception is listed with its reason.
 
-docs/decisions/0018-files-are-doors.md says why.
+docs/decisions/0024-files-are-doors.md says why.
 """
 
 from __future__ import annotations

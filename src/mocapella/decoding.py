@@ -2,7 +2,7 @@
 
 No other module calls the decoders of the libraries (`tests/test_decoding_rule.py`): they raise errors of many types,
 and take as much memory, stack or time as their input asks for. Images are decoded in `mocapella.sensing.images`.
-docs/decisions/0018-files-are-doors.md says why.
+docs/decisions/0024-files-are-doors.md says why.
 """
 
 from __future__ import annotations
