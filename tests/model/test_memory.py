@@ -144,11 +144,16 @@ def test_a_tracker_that_cannot_recall_a_memory_is_reset(error: Exception) -> Non
     assert tracker.resets == 1
 
 
-@pytest.mark.parametrize("memory", [{"settings": "none"}, {"reset": 5}, {"settings": None}])
+@pytest.mark.parametrize("memory", [{"settings": "none"}, {"reset": 5}, {"settings": None}, {"inner": 5}])
 def test_a_memory_sets_no_settings_of_another_type_and_no_method(memory: dict[str, Any]) -> None:
+    class Inner:
+        def reset(self) -> None:
+            pass
+
     class Part:
         def __init__(self) -> None:
             self.settings, self.count = SensorPose(0.1, 2.0), 0
+            self.inner = Inner()
 
         def reset(self) -> None:
             self.count = 0

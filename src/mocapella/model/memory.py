@@ -63,10 +63,11 @@ def set_memory(part: object, memory: Mapping[str, Any]) -> None:
     """Set the attributes of a stateful object that a memory has.
 
     Raises:
-        ValueError: it has a method's name, or settings of another type.
+        ValueError: it has a method's name, or settings or a stateful part of another type.
     """
     for name, value in memory.items():
-        another = name == "settings" and type(value) is not type(vars(part).get(name))
+        now = vars(part).get(name)
+        another = type(value) is not type(now) and (name == "settings" or hasattr(now, "reset"))
         if another or callable(getattr(type(part), name, None)):
             raise ValueError(f"{name} cannot be recalled")
     vars(part).update(memory)
