@@ -1,10 +1,11 @@
-"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--strict]`: run groups, print tables."""
+"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--inputs N] [--strict]`: print tables."""
 
 from __future__ import annotations
 
 import argparse
 import ast
 import importlib
+import inspect
 import json
 import sys
 from dataclasses import asdict
@@ -36,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--part", action="append", default=[], metavar="NAME", help="only this one, of a group of parts"
     )
+    parser.add_argument("--inputs", type=_count, metavar="N", help="how many damaged inputs, of fuzz; such as 1e8")
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
     for name in options.group:
@@ -55,7 +57,10 @@ def main(arguments: list[str] | None = None) -> int:
             continue
         with console.status(f"measuring {name} …"):
             run = importlib.import_module(f"benchmarks.{name}").run
-            measured = run(quick=options.quick, parts=wanted) if wanted else run(quick=options.quick)
+            asked = {"parts": wanted} if wanted else {}
+            if options.inputs is not None and "inputs" in inspect.signature(run).parameters:
+                asked["inputs"] = options.inputs
+            measured = run(quick=options.quick, **asked)
         console.print(table(name, measured))
         rows += measured
     if options.json:
@@ -74,6 +79,14 @@ def table(group: str, rows: list[Row]) -> Table:
         peer = "none" if row.ratio is None else row.peer
         result.add_row(row.name, f"{row.value:.4g} {row.unit}", peer, ratio, row.goal or "", met)
     return result
+
+
+def _count(text: str) -> int:
+    """A number such as 1000 or 1e8."""
+    value = float(text)
+    if not (value.is_integer() and 1 <= value <= 1e12):
+        raise ValueError(text)
+    return int(value)
 
 
 def _parts(group: str) -> list[str]:

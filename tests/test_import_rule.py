@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry"}
+BASE = {"errors", "decoding", "conventions", "settings", "compiled", "steps", "registry"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -23,7 +23,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "kernel_cache": {"kernel_dispatcher"},
     "compiled": {"kernel_cache", "kernel_dispatcher"},
     "conventions": set(),
-    "settings": {"errors", "conventions"},
+    "decoding": {"errors"},
+    "settings": {"errors", "decoding", "conventions"},
     "registry": {"errors"},
     "steps": set(),
     "geometry": BASE,

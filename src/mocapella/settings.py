@@ -7,16 +7,17 @@ suggestion, because a misspelt setting that is silently ignored costs a study.
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import msgspec
 
-from mocapella.errors import SettingsError, one_of
+from mocapella.decoding import decode_json
+from mocapella.errors import InputError, SettingsError, one_of
 
 T = TypeVar("T")
+_NUMBER = re.compile(r"-?(NaN|Infinity|(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?)")
 
 
 def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") -> T:
@@ -31,7 +32,7 @@ def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") ->
             raise SettingsError(f"{where}: unknown key {key!r}; known: {one_of(str(key), names)}")
     try:
         value = msgspec.convert(data, kind, strict=True)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, OverflowError, RecursionError) as error:
         raise SettingsError(f"{where}: {error}") from error
     _refuse_ignored(data, dataclasses.asdict(value), where)  # type: ignore[call-overload]
     return value
@@ -83,15 +84,15 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
                 raise SettingsError(
                     f"setting {pair!r} cannot be used: {group} has a value already; leave one of them out"
                 )
-        try:
-            where[last] = json.loads(text, parse_float=_finite, parse_constant=_finite)
-        except json.JSONDecodeError:
-            where[last] = text
+        where[last] = _of_text(text)
     return found
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise SettingsError(f"setting: {text} cannot be stored in a take; leave the setting out if it has no limit")
-    return value
+def _of_text(text: str) -> Any:
+    """Return a setting's value: JSON, or else the text itself."""
+    try:
+        return decode_json(text)
+    except InputError:
+        if not _NUMBER.fullmatch(text):
+            return text
+    raise SettingsError(f"setting: {text[:40]} cannot be stored in a take; leave the setting out if it has no limit")

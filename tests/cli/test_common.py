@@ -13,6 +13,7 @@ import pytest
 import typer
 from hypothesis import given
 from hypothesis import strategies as st
+from support.programs import run_here
 from typer.testing import CliRunner
 
 from mocapella.cli.app import app
@@ -21,6 +22,7 @@ from mocapella.cli.common import (
     exit_by,
     get_ready,
     recording_row,
+    say,
     take_file,
     telling_of_compiling,
     warn_if_open,
@@ -66,7 +68,7 @@ def test_a_take_with_a_problem_is_an_exit_status_and_any_other_is_none() -> None
     assert ended.value.exit_code == 1
 
 
-@pytest.mark.parametrize("text", ["Infinity", "-Infinity", "NaN", "1e999"])
+@pytest.mark.parametrize("text", ["Infinity", "-Infinity", "NaN", "1e999", "9" * 40, "9" * 5000])
 def test_a_number_that_a_take_could_not_keep_is_refused(text: str) -> None:
     """JSON has none of them: a take made with one could not be replayed."""
     with pytest.raises(SettingsError, match="leave the setting out"):
@@ -176,3 +178,13 @@ def test_the_methods_are_listed_with_what_they_take_make_and_export() -> None:
     assert {name: METHODS.find(name).summary for name in told} == {name: text.strip() for name, text in told.items()}
     assert set(told) >= {"default", "stand-still", "hands", "arms", "silhouettes"}
     assert "frames: skeletons; results: people; exports: csv, json" in said.output
+
+
+def test_what_a_terminal_would_carry_out_is_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    say("sensor \x1b[2Jfront\u202e [bold]\nsecond line")
+    assert capsys.readouterr().err == "sensor \\x1b[2Jfront\\u202e [bold]\nsecond line\n"
+    done = run_here(tmp_path, "replay", "a\x1b]0;title\x07\nb")
+    assert done.returncode == 1
+    assert "\x1b]" not in done.stderr
+    assert "a\\x1b]0;title\\x07\\nb" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -81,3 +81,14 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
         with pytest.raises(SettingsError, match=said):
             write_space_tracks(TRACKS, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_points_name_is_no_formula_and_no_line_of_its_own() -> None:
+    named = msgspec.structs.replace(TRACKS, points=("=1+1", "a\tb\n\x1b[2J"))
+    rows = as_csv(named).splitlines()
+    assert [row.split(",")[2] for row in rows[1:3]] == ["'=1+1", "'=1+1"]
+    assert [row.split(",")[3] for row in rows[1:3]] == ["1.000000", "4.000000"]  # numbers are numbers
+    lines = as_trc(named, "x\n.trc").splitlines()
+    assert len(lines) == 5 + len(TRACKS.frames)
+    assert lines[0].endswith("x\\n.trc")
+    assert lines[3].rstrip().split("\t")[2::3] == ["=1+1", "a\\tb\\n\\x1b[2J"]

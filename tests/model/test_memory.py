@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mocapella.errors import MocapellaError, WireError
-from mocapella.model.memory import pack, recorded_name, unpack
+from mocapella.model.memory import pack, recalls, recorded_name, set_memory, unpack
 from mocapella.model.scene import Phase, TrackerState
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import topology
@@ -110,3 +110,57 @@ def test_a_renamed_class_is_written_and_read_by_its_former_name() -> None:
     assert (recorded_name(Renamed), recorded_name(Derived)) == ("Former", "Derived")
     with pytest.raises(WireError):
         unpack(msgspec.msgpack.encode(["Renamed", {"value": 3}]), (Renamed,))
+
+
+@pytest.mark.parametrize("dtype", ["O", "(1,)f4,{", "|O8", "f4,f4", "<f8" * 99, "datetime64[s]", 5, None, ["f4"]])
+def test_an_array_of_other_than_plain_numbers_is_refused(dtype: Any) -> None:
+    """numpy evaluates some texts of types as Python, which raises a SyntaxError."""
+    with pytest.raises(WireError):
+        unpack(msgspec.msgpack.encode(["array", [dtype, [1], bytes(8)]]), ())
+
+
+def test_a_deep_memory_is_refused() -> None:
+    with pytest.raises(WireError):
+        unpack(b"\x92\xa4list\x91" * 20_000, ())
+    assert unpack(msgspec.msgpack.encode(["list", [["list", []]]]), ()) == [[]]
+
+
+@pytest.mark.parametrize("error", [TypeError("too few"), KeyError("name"), AttributeError("no")])
+def test_a_tracker_that_cannot_recall_a_memory_is_reset(error: Exception) -> None:
+    class Forgetful:
+        resets = 0
+
+        def reset(self) -> None:
+            self.resets += 1
+
+        @recalls
+        def restore(self, data: bytes) -> None:
+            self.reset, self.resets = None, 7  # type: ignore[method-assign,assignment]
+            raise error
+
+    tracker = Forgetful()
+    with pytest.raises(WireError, match="3 bytes"):
+        tracker.restore(b"abc")
+    assert tracker.resets == 1
+
+
+@pytest.mark.parametrize("memory", [{"settings": "none"}, {"reset": 5}, {"settings": None}, {"inner": 5}])
+def test_a_memory_sets_no_settings_of_another_type_and_no_method(memory: dict[str, Any]) -> None:
+    class Inner:
+        def reset(self) -> None:
+            pass
+
+    class Part:
+        def __init__(self) -> None:
+            self.settings, self.count = SensorPose(0.1, 2.0), 0
+            self.inner = Inner()
+
+        def reset(self) -> None:
+            self.count = 0
+
+    part = Part()
+    with pytest.raises(ValueError, match="cannot be recalled"):
+        set_memory(part, {"count": 3, **memory})
+    assert part.count == 0
+    set_memory(part, {"count": 3, "settings": SensorPose(0.2, 1.0)})
+    assert (part.count, part.settings) == (3, SensorPose(0.2, 1.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import builtins
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from mocapella.model.body_meshes import body_mesh, legs_mesh
 from mocapella.model.hand import hand_model
 from mocapella.model.hand_mesh import hand_mesh
 from mocapella.model.rigged_mesh import Landmark, RiggedMesh, landmarks_at, posed, rigid_mesh
-from mocapella.model.rigged_mesh_file import load_rigged_mesh, save_rigged_mesh
+from mocapella.model.rigged_mesh_file import decode_rigged_mesh, load_rigged_mesh, save_rigged_mesh
 
 BOX = rigid_mesh("box", CORNERS, BOX_FACES, {"corner": (1, 2, 3)})
 MESHES: dict[str, Callable[[], RiggedMesh]] = {
@@ -446,3 +447,31 @@ def test_a_file_within_a_file_is_read(tmp_path: Path) -> None:
     (tmp_path / "inside.gltf").write_text(json.dumps(content), encoding="utf-8")
     one, other = load_rigged_mesh(path), load_rigged_mesh(tmp_path / "inside.gltf")
     np.testing.assert_array_equal(one.vertices, other.vertices)
+
+
+def gltf_of(**content: object) -> bytes:
+    return json.dumps({"asset": {"version": "2.0"}, **content}).encode()
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (gltf_of(nodes=[{}] * 5000), "field nodes: 5000: are more than"),
+        (gltf_of(nodes=[{"children": [k + 1]} for k in range(300)] + [{"mesh": 0}]), "deeper than"),
+        (gltf_of(extras=1).replace(b"1", b"1" * 5000), "is no glTF"),
+        (gltf_of(extras=1).replace(b"1", b"[" * 5000), "is no glTF"),
+        (b"glTF" + struct.pack("<IIII", 2, 28, 100, 0x4E4F534A) + bytes(8), "chunk at byte 12 that is cut short"),
+        (b"glTF" + struct.pack("<IIII", 2, 20, 0, 0x004E4942), "has no JSON"),
+    ],
+)
+def test_a_file_that_asks_for_too_much_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        decode_rigged_mesh(data)
+
+
+def test_meshes_that_repeat_one_buffer_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = tmp_path / "worm.glb"
+    save_rigged_mesh(path, worm())
+    monkeypatch.setattr("mocapella.model.rigged_mesh_file._MOST_VERTICES", 15)
+    with pytest.raises(InputError, match="more than 15 vertices"):
+        load_rigged_mesh(path)

@@ -82,7 +82,7 @@ def test_openposes_folders_and_the_surest_person(tmp_path: Path) -> None:
         (OWN.replace("7,right", "7,left"), "row 3: field point: 'tip': the point is there twice"),
         (OWN.splitlines()[0] + "\n", "no rows|columns"),
         ("", "columns"),
-        ("\udcff", "cannot be read"),
+        ("\udcff", "no text in UTF-8"),
     ],
 )
 def test_a_csv_of_no_use_is_refused_with_row_and_field(tmp_path: Path, text: str, said: str) -> None:
@@ -96,7 +96,7 @@ def test_a_csv_of_no_use_is_refused_with_row_and_field(tmp_path: Path, text: str
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("{", "cannot be read as JSON"),
+        ("{", "is no JSON"),
         ("[]", "no list of people"),
         ('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}', r"people\[0\].pose_keypoints_2d: 3: not x, y"),
         (json.dumps({"people": [{"pose_keypoints_2d": ["a"] * 75}]}), "not numbers"),
@@ -191,3 +191,25 @@ def test_a_recording_in_space_and_one_in_a_picture(tmp_path: Path) -> None:
 def test_a_recording_of_no_use_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_point_recording(written(tmp_path, "p.csv", text))
+
+
+def test_a_small_csv_does_not_ask_for_a_large_array(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(OWN.splitlines()[0] + "\n" + "".join(f"{k},c{k},p{k},1,2,1,0\n" for k in range(300)))
+    with pytest.raises(InputError, match="27000000 places would be needed"):
+        read_image_tracks([path])
+    path.write_text(OWN.replace("7,right", "1e300,right"))
+    with pytest.raises(InputError, match="row 3: field frame: 1e\\+300: not a whole number"):
+        read_image_tracks([path])
+
+
+def test_a_small_recording_of_points_does_not_ask_for_a_large_array(tmp_path: Path) -> None:
+    text = "time_s,point,x_px,y_px\n" + "".join(f"{k},p{k},1,2\n" for k in range(2100))
+    with pytest.raises(InputError, match="4410000 places would be needed"):
+        read_point_recording(written(tmp_path, "p.csv", text))
+
+
+def test_names_are_in_the_order_of_their_numbers_however_long(tmp_path: Path) -> None:
+    names = ["cam_0", "cam_02", "cam_10", "cam_" + "9" * 5000, "cam_1" + "0" * 5000, "left"]
+    rows = "".join(f"0,{name},tip,1,2,1,0\n" for name in reversed(names))
+    assert read_image_tracks([written(tmp_path, "a.csv", OWN.splitlines()[0] + "\n" + rows)]).cameras == tuple(names)

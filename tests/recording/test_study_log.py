@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support import study_examples as examples
 
+from mocapella import decoding
 from mocapella.errors import DiskFullError, InputError, RecordingError, SettingsError, TakeExistsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS
 from mocapella.model.study_log import StudyLog, StudyRow
@@ -505,3 +506,31 @@ def test_what_the_fast_and_the_slow_pass_disagree_on_is_still_refused(
     monkeypatch.setattr(study_log, "_culprit", lambda *_: None)
     path = examples.saved(tmp_path, examples.edited(text, 5, "Head_X", "abc"))
     assert "the rows cannot be read" in _refusal(path)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.csv.gz"])
+def test_a_log_read_in_small_blocks_is_the_same(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / name
+    write_study_log(path, examples.Rows().log().rows())
+    whole = read_study_log(path)
+    monkeypatch.setattr(decoding, "_PIECE", 1000)
+    parts = read_study_log(path)
+    for field in StudyLog.__struct_fields__:
+        np.testing.assert_array_equal(getattr(parts, field), getattr(whole, field))
+        assert getattr(getattr(parts, field), "dtype", None) == getattr(getattr(whole, field), "dtype", None)
+
+
+def test_a_fault_in_a_late_block_names_its_row(tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoding, "_PIECE", 1000)
+    lines = text.splitlines()
+    lines[6] = lines[6].replace(", ", ", x", 1)
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"log\.csv: row 7: field "):
+        read_study_log(tmp_path / "log.csv")
+
+
+def test_a_packed_log_of_one_long_line_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(b"1" * (1 << 20)) * 1500)
+    with pytest.raises(InputError, match="has a line of more than"):
+        read_study_log(path)

@@ -227,8 +227,15 @@ def test_a_newer_schema_is_refused_with_both_versions(tmp_path: Path) -> None:
         read_take(path)
 
 
+DEEP_AND_LONG = (
+    b"[" * 9999,
+    b"1" * 5000,
+    b'{"info": {"schema_version": 1, "setup": {"participant": ' + b"1" * 30 + b"}}}",
+)
+
+
 def test_a_run_that_cannot_be_understood_is_damage() -> None:
-    for text in (b"[]", b"{}", b'{"info": {"schema_version": 1}}', b'{"info": 3}', b"\xff"):
+    for text in (b"[]", b"{}", b'{"info": {"schema_version": 1}}', b'{"info": 3}', b"\xff", *DEEP_AND_LONG):
         with pytest.raises(DamagedTakeError, match="the description of a run cannot be read"):
             take.decode_run(text, "a.mcap")
 

@@ -45,7 +45,8 @@ def test_a_free_name_is_one_that_can_be_recorded_to(tmp_path: Path) -> None:
     assert disk.free_name(tmp_path, "notes") == "notes"
 
 
-BAD = ["", "  ", ".mcap", "..", "../x", "a/b", "a\\b", "/etc/x", "a\0b", "a\nb", ".hidden", "a..b", "a.", " a", "C:x"]
+BAD = ["", "  ", ".mcap", "..", "../x", "a/b", "a\\b", "/etc/x", "a\0b", "a\nb", ".hidden", "a..b", "a.", " a", "C:x",
+       "-rf", "CON", "nul.mcap", "com1", "a\x9b2Jb", "a\u202eb", "a\u2066b", "a ", "a\u200fb"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [*BAD, "x" * 201, "ü" * 101, "walk.part2", "walk.merging.mcap", "<script>"])
@@ -134,3 +135,24 @@ def test_a_file_that_appears_at_the_last_moment_is_not_overwritten(tmp_path: Pat
     with pytest.raises(TakeExistsError, match=r"walk\.mcap: it exists, and nothing is overwritten"):
         disk.create_new(path)
     assert path.read_text() == "mine"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no modes of files")
+def test_takes_and_their_folders_are_for_this_user_only(tmp_path: Path) -> None:
+    folder = tmp_path / "study" / "takes"
+    umask = os.umask(0)
+    try:
+        disk.ensure_folder(folder)
+        TakeWriter.create(folder / "walk.mcap", info=info(), reserve_bytes=0).close()
+    finally:
+        os.umask(umask)
+    assert [path.stat().st_mode & 0o777 for path in (folder.parent, folder, folder / "walk.mcap")] == [
+        0o700,
+        0o700,
+        0o600,
+    ]
+    tmp_path.chmod(0o755)
+    disk.ensure_folder(tmp_path)
+    assert tmp_path.stat().st_mode & 0o777 == 0o755  # one that is there is not changed
+    with pytest.raises(RecordingError, match="cannot be the folder"):
+        disk.ensure_folder(folder / "walk.mcap")

@@ -130,3 +130,24 @@ def test_a_file_of_times_that_cannot_be_used_says_why(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=says):
             read_timestamps(path, ["a"])
+
+
+def test_timestamps_of_a_far_frame_do_not_ask_for_a_long_list(tmp_path: Path) -> None:
+    path = tmp_path / "times.csv"
+    path.write_text("camera,frame,time_s\na,0,0.1\na,999999999999,0.2\n")
+    with pytest.raises(InputError, match="1000000000000 places would be needed"):
+        read_timestamps(path, ["a"])
+
+
+def test_a_video_of_huge_images_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "small.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (32, 16))
+    writer.write(np.zeros((16, 32, 3), np.uint8))
+    writer.release()
+    assert len(list(pictures(path))) == 1
+    monkeypatch.setattr("mocapella.sources.video.MOST_PX", 32 * 16 - 1)
+    with pytest.raises(InputError, match=r"small\.avi: has images of 32 × 16 px; at most 511"):
+        next(pictures(path))
+    monkeypatch.setattr("cv2.VideoCapture", lambda _: (_ for _ in ()).throw(cv2.error("refused")))
+    with pytest.raises(InputError, match="no video that can be read"):
+        next(pictures(path))

@@ -43,6 +43,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
 from mocapella.model.bodies import Bodies
+from mocapella.model.memory import set_memory
 from mocapella.model.session import SensorPose
 
 Float64 = NDArray[np.float64]
@@ -190,7 +191,7 @@ class PeopleCalibration:
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore the state that `memory` returned."""
         names = {recorded: name for name, recorded in _RECORDED.items()}
-        vars(self).update({names.get(name, name): value for name, value in memory.items()})
+        set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 
     def _seconds(self, at_ns: int) -> float:
         if self._zero_ns is None:

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
+from mocapella.decoding import decode_json, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.alignment import MOMENTS
 from mocapella.model.observations import check_sensor_name
-from mocapella.model.whole_file import read_whole, write_whole
+from mocapella.model.whole_file import write_whole
 
 Float64 = NDArray[np.float64]
 
@@ -102,12 +103,8 @@ def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
     Raises:
         InputError: it is no layout, has another version, or contains an invalid number; names the field.
     """
-    try:
-        layout = msgspec.json.decode(data, type=SensorLayout)
-    except msgspec.DecodeError as error:
-        raise InputError(
-            f"is no sensor layout: {error}", file=file, fix="save it anew: mocapella serve --set save_layout=FILE"
-        ) from None
+    fix = "save it anew: mocapella serve --set save_layout=FILE"
+    layout = decode_json(data, SensorLayout, what="sensor layout", file=file, fix=fix)
     if layout.version != VERSION:
         fix = f"this program reads version {VERSION}: calibrate anew and save"
         raise InputError(
@@ -144,7 +141,7 @@ def _check_name(name: str, file: object) -> None:
 def _array(value: Any, shape: tuple[int, ...], field: str, file: object) -> Float64:
     try:
         array = np.array(value, dtype=np.float64)
-    except ValueError:
+    except (TypeError, ValueError, OverflowError):
         array = np.zeros(0)
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"is no array {shape} of finite numbers", file=file, field=field, fix=_ANEW)
@@ -162,8 +159,8 @@ def _check_motion(value: Any, field: str, file: object) -> None:
 def is_layout(data: bytes) -> bool:
     """Return whether the bytes are a layout (JSON with ``sensors``), valid or not."""
     try:
-        return "sensors" in msgspec.json.decode(data, type=dict[str, msgspec.Raw])
-    except msgspec.DecodeError:
+        return "sensors" in decode_json(data, dict[str, msgspec.Raw])
+    except InputError:
         return False
 
 

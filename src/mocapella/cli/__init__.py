@@ -44,11 +44,12 @@ def run(arguments: Sequence[str]) -> None:
     import_commands()
     from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
+    from mocapella.model.names import visible
 
     try:
         app(list(arguments), prog_name="mocapella")
     except MocapellaError as error:
-        typer.secho(f"mocapella: {error}", fg=typer.colors.RED, err=True)
+        typer.secho(f"mocapella: {visible(str(error))}", fg=typer.colors.RED, err=True)
         sys.exit(1)
 
 

@@ -11,7 +11,6 @@ import difflib
 import inspect
 import math
 import re
-import tomllib
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +19,8 @@ from typing import Annotated, Any, Final, TypeVar
 
 import typer
 
-from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.decoding import decode_toml, read_whole
+from mocapella.errors import SettingsError, one_of
 from mocapella.settings import merged, settings_of_pairs
 
 K = TypeVar("K")
@@ -227,12 +227,8 @@ def read_keys(kind: type[K], file: Path | None, pairs: Sequence[str] | None) -> 
 def _read_toml(file: Path | None) -> Mapping[str, Any]:
     if file is None:
         return {}
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=file, fix="name a TOML file of settings") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is no TOML: {error}", file=file, fix="write lines such as reserve_gib = 2.0") from error
+    data = read_whole(file, fix="name a TOML file of settings")
+    return decode_toml(data, file=file, fix="write lines such as reserve_gib = 2.0")
 
 
 def _of_texts(field: _Field, texts: Sequence[str]) -> Any:

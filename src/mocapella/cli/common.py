@@ -17,6 +17,7 @@ from rich.console import Console
 
 from mocapella.cli.command_settings import KeySpec, lines_of_dataclass
 from mocapella.errors import SettingsError, one_of
+from mocapella.model.names import visible
 
 if TYPE_CHECKING:
     from mocapella.model.session import RecordingHealth
@@ -334,8 +335,8 @@ def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
 
 
 def say(text: str) -> None:
-    """Print a line without wrapping, and without interpreting markup in names."""
-    console.print(text, markup=False, soft_wrap=True)
+    """Print a line without wrapping, and without interpreting markup or escape sequences in names."""
+    console.print(visible(text, keep="\n\t"), markup=False, soft_wrap=True)
 
 
 def say_if_never_tracked(summary: dict[str, Any], of: str = "") -> None:

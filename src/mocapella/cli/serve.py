@@ -332,22 +332,23 @@ def load_layout_option(path: Path) -> SensorLayout:
         InputError: the file cannot be read, or is no layout; for a camera rig, the message names ``--rig``.
     """
     from mocapella.calibration.sensor_layout import load_layout
-    from mocapella.model.camera_rig_file import is_camera_rig
 
     try:
         return load_layout(path)
     except InputError:
-        if is_camera_rig(_text(path)):
+        if _is_rig(path):
             raise InputError("is a camera rig", file=path, fix="use --rig") from None
         raise
 
 
-def _text(path: Path) -> str:
-    """The text of a file; empty where it cannot be read."""
+def _is_rig(path: Path) -> bool:
+    from mocapella.decoding import read_whole
+    from mocapella.model.camera_rig_file import is_camera_rig
+
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
+        return is_camera_rig(read_whole(path, fix=""))
+    except InputError:
+        return False
 
 
 def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:

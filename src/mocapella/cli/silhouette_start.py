@@ -211,6 +211,7 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
         InputError, SettingsError, CalibrationError: a file cannot be used, or a pose is impossible.
     """
     from mocapella.model.camera import CameraRig
+    from mocapella.model.gltf import mesh_bytes
     from mocapella.sources.video import Frames
     from mocapella.tracker.silhouettes_setup import body_setup
 
@@ -218,7 +219,7 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
     files = {name: Path(body.model) for name, (body, _) in found.items() if body.sha256}
     return {
         "bodies": [
-            body_setup(name, body, pose, files[name].read_bytes() if name in files else b"")
+            body_setup(name, body, pose, mesh_bytes(files[name]) if name in files else b"")
             for name, (body, pose) in found.items()
         ]
     }
@@ -298,13 +299,14 @@ def _of_file(model: str, height_m: float | None) -> Body:
     from hashlib import sha256
 
     from mocapella.model.body_proportions import AVERAGE
+    from mocapella.model.gltf import mesh_bytes
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.tracker.silhouette_start import Body
 
     if height_m is not None:
         raise SettingsError(f"height {height_m:g}: the model of {model} has its own size; leave it out")
     mesh = load_rigged_mesh(Path(model))
-    return Body(model, None, AVERAGE, mesh, sha256(Path(model).read_bytes()).hexdigest())
+    return Body(model, None, AVERAGE, mesh, sha256(mesh_bytes(Path(model))).hexdigest())
 
 
 def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:

@@ -11,6 +11,7 @@ from mocapella.errors import SettingsError
 from mocapella.live.file_take import FileTake
 from mocapella.live.silhouette_run import SilhouetteRun
 from mocapella.model.camera_rig_file import encode_camera_rig
+from mocapella.model.gltf import mesh_bytes
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.model.session import Setup
@@ -76,7 +77,7 @@ def recorded(
     settings: dict[str, Any] = {
         "rig": encode_camera_rig(shown.rig),
         "bodies": [
-            body_setup(name, body, pose, Path(body.model).read_bytes() if body.sha256 else b"")
+            body_setup(name, body, pose, mesh_bytes(Path(body.model)) if body.sha256 else b"")
             for name, (body, pose) in found.items()
         ],
         "sync": {"period_s": wanted.step / shown.rate_hz},

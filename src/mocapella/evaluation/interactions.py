@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.evaluation.causal_run import CausalRun
 from mocapella.evaluation.identity import IdentityFrame, identity_switches
 from mocapella.evaluation.scored_views import TOPOLOGY
@@ -43,7 +42,7 @@ class Label(msgspec.Struct, frozen=True, eq=False):
 @cache
 def crossings() -> dict[str, tuple[Label, ...]]:
     """Return the labels of all files, by the file's name without its endings."""
-    data = tomllib.loads(files("mocapella.evaluation").joinpath("crossings.toml").read_text(encoding="utf-8"))
+    data = own_toml("mocapella.evaluation", "crossings.toml")
     return {name: tuple(_label(*label) for label in entry["labels"]) for name, entry in data.items()}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import FAULTS, MOST_TABLE_BYTES, decode_csv, decode_text, read_whole
 from mocapella.errors import InputError
 from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
 from mocapella.model.camera_rig_file import load_camera_rig
@@ -103,12 +103,11 @@ def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
     frames, points = ({value: i for i, value in enumerate(values)} for values in (space.frames.tolist(), space.points))
     result = np.full(space.positions.shape, np.nan)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                if row["point_id"] in points:
-                    place = frames[int(row["sync_index"])], points[row["point_id"]]
-                    result[place] = [float(row[f"{axis}_coord"]) for axis in "xyz"]
-    except (OSError, KeyError, ValueError) as error:
+        for _, row in decode_csv(read_whole(path, fix="give its xyz CSV", most_bytes=MOST_TABLE_BYTES), file=path)[1]:
+            if row["point_id"] in points:
+                place = frames[int(row["sync_index"])], points[row["point_id"]]
+                result[place] = [float(row[f"{axis}_coord"]) for axis in "xyz"]
+    except (KeyError, ValueError) as error:
         raise InputError(f"not Caliscope's points: {error}", file=path, fix="give its xyz CSV") from error
     return result
 
@@ -128,9 +127,18 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
 
 
 def trc_points(path: Path) -> tuple[list[str], Float64]:
-    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    names = [name for name in lines[3].split("\t")[2:] if name]
-    cells = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()]
-    points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
-    return names, points.reshape(len(cells), len(names), 3)
+    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit.
+
+    Raises:
+        InputError: it cannot be read, or is no TRC.
+    """
+    fix = "give a TRC of Pose2Sim"
+    text = decode_text(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
+    try:
+        lines = text.splitlines()
+        names = [name for name in lines[3].split("\t")[2:] if name]
+        cells = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()]
+        points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
+        return names, points.reshape(len(cells), len(names), 3)
+    except FAULTS as error:
+        raise InputError(f"is no TRC: {error}", file=path, fix=fix) from None

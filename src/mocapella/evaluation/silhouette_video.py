@@ -6,7 +6,6 @@ the 2D keypoints, which the tracker does not use there, and with outlines drawn 
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
@@ -15,6 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_toml, read_whole
 from mocapella.evaluation.point_references import trc_points
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import Figure, eye, see
@@ -113,7 +113,7 @@ def score_video(
 
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     columns = [tracks.points.index(name) for name in SCORED]
-    drawn = tomllib.loads(outlines.read_text(encoding="utf-8"))["outline"]
+    drawn = decode_toml(read_whole(outlines, fix="name the file of the drawn outlines"), file=outlines)["outline"]
     within: list[bool] = []
     overlaps: dict[str, float] = {}
     for frame, one in enumerate(followed):

@@ -9,16 +9,15 @@ scene's first sensor, the *main* one, and in its camera space, so a method can c
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final, Protocol
 
 import msgspec
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.methods import method_with_settings
 from mocapella.evaluation.protocol import ScoredTracker
@@ -71,8 +70,7 @@ def scene_room(name: str, seed: int) -> Room:
 
 @cache
 def _data() -> dict[str, Any]:
-    text = files("mocapella.evaluation").joinpath("simulation.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.evaluation", "simulation.toml")
 
 
 def evaluate(

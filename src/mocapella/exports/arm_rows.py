@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
 from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
+from mocapella.model.names import as_cell
 
 Float64 = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def _arm(arm: SeenArm, lens: Float64, points: Sequence[int]) -> dict[str, Any]:
 
 def table_rows(recording: str, row: dict[str, Any]) -> Iterator[list[Any]]:
     """Yield the table's rows of a `frame_row`, in the order of `COLUMNS`; unknown values are empty."""
-    begin = [recording, row["file"], row["time_s"]]
+    begin = [as_cell(recording), as_cell(row["file"]), row["time_s"]]
     for arm in row["arms"]:
         of_arm = [arm[name] for name in ("id", "handedness", "handedness_sure", "gesture", "gesture_sure")]
         for name, joint in arm["joints"].items():

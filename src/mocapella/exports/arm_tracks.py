@@ -13,6 +13,7 @@ import numpy as np
 from mocapella.errors import SettingsError
 from mocapella.exports.arm_rows import STATES
 from mocapella.model.arms import ARM_JOINTS, ARM_POINTS
+from mocapella.model.names import as_cell
 from mocapella.model.scene import Scene, TrackedArm
 
 COLUMNS: Final = (
@@ -79,7 +80,7 @@ def _of_arm(scene: Scene, arm: TrackedArm, began_ns: int) -> list[Any]:
     gesture_sure = round(arm.gesture_sure, 4) if arm.gesture else ""
     side = "left" if arm.left else "right"
     at = [scene.step, round((scene.at_ns - began_ns) / 1e9, 6)]
-    return [*at, arm.id, person, side, arm.gesture, gesture_sure, int(arm.grabbing), " ".join(arm.cameras)]
+    return [*at, arm.id, person, side, as_cell(arm.gesture), gesture_sure, int(arm.grabbing), " ".join(arm.cameras)]
 
 
 def _of_point(arm: TrackedArm, k: int) -> list[Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.names import as_cell, visible
 from mocapella.model.point_tracks import SpaceTracks
 
 Float64 = NDArray[np.float64]
@@ -71,7 +72,7 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
                 [
                     int(frame),
                     "" if np.isnan(at_s[i]) else f"{at_s[i]:.6f}",
-                    tracks.points[p],
+                    as_cell(tracks.points[p]),
                     *place,
                     "" if np.isnan(sd) else f"{sd:.6f}",
                     int(tracks.views[i, p]),
@@ -94,10 +95,10 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
     count, points = len(at_s), len(tracks.points)
     rate_text = f"{rate:.6g}"
     lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        f"PathFileType\t4\t(X/Y/Z)\t{visible(name)}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate_text}\t{rate_text}\t{count}\t{points}\tm\t{rate_text}\t{int(tracks.frames[0])}\t{count}",
-        "Frame#\tTime\t" + "\t\t\t".join(tracks.points) + "\t\t",
+        "Frame#\tTime\t" + "\t\t\t".join(map(visible, tracks.points)) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{p}" for p in range(1, points + 1) for axis in "XYZ"),
     ]
     sign = np.array([1.0, -1.0, -1.0]) if up == "-y" else 1.0

@@ -23,10 +23,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import FAULTS, decode_json, read_whole
 from mocapella.errors import InputError
 from mocapella.fusion.facing_grid import BIN, BINS, YAWS, turned
 from mocapella.fusion.facing_shape import FEATURES, ShapeClassifier
-from mocapella.fusion.model_file import model_bytes
 from mocapella.geometry.angles import wrap
 
 Float64 = NDArray[np.float64]
@@ -193,7 +193,7 @@ def from_json(text: bytes | str, file: object) -> FacingModel:
     """
     fix = "make it with `mocapella lab train facing`"
     try:
-        data = msgspec.json.decode(text, type=_File)
+        data = decode_json(text, _File)
         if data.features != list(FEATURES):
             raise ValueError("features are not those of this version")
         yaw, shape, motion = (np.array(table, dtype=np.float64) for table in (data.yaw, data.shape, data.motion))
@@ -203,7 +203,7 @@ def from_json(text: bytes | str, file: object) -> FacingModel:
         sizes = [len(values) for values in (data.mean, data.spread, data.weights)]
         if sizes != [len(FEATURES), len(FEATURES), 2 * len(FEATURES) + 1] or min(data.spread) <= 0:
             raise ValueError("the classifier has the wrong number of weights, or a spread that is none")
-    except (msgspec.DecodeError, ValueError) as error:
+    except (*FAULTS, InputError) as error:
         raise InputError(f"is no model of facing: {error}", file=file, fix=fix) from error
     mirrored = yaw[-2:0:-1][:, (YAW_BINS - np.arange(YAW_BINS)) % YAW_BINS]
     return FacingModel(
@@ -222,7 +222,7 @@ def read_model(path: Path) -> FacingModel:
     Raises:
         InputError: the file cannot be read, or is no model.
     """
-    return from_json(model_bytes(path), path)
+    return from_json(read_whole(path, fix="check the name and the folder"), path)
 
 
 @cache

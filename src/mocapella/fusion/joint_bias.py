@@ -26,8 +26,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import FAULTS, decode_json, read_whole
 from mocapella.errors import InputError, SettingsError
-from mocapella.fusion.model_file import model_bytes
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.model.topology import Topology, topology
 
@@ -213,14 +213,14 @@ def from_json(text: bytes | str, file: object) -> JointBiasModel:
     """
     fix = "make it with `mocapella lab train bias`"
     try:
-        data = msgspec.json.decode(text, type=_File)
+        data = decode_json(text, _File)
         if data.terms != _names():
             raise ValueError("terms are not those of this version")
         tree = topology(data.topology)
         weights = _weights(data.weights, tree)
         folds = tuple(LeftOut(tuple(fold.participants), _weights(fold.weights, tree)) for fold in data.left_out)
         _check_folds(folds, data.trained_on.get("participants", []))
-    except (msgspec.DecodeError, SettingsError, ValueError) as error:
+    except (*FAULTS, InputError, SettingsError) as error:
         raise InputError(f"is no model of joint bias: {error}", file=file, fix=fix) from error
     return JointBiasModel(data.topology, weights, data.trained_on, folds)
 
@@ -258,7 +258,7 @@ def read_model(path: Path) -> JointBiasModel:
     Raises:
         InputError: the file cannot be read, or is no model.
     """
-    return from_json(model_bytes(path), path)
+    return from_json(read_whole(path, fix="check the name and the folder"), path)
 
 
 @cache

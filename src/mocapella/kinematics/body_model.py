@@ -5,13 +5,13 @@ A body model is a TOML file in ``models/``, named as its topology; ``kinect_v2.t
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Final
 
+from mocapella.decoding import decode_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.model.topology import Topology, topology
 from mocapella.settings import check, parse
@@ -158,7 +158,7 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     Raises:
         SettingsError: an unknown joint, a missing bone, a value out of range, or too few joints in the torso.
     """
-    data = tomllib.loads(text)
+    data = decode_toml(text)
     where = f"body model {of.name}"
     unknown = sorted(set(data) - {"torso", "contacts", "bones"})
     if unknown:

@@ -12,7 +12,8 @@ import numpy as np
 
 from mocapella.calibration.board_run import BoardLook, BoardRun
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import BusError, SettingsError, WireError
+from mocapella.decoding import convert
+from mocapella.errors import BusError, InputError, SettingsError, WireError
 from mocapella.model.board import Board, BoardView, encode_board
 from mocapella.model.session import SensorHealth
 from mocapella.wire.questions import AskBoard, NodeAnswer, Question
@@ -106,8 +107,8 @@ class NodeCameras:
             return BoardLook(problem=f"camera {name}: the server does not know its clock yet; it has sent no frame")
         at_s = answer.time_ns / NS_PER_S + row.capture_offset
         try:
-            seen = msgspec.convert(answer.corners, _Corners)
-        except msgspec.ValidationError as error:
+            seen = convert(answer.corners, _Corners, what="list of corners")
+        except InputError as error:
             return BoardLook(problem=f"camera {name} answers what cannot be used ({error}); is it of this version?")
         if not (seen.ids or seen.corners_px):
             return BoardLook(at_s, None, self._unseen(name, answer.message))

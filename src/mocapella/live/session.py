@@ -13,7 +13,8 @@ from typing import Any, Final, cast
 import msgspec
 
 from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout
-from mocapella.errors import NotNowError, SettingsError, one_of
+from mocapella.decoding import FAULTS
+from mocapella.errors import NotNowError, SettingsError, WireError, one_of
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
@@ -208,9 +209,12 @@ class Session:
         self.names = {}
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
-        self.layout = decode_layout(arguments[_LAYOUT].encode()) if _LAYOUT in arguments else None
-        self._tracker.restore(base64.b64decode(arguments["tracker"]))
-        self.names = {int(person): name for person, name in arguments.get("names", {}).items()}
+        try:
+            self.layout = decode_layout(arguments[_LAYOUT].encode()) if _LAYOUT in arguments else None
+            self._tracker.restore(base64.b64decode(arguments["tracker"], validate=True))
+            self.names = {int(person): str(name) for person, name in arguments.get("names", {}).items()}
+        except FAULTS as error:
+            raise WireError(f"no state that the tracker can go on from ({error!r})") from error
         return "restored"
 
     def _name(self, arguments: Mapping[str, Any]) -> str:

@@ -13,9 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import msgspec
 import zenoh
 
+from mocapella.decoding import convert
 from mocapella.errors import NoServerError
 from mocapella.live.board_service import BoardService
 from mocapella.model.scene import Scene
@@ -128,7 +128,7 @@ class Link:
         """
         if self._session is None:
             raise NoServerError(f"no server at {self._connect}; start one with: mocapella serve")
-        return ask_node(self._session, camera, msgspec.convert(question, Question), timeout_s)
+        return ask_node(self._session, camera, convert(question, Question, what="question"), timeout_s)
 
     def close(self) -> None:
         """Leave the bus, or give up trying."""

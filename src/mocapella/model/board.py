@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_toml, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.settings import check, parse
 
@@ -111,11 +111,7 @@ def load_board(path: Path | str) -> Board:
     Raises:
         InputError: there is no such file, it is no TOML, or a value is invalid; names valid ones.
     """
-    try:
-        text = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=f"write one with {_KEYS}") from error
-    return parse_board(text, path)
+    return parse_board(read_whole(path, fix=f"write one with {_KEYS}"), path)
 
 
 def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
@@ -124,10 +120,7 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
     Raises:
         InputError: as in `load_board`.
     """
-    try:
-        data = tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is no TOML: {error}", file=path, fix=f"write one with {_KEYS}") from None
+    data = decode_toml(text, file=path, fix=f"write one with {_KEYS}")
     if _CALISCOPE & set(data) and "kind" not in data:
         data = _of_caliscope(data, path)
     for key in ("kind", "columns", "rows", "square_m"):

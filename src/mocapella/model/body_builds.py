@@ -10,7 +10,8 @@ from typing import Final
 
 import msgspec
 
-from mocapella.errors import SettingsError
+from mocapella.decoding import decode_json
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.body_meshes import body_mesh, legs_mesh
 from mocapella.model.body_proportions import BodyProportions, Sex
 from mocapella.model.rigged_mesh import RiggedMesh
@@ -42,8 +43,8 @@ def mesh_of_build(build: str) -> RiggedMesh:
         SettingsError: the text is no build, its values are impossible, or its mesh is a file's.
     """
     try:
-        told = msgspec.json.decode(build, type=BodyBuild)
-    except msgspec.DecodeError as error:
+        told = decode_json(build, BodyBuild)
+    except InputError as error:
         raise SettingsError(f"{build[:80]!r} does not say which body it is: {error}") from None
     if told.sha256 or told.model not in MODELS or told.proportions is None:
         wanted = "a model and its proportions; a mesh's file is not in it"

@@ -6,7 +6,6 @@ Widths and girths follow; `mocapella.model.body_meshes` makes a body of them.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check, parse
 
@@ -142,8 +142,7 @@ def body_shape(sex: Sex) -> BodyShape:
     names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
     if sex not in names:
         raise SettingsError(f"unknown sex {sex!r}; known: {one_of(sex, names)}")
-    text = folder.joinpath(f"{sex}.toml").read_text(encoding="utf-8")
-    return parse(BodyShape, tomllib.loads(text), where=f"body shape {sex}")
+    return parse(BodyShape, own_toml("mocapella.model", "body_shapes", f"{sex}.toml"), where=f"body shape {sex}")
 
 
 def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -> Lengths:
@@ -164,6 +163,7 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
         scale = 1.0
     else:
         height = height_m
+        check(HEIGHTS_M[0] <= height <= HEIGHTS_M[1], "height_m", height, f"{HEIGHTS_M[0]} to {HEIGHTS_M[1]} m")
         left = height - sum(value for name, value in known.items() if name in UPRIGHT)
         unknown = sum(table[name] for name in UPRIGHT if name not in known)
         scale = left / (height * unknown) if unknown else 1.0

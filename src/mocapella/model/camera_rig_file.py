@@ -12,7 +12,6 @@ World frames of other formats are kept: only in ours y is known to be up.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_toml, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist
@@ -69,13 +69,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
     Raises:
         InputError: the file does not exist, or has another format; states the field, its value and a remedy.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=_ANEW) from error
-    except UnicodeDecodeError:
-        raise InputError("is no text", file=path, fix="name a rig's TOML file") from None
-    return decode_camera_rig(text, file=path)
+    return decode_camera_rig(read_whole(path, fix=_ANEW), file=path)
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
@@ -86,17 +80,14 @@ def encode_camera_rig(rig: CameraRig) -> str:
     return tomli_w.dumps({"format": FORMAT, "version": VERSION, "cameras": cameras}, multiline_strings=False)
 
 
-def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
+def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
     """Return the rig of a TOML text in any of the formats above.
 
     Raises:
         InputError: as `load_camera_rig`.
     """
     path = file
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"is no TOML: {error}", file=path, fix=_ANEW) from None
+    data = decode_toml(text, file=path, fix=_ANEW)
     if "format" in data:
         return _ours(data, path)
     if tables := _tables_of_others(data):
@@ -108,11 +99,11 @@ def decode_camera_rig(text: str, *, file: object = None) -> CameraRig:
     )
 
 
-def is_camera_rig(text: str) -> bool:
+def is_camera_rig(text: bytes | str) -> bool:
     """Return whether a text is a camera rig in any of the formats above, complete or not."""
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
+        data = decode_toml(text)
+    except InputError:
         return False
     return data.get("format") == FORMAT or bool(_tables_of_others(data))
 
@@ -215,7 +206,7 @@ class _Table:
     def array(self, key: str, shape: tuple[int, ...] | None) -> Float64:
         try:
             array = np.array(self.table[key], dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.full(1, np.nan)
         if (shape is not None and array.shape != shape) or not np.isfinite(array).all():
             wanted = "numbers" if shape is None else " × ".join(map(str, shape)) + " numbers"

@@ -17,14 +17,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import FAULTS, decode_json, decode_text, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import rigid
-from mocapella.model.whole_file import read_whole
 
 Float64 = NDArray[np.float64]
 
 EXPORT: Final = "export the model anew as glTF 2.0 (.glb)"
 _HEADER: Final = 12
+_MOST_BYTES: Final = 256 << 20
+_DEEPEST: Final = 256
+"""Largest number of nodes above another."""
+_MOST_ITEMS: Final = 4096
+"""Largest number of nodes, meshes, accessors and so on."""
 _TYPES: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _SIZES: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _BASE64: Final = ";base64,"
@@ -58,11 +63,12 @@ class Gltf:
 
     def __init__(self, path: Path, data: bytes | None = None) -> None:
         self.path, self._alone = path, data is not None
-        self.content = _parsed(path, read_whole(path, fix="choose a .glb or .gltf file") if data is None else data)
+        self.content = _parsed(path, mesh_bytes(path) if data is None else data)
         required = self.content.extensionsRequired or []
         if required:
             raise self.error("cannot be read", "extensionsRequired", required, "export without compression")
         self._buffers: dict[int, bytes] = {}
+        self._at_parent: dict[int, Float64] = {}
         self.parents = self._parents()
 
     def error(self, problem: str, field: str | None = None, value: object = None, fix: str = EXPORT) -> InputError:
@@ -131,6 +137,11 @@ class Gltf:
         return T
 
     def _local(self, index: int) -> Float64:
+        if index not in self._at_parent:
+            self._at_parent[index] = self._read_local(index)
+        return self._at_parent[index]
+
+    def _read_local(self, index: int) -> Float64:
         node = self.item("nodes", index)
         parts = {"matrix": (node.matrix, 16), "translation": (node.translation, 3), "rotation": (node.rotation, 4),
                  "scale": (node.scale, 3)}  # fmt: skip
@@ -161,12 +172,11 @@ class Gltf:
                     raise self.error("has two parents", f"nodes[{child}]", (parents[child], k))
                 parents[child] = k
         for k in range(len(nodes)):
-            seen, at = {k}, parents[k]
+            at, depth = parents[k], 0
             while at >= 0:
-                if at in seen:
-                    raise self.error("hangs on itself", f"nodes[{k}]")
-                seen.add(at)
-                at = parents[at]
+                at, depth = parents[at], depth + 1
+                if depth > _DEEPEST:
+                    raise self.error(f"hangs on itself, or deeper than {_DEEPEST}", f"nodes[{k}]")
         return parents
 
     def _buffer(self, index: Any) -> bytes:
@@ -193,24 +203,52 @@ class Gltf:
         other = Path(uri)
         if self._alone or other.is_absolute() or ".." in other.parts or ":" in uri:
             raise self.error("is not beside the file", f"{field}.uri", uri, "export as one .glb file")
-        return read_whole(self.path.parent / other, fix=f"it belongs to {self.path}: export as one .glb file")
+        return mesh_bytes(self.path.parent / other, f"it belongs to {self.path}: export as one .glb file")
+
+
+def mesh_bytes(path: Path, fix: str = "choose a .glb or .gltf file") -> bytes:
+    """Return the contents of a mesh's file.
+
+    Raises:
+        InputError: it cannot be read, or is too large.
+    """
+    return read_whole(path, fix=fix, most_bytes=_MOST_BYTES)
 
 
 def _parsed(path: Path, data: bytes) -> Any:
     """Parse the file with pygltflib."""
-    library = pygltflib()
-    binary = data[:4] == b"glTF"
-    if binary:
-        version, length = struct.unpack("<II", data[4:_HEADER]) if len(data) >= _HEADER else (0, 0)
-        if len(data) < _HEADER or length != len(data):
-            problem = f"has {len(data)} bytes of {length}; it is damaged or cut short"
-            raise InputError(problem, file=path, fix=EXPORT)
-        if version != 2:
-            raise InputError("is not of version 2", file=path, field="version", value=version, fix=EXPORT)
+    text, blob = _chunks(path, data) if data[:4] == b"glTF" else (data, None)
+    told = decode_json(text, dict[str, Any], what="glTF", file=path, fix=EXPORT)
+    for kind, items in told.items():
+        if isinstance(items, list) and len(items) > _MOST_ITEMS:
+            raise InputError(f"are more than {_MOST_ITEMS}", file=path, field=kind, value=len(items), fix=EXPORT)
     try:
-        content = library.GLTF2.load_from_bytes(data) if binary else library.GLTF2.gltf_from_json(data.decode("utf-8"))
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, struct.error, Warning) as error:
+        content = pygltflib().GLTF2.gltf_from_json(decode_text(text))
+    except (*FAULTS, Warning) as error:
         raise InputError(f"is no glTF: {error}", file=path, fix=EXPORT) from error
-    if content is None or not str(getattr(content.asset, "version", "")).startswith("2."):
+    if not str(getattr(content.asset, "version", "")).startswith("2."):
         raise InputError("does not say that it is glTF 2", file=path, field="asset.version", fix=EXPORT)
+    if blob is not None:
+        content.set_binary_blob(blob)
     return content
+
+
+def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
+    """Return the JSON and the numbers of a .glb file; None without numbers."""
+    version, length = struct.unpack("<II", data[4:_HEADER]) if len(data) >= _HEADER else (0, 0)
+    if len(data) < _HEADER or length != len(data):
+        problem = f"has {len(data)} bytes of {length}; it is damaged or cut short"
+        raise InputError(problem, file=path, fix=EXPORT)
+    if version != 2:
+        raise InputError("is not of version 2", file=path, field="version", value=version, fix=EXPORT)
+    found: dict[bytes, bytes] = {}
+    at = _HEADER
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from("<I4s", data, at)
+        if at + 8 + size > len(data):
+            raise InputError(f"has a chunk at byte {at} that is cut short", file=path, fix=EXPORT)
+        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if b"JSON" not in found:
+        raise InputError("is no glTF: it has no JSON", file=path, fix=EXPORT)
+    return found[b"JSON"], found.get(b"BIN\0")

@@ -8,7 +8,6 @@ the sources of its numbers.
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.resources import files
@@ -19,6 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check, parse
 
@@ -360,7 +360,7 @@ def hand_model_from_toml(text: str) -> HandModel:
     Raises:
         SettingsError: a key or digit that is unknown or missing, or a value out of range.
     """
-    data = tomllib.loads(text)
+    data = decode_toml(text)
     known = ("name", "hand_length_m", "hand_breadth_m", "thumb_mcp_abduction_deg", "digits", "neighbours_deg")
     _same_keys(data, known, "hand")
     _same_keys(data["digits"], DIGITS, "hand, digits")

@@ -8,9 +8,10 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from mocapella.decoding import decode_json, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.hand import DIGITS, Handedness, HandShape
-from mocapella.model.whole_file import read_whole, write_whole
+from mocapella.model.whole_file import write_whole
 
 VERSION: Final = 1
 """Version of the file's layout."""
@@ -39,10 +40,7 @@ def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
     Raises:
         InputError: it is not a hand, of another version, or a number is invalid; names the field.
     """
-    try:
-        read = msgspec.json.decode(data, type=_File)
-    except msgspec.DecodeError as error:
-        raise InputError(f"is no hand: {error}", file=file, fix=_FIX) from None
+    read = decode_json(data, _File, what="hand", file=file, fix=_FIX)
     if read.version != VERSION:
         fix = f"this program reads version {VERSION}: {_FIX}"
         raise InputError("is a hand of another version", file=file, field="version", value=read.version, fix=fix)

@@ -7,18 +7,29 @@ Only plain types and explicitly listed classes are supported, so that decoding f
 from __future__ import annotations
 
 import dataclasses
+import functools
+import re
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 import numpy as np
 
-from mocapella.errors import WireError
+from mocapella.decoding import FAULTS, decode_msgpack
+from mocapella.errors import MocapellaError, WireError
 from mocapella.model.topology import Topology, topology
 
 _PLAIN = (type(None), bool, int, float, str, bytes)
+
+
+class _Resettable(Protocol):
+    def reset(self) -> None: ...
+
+
+_Kept = TypeVar("_Kept", bound=_Resettable)
+_DTYPE = re.compile(r"[<>|]?[biufcU]\d{1,4}")
 
 
 def pack(value: Any, kinds: Sequence[type]) -> bytes:
@@ -43,9 +54,40 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         WireError: the bytes are not from `pack`, or contain other types.
     """
     try:
-        return _up(msgspec.msgpack.decode(data), {recorded_name(kind): kind for kind in kinds})
-    except (msgspec.DecodeError, LookupError, TypeError, ValueError) as error:
+        return _up(decode_msgpack(data), {recorded_name(kind): kind for kind in kinds})
+    except (*FAULTS, MocapellaError) as error:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
+
+
+def set_memory(part: object, memory: Mapping[str, Any]) -> None:
+    """Set the attributes of a stateful object that a memory has.
+
+    Raises:
+        ValueError: it has a method's name, or settings or a stateful part of another type.
+    """
+    for name, value in memory.items():
+        now = vars(part).get(name)
+        another = type(value) is not type(now) and (name == "settings" or hasattr(now, "reset"))
+        if another or callable(getattr(type(part), name, None)):
+            raise ValueError(f"{name} cannot be recalled")
+    vars(part).update(memory)
+
+
+def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
+    """Make a tracker's ``restore`` raise `WireError` and reset the tracker if a memory is of another form."""
+
+    @functools.wraps(restore)
+    def guarded(self: _Kept, data: bytes) -> None:
+        before = dict(vars(self))
+        try:
+            restore(self, data)
+        except FAULTS as error:
+            vars(self).clear()
+            vars(self).update(before)
+            self.reset()
+            raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error!r})") from error
+
+    return guarded
 
 
 def _down(value: Any, kinds: frozenset[type]) -> Any:
@@ -98,6 +140,8 @@ def _up(value: Any, kinds: Mapping[str, type]) -> Any:
 
 def _array(content: Any, _: Callable[[Any], Any]) -> Any:
     dtype, shape, data = content
+    if not (isinstance(dtype, str) and _DTYPE.fullmatch(dtype)):  # numpy evaluates others as Python
+        raise ValueError("an array of no plain numbers")
     return np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.names import is_device
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology
 
@@ -38,18 +39,26 @@ class Edge(IntFlag):
     BOTTOM = 8
 
 
-def check_sensor_name(name: str) -> str:
+def check_sensor_name(name: str, *, recorded: bool = False) -> str:
     """Return the name if it is valid in keys, file names and headings.
+
+    Args:
+        name: of the sensor.
+        recorded: whether it is in a frame; older takes have names that Windows reserves.
 
     Raises:
         SettingsError: it is not; states the rule.
     """
-    if not _SENSOR_NAME.fullmatch(name):
+    if not _SENSOR_NAME.fullmatch(name) or not (recorded or _can_be_a_file(name)):
         raise SettingsError(
             f"sensor name {name!r} cannot be used; take 1 to 64 letters, digits, '_', '-' or '.', "
-            "beginning with a letter or digit, such as front"
+            "beginning with a letter or digit, not ending with '.', and no device of Windows, such as front"
         )
     return name
+
+
+def _can_be_a_file(name: str) -> bool:
+    return not (name.endswith(".") or is_device(name))
 
 
 class BodyFrame(SensorFrame, frozen=True, eq=False):

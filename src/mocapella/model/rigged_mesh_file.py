@@ -22,6 +22,7 @@ Axes and points are those of the mesh at rest, in metres. Positions and weights 
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import FAULTS, convert
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.geometry.twists import revolute
 from mocapella.model.gltf import EXPORT, Gltf, pygltflib
@@ -45,6 +47,8 @@ Triple = tuple[float, float, float]
 OURS: Final = "mocapella"
 WEIGHTS_WITHIN: Final = 0.01
 """Tolerance of the sum of weights, for the rounding of other programs."""
+_MOST_VERTICES: Final = 1 << 20
+_MOST_PIECES: Final = 1024
 _IDENTITY_WITHIN: Final = 1e-6
 _TRIANGLES: Final = 4
 _WEIGH: Final = "give each vertex weights that add up to 1 (in Blender: Weights, Normalize All) and export anew"
@@ -101,7 +105,7 @@ def _loaded(path: Path, data: bytes | None = None) -> RiggedMesh:
             return _read(Gltf(path, data))
     except SettingsError as error:
         raise InputError(str(error), file=path, fix="mend the model") from None
-    except (TypeError, AttributeError, ValueError, KeyError, OverflowError) as error:
+    except FAULTS as error:
         # JSON types outside the specification, which the library accepts
         raise InputError(f"is no glTF: {error}", file=path, fix=EXPORT) from error
 
@@ -197,9 +201,11 @@ def _ordered(gltf: Gltf, nodes: Sequence[int]) -> tuple[list[int], list[int]]:
     if len(set(nodes)) < len(nodes):
         raise gltf.error("has a joint twice", "skins[0].joints", list(nodes))
 
+    place = {node: k for k, node in enumerate(nodes)}
+
     def above(node: int) -> int:
         at = gltf.parents[node]
-        while at >= 0 and at not in nodes:
+        while at >= 0 and at not in place:
             at = gltf.parents[at]
         return at
 
@@ -208,10 +214,16 @@ def _ordered(gltf: Gltf, nodes: Sequence[int]) -> tuple[list[int], list[int]]:
         names = [gltf.name(node) for node in roots]
         raise gltf.error("hang on no common joint", "skins[0].joints", names, "let one bone hold all the others")
     over = {node: above(node) for node in nodes}
-    ordered: list[int] = []
-    while len(ordered) < len(nodes):  # in the file's order, if possible
-        ordered.append(next(node for node in nodes if node not in ordered and over[node] in {-1, *ordered}))
-    return ordered, [ordered.index(over[node]) if over[node] >= 0 else -1 for node in ordered]
+    below: dict[int, list[int]] = {}
+    for node in nodes:
+        below.setdefault(over[node], []).append(place[node])
+    ready, ordered = sorted(below[-1]), list[int]()
+    while ready:  # in the file's order, if possible
+        ordered.append(nodes[heapq.heappop(ready)])
+        for k in below.get(ordered[-1], ()):
+            heapq.heappush(ready, k)
+    at = {node: k for k, node in enumerate(ordered)}
+    return ordered, [at.get(over[node], -1) for node in ordered]
 
 
 def _inverse_bind(gltf: Gltf, skin: Any, T: Float64) -> Float64:
@@ -260,6 +272,9 @@ def _surfaces(
                 bones = np.array([part_of[joint] for joint in joints])[indices]
                 points = _at_rest(points, bones, shares, motions)
             pieces.append((points, faces, bones, shares))
+            if (total := sum(len(piece[0]) for piece in pieces)) > _MOST_VERTICES or len(pieces) > _MOST_PIECES:
+                raise gltf.error(f"are more than {_MOST_VERTICES} vertices or {_MOST_PIECES} primitives", "meshes",
+                                 (total, len(pieces)), "export a coarser model")  # fmt: skip
     most = max(piece[2].shape[1] for piece in pieces)
     starts = itertools.accumulate((len(piece[0]) for piece in pieces[:-1]), initial=0)
     return (
@@ -341,10 +356,8 @@ def _ours(gltf: Gltf, holder: Any, field: str, kind: Any) -> Any:
     extras = holder.extras or {}
     if OURS not in extras:
         return None
-    try:
-        return msgspec.convert(extras[OURS], kind)
-    except msgspec.ValidationError as error:
-        raise gltf.error(str(error), f"{field}.extras.{OURS}", fix="docs/bodies.md says what may stand there") from None
+    fix = "docs/bodies.md says what may stand there"
+    return convert(extras[OURS], kind, what=f"{field}.extras.{OURS}", file=gltf.path, fix=fix)
 
 
 def _content(library: Any, mesh: RiggedMesh) -> Any:

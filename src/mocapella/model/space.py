@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_toml, read_whole
 from mocapella.errors import InputError, SettingsError
-from mocapella.model.whole_file import read_whole, write_whole
+from mocapella.model.whole_file import write_whole
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
@@ -92,10 +91,7 @@ def load_space(path: Path | str) -> SpaceAlignment:
     Raises:
         InputError: the file does not exist, or is not an alignment; states the field, its value and a remedy.
     """
-    try:
-        data: Mapping[str, Any] = tomllib.loads(read_whole(path, fix=_ANEW).decode("utf-8", errors="replace"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"is no TOML: {error}", file=path, fix=_ANEW) from None
+    data = decode_toml(read_whole(path, fix=_ANEW), file=path, fix=_ANEW)
     if data.get("format") != FORMAT or data.get("version") != VERSION:
         told = (data.get("format"), data.get("version"))
         fix = f"this program reads {FORMAT!r}, version {VERSION}; {_ANEW}"

@@ -5,11 +5,11 @@ A topology is a TOML file in ``topologies/``. A new sensor needs a new file and 
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
 
+from mocapella.decoding import decode_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check
 
@@ -62,7 +62,7 @@ def topology_from_toml(text: str, name: str) -> Topology:
         SettingsError: a bone or pair names an unknown joint, the bones are not a tree from the root, a joint has two
             mirror images, or the field of view is impossible.
     """
-    data = tomllib.loads(text)
+    data = decode_toml(text)
     joints = tuple(data["joints"])
     place = {joint: i for i, joint in enumerate(joints)}
 

@@ -1,4 +1,4 @@
-"""Write files atomically, and read them whole."""
+"""Write files atomically."""
 
 from __future__ import annotations
 
@@ -29,15 +29,3 @@ def write_whole(path: Path | str, data: bytes) -> None:
             Path(name).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", file=path, fix="choose another folder") from error
-
-
-def read_whole(path: Path | str, *, fix: str) -> bytes:
-    """Return the contents of a file.
-
-    Raises:
-        InputError: it cannot be read; the remedy is ``fix``.
-    """
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=fix) from error

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import convert, decode_json, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.twist_tree import TreePose
-from mocapella.model.whole_file import read_whole
 
 Float64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -26,6 +26,7 @@ VERSION: Final = 1
 ALONE: Final = ""
 """Key of the only body of a run without names."""
 LONGEST_NAME: Final = 40
+_MOST_BYTES: Final = 1 << 30
 FARTHEST_M: Final = 1000.0
 """Largest distance of a joint from the origin; beyond it, the unit is probably not metres [m]."""
 
@@ -133,12 +134,8 @@ def read_json(path: Path) -> Any:
     Raises:
         InputError: it cannot be read, or is not JSON.
     """
-    try:
-        return msgspec.json.decode(read_whole(path, fix="name a file that exists"))
-    except msgspec.DecodeError as error:
-        raise InputError(
-            f"is no JSON: {error}", file=path, fix="see docs/silhouettes.md for what --start reads"
-        ) from None
+    data = read_whole(path, fix="name a file that exists", most_bytes=_MOST_BYTES)
+    return decode_json(data, file=path, fix="see docs/silhouettes.md for what --start reads")
 
 
 def read_followed_body(path: Path) -> FollowedBody:
@@ -178,12 +175,7 @@ def _converted(data: Any, to: type[_File], words: str, path: Path) -> _File:
     if data.get("version") != VERSION:
         fix = f"this program reads version {VERSION}: run mocapella track silhouettes again"
         raise InputError("is of another version", file=path, field="version", value=data.get("version"), fix=fix)
-    try:
-        return msgspec.convert(data, to)
-    except msgspec.ValidationError as error:
-        raise InputError(
-            f"is no followed body: {error}", file=path, fix="run mocapella track silhouettes again"
-        ) from None
+    return convert(data, to, what="followed body", file=path, fix="run mocapella track silhouettes again")
 
 
 def _checked(found: FollowedBody, path: Path, field: str) -> FollowedBody:

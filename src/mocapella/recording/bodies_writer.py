@@ -18,6 +18,7 @@ from typing import IO, Any, Final, TypeVar
 
 import msgspec
 
+from mocapella.decoding import decode_json
 from mocapella.errors import DiskFullError, RecordingError
 from mocapella.recording import disk
 from mocapella.recording.bodies_file import ALONE, PEOPLE_FORMAT, VERSION, FollowedBody, FollowedFrame
@@ -72,9 +73,9 @@ class BodiesWriter:
         """Yield each written frame: the rows by body, with the fields of the given type."""
         for line in self._lines():
             if ALONE in self.bodies:
-                yield {ALONE: msgspec.json.decode(line, type=of)}
+                yield {ALONE: decode_json(line, of)}
             else:
-                yield msgspec.json.decode(line, type=dict[str, of])  # type: ignore[valid-type]
+                yield decode_json(line, dict[str, of])  # type: ignore[valid-type]
 
     def finish(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
         """Write the result with the summaries of the run and of each body by name.

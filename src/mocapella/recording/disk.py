@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from mocapella.errors import DiskFullError, RecordingError, TakeExistsError
+from mocapella.model.names import is_device
 
 try:
     import fcntl
@@ -26,6 +27,9 @@ MAX_NAME_BYTES: Final = 200
 _RESERVED = re.compile(r"\.(part\d+|merging)$", re.IGNORECASE)
 _PART_OR_TAKE = re.compile(r"(\.(part\d+|merging))?\.mcap$", re.IGNORECASE)
 _FORBIDDEN = re.compile(r'[\x00-\x1f\x7f/\\<>:"|?*]')
+PRIVATE: Final = 0o600
+"""Mode of recordings: people did not agree that other users of the computer see them."""
+_PRIVATE_FOLDER: Final = 0o700
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 _data_sync = getattr(os, "fdatasync", os.fsync)  # not on every system
 
@@ -40,6 +44,10 @@ def take_path(folder: Path | str, name: str) -> Path:
     problem = ""
     if not stem.strip():
         problem = "is empty"
+    elif not stem.isprintable() or stem.startswith("-"):
+        problem = "begins with '-' or has a character that cannot be printed"
+    elif is_device(stem):
+        problem = "is a device of Windows"
     elif _FORBIDDEN.search(stem) or stem.startswith(".") or ".." in stem:
         problem = "has a character or a dot that a name may not have"
     elif stem != stem.strip() or stem.endswith("."):
@@ -83,9 +91,22 @@ def ensure_folder(folder: Path) -> None:
         RecordingError: it cannot be made, or its path is a file.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private(folder)
     except OSError as error:
         raise RecordingError(f"{folder} cannot be the folder of takes ({error.strerror}); name another") from error
+
+
+def make_private(folder: Path) -> None:
+    """Make a folder and its missing parents for this user only; an existing one is unchanged.
+
+    Raises:
+        OSError: it cannot be made, or its path is a file.
+    """
+    for one in (*reversed(folder.parents), folder):
+        if not one.is_dir():
+            one.mkdir(mode=_PRIVATE_FOLDER, exist_ok=True)
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
 
 
 def part_path(path: Path, number: int) -> Path:
@@ -168,7 +189,7 @@ def create_new(path: Path) -> int:
     """
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
     try:
-        return os.open(path, flags, 0o644)
+        return os.open(path, flags, PRIVATE)
     except FileExistsError:
         raise name_taken(path) from None
     except OSError as error:

@@ -6,8 +6,7 @@ y_px`` and optionally ``confidence`` and ``time_s``, in any order; docs/triangul
 
 from __future__ import annotations
 
-import csv
-import json
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, decode_json, read_whole
 from mocapella.errors import InputError
 from mocapella.model.point_tracks import ImageTracks
 
@@ -119,8 +119,8 @@ def read_csv(path: Path) -> ImageTracks:
     Raises:
         InputError: names file, row, field and value.
     """
-    rows = _rows(path)
-    columns = next(rows, (0, {}))[1]
+    fix = "give a CSV in UTF-8"
+    columns, rows = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
     if set(OWN_COLUMNS) <= set(columns):
         fields = dict(zip(("frame", "camera", "point", "x", "y"), OWN_COLUMNS, strict=True))
         fields |= {"time": "time_s"} if "time_s" in columns else {}
@@ -136,14 +136,14 @@ def read_csv(path: Path) -> ImageTracks:
             value=", ".join(columns),
             fix=f"give it {', '.join(OWN_COLUMNS)} (Mocapella) or {', '.join(CALISCOPE_COLUMNS)} (Caliscope)",
         )
-    return _table(path, fields, _rows(path))
+    return _table(path, fields, rows)
 
 
 def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapping[str, str]]]) -> ImageTracks:
     numbers: list[tuple[int, str, str, float, float, float, float]] = []
     for row, cells in rows:
         frame = _number(path, row, fields["frame"], cells)
-        if frame != int(frame):
+        if not (frame == int(frame) and abs(frame) < 2**53):
             raise InputError("not a whole number", file=path, row=row, field=fields["frame"], value=frame)
         numbers.append(
             (
@@ -162,6 +162,7 @@ def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapp
     cameras, points = (sorted({str(n[k]) for n in numbers}, key=_naturally) for k in (1, 2))
     places = [{value: i for i, value in enumerate(values)} for values in (frames, cameras, points)]
     shape = len(frames), len(cameras), len(points)
+    check_filled(math.prod(shape), len(numbers), file=path)
     pixels, confidences, at_s = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape[:2], np.nan)
     for row, (frame, camera, point, x, y, confidence, time) in enumerate(numbers, start=2):
         i, k, p = places[0][frame], places[1][camera], places[2][point]
@@ -175,15 +176,6 @@ def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapp
         pixels[i, k, p], confidences[i, k, p], at_s[i, k] = (x, y), confidence, time
     pixels[confidences == 0] = np.nan
     return ImageTracks(tuple(cameras), tuple(points), np.array(frames, dtype=np.int64), at_s, pixels, confidences)
-
-
-def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            for row, cells in enumerate(csv.DictReader(file), start=2):
-                yield row, {key: value for key, value in cells.items() if key is not None and value is not None}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
 
 
 def _number(path: Path, row: int, field: str, cells: Mapping[str, str], empty: float | None = None) -> float:
@@ -210,7 +202,8 @@ def _text(path: Path, row: int, field: str, cells: Mapping[str, str]) -> str:
 
 def _naturally(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts cam_2 before cam_10."""
-    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    parts = [part.lstrip("0") if part.isdecimal() else part for part in re.split(r"(\d+)", name) if part]
+    return [(0, len(part), part) if part.isdecimal() or not part else (1, 0, part) for part in parts]
 
 
 def _frame_of(path: Path) -> int:
@@ -221,10 +214,8 @@ def _frame_of(path: Path) -> int:
 
 
 def _people(path: Path) -> list[Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"cannot be read as JSON: {error}", file=path, fix="leave it out or write it again") from error
+    fix = "leave it out or write it again"
+    data = decode_json(read_whole(path, fix=fix), file=path, fix=fix)
     people = data.get("people") if isinstance(data, dict) else None
     if not isinstance(people, list):
         raise InputError("no list of people", file=path, field="people", fix="give files of OpenPose's --write_json")
@@ -242,7 +233,7 @@ def _keypoints(path: Path, i: int, person: Any, names: Sequence[str]) -> Float64
         )  # fmt: skip
     try:
         result = np.array(values, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError("not numbers", file=path, field=field, fix="write it again") from error
     if not np.isfinite(result).all() or (result[:, 2] < 0).any():
         raise InputError("not finite numbers, or a confidence below 0", file=path, field=field, fix="write it again")

@@ -34,7 +34,10 @@ _DATA_END: Final = struct.Struct("<BQI")
 _PLAIN_CHUNK: Final = re.compile(rb"(?s)(?=\x06.{4}\0{4}.{28}\0{4}.{4}\0{4})")
 """Pattern of the start of an uncompressed chunk below 4 GiB."""
 _WINDOW: Final = 1 << 20
+_FIRST_WINDOW: Final = 1 << 12
+_OVERLAP: Final = 64
 _SKIPPED: Final = (Opcode.HEADER, Opcode.SCHEMA, Opcode.ATTACHMENT)
+_KNOWN: Final = (*_SKIPPED, Opcode.METADATA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
 _Record = TypeVar("_Record", Channel, Metadata)
 
 
@@ -113,8 +116,6 @@ def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
     torn = 0
     while at < end:
         record = _record_at(file, at, end)
-        if record is not None and record[0] != Opcode.CHUNK and _next_chunk(file, at + 1, at + len(record)) is not None:
-            record = None  # its length is damaged: it contains a chunk
         try:
             events = None if record is None else list(_events(record, at, topics, name))
         except _MalformedError:
@@ -164,31 +165,55 @@ def _read_tail(file: BinaryIO, size: int) -> _Tail | None:
 
 
 def _record_at(file: BinaryIO, at: int, end: int) -> bytes | None:
-    """Return the complete record, or None if there is none before the end."""
+    """Return the complete record, or None if there is none before the end, or its length is implausible.
+
+    It is read only if the length is plausible: a scan thus reads every byte a few times at most, also if each of many
+    records claims the rest of the file.
+    """
     file.seek(at)
-    head = file.read(_HEAD.size)
+    head = file.read(_HEAD.size + _CHUNK.size)
     if len(head) < _HEAD.size:
         return None
-    length = _HEAD.unpack(head)[1]
+    opcode, length = _HEAD.unpack_from(head)
     if length > end - at - _HEAD.size:
         return None
-    record = head + file.read(length)
+    if opcode == Opcode.CHUNK:
+        plausible = _chunk_fits(file, at + _HEAD.size, head[_HEAD.size :], length)
+    else:
+        plausible = opcode in _KNOWN and _next_chunk(file, at + 1, at + _HEAD.size + length) is None
+    if not plausible:
+        return None
+    file.seek(at)
+    record = file.read(_HEAD.size + length)
     return record if len(record) == _HEAD.size + length else None
 
 
+def _chunk_fits(file: BinaryIO, at: int, head: bytes, length: int) -> bool:
+    """Whether the lengths within a chunk agree with the chunk's."""
+    if length < _CHUNK.size + 8:
+        return False
+    _, _, size, _, name_length = _CHUNK.unpack(head)
+    start = _CHUNK.size + name_length + 8
+    file.seek(at + start - 8)
+    stored = int.from_bytes(file.read(8), "little")
+    return bool(start <= length and stored == length - start and (name_length > 0 or size == stored))
+
+
 def _next_chunk(file: BinaryIO, start: int, end: int) -> int | None:
-    """Return the offset of the first consistent chunk head from ``start`` on."""
-    overlap = 64
-    for window_start in range(start, end, _WINDOW):
+    """Return the offset of the first consistent chunk head from ``start`` on; read less if it is near."""
+    window_start, length = start, _FIRST_WINDOW
+    while window_start < end:
         file.seek(window_start)
-        window = file.read(min(_WINDOW + overlap, end - window_start))
+        window = file.read(min(length + _OVERLAP, end - window_start))
         for match in _PLAIN_CHUNK.finditer(window):
             i = match.start()
-            length = _HEAD.unpack_from(window, i)[1]
+            claimed = _HEAD.unpack_from(window, i)[1]
             size = _CHUNK.unpack_from(window, i + _HEAD.size)[2]
             stored = int.from_bytes(window[i + 41 : i + 49], "little")
-            if size == stored == length - 40 and window_start + i + _HEAD.size + length <= end:
+            if size == stored == claimed - 40 and window_start + i + _HEAD.size + claimed <= end:
                 return window_start + i
+        window_start += length
+        length = min(2 * length, _WINDOW)
     return None
 
 
@@ -211,12 +236,9 @@ def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterat
 
 
 def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
-    if len(body) < _CHUNK.size + 8:
-        raise _MalformedError
-    _, _, size, crc, name_length = _CHUNK.unpack_from(body)
+    """Yield the messages of a chunk whose lengths agree (`_chunk_fits`)."""
+    _, _, _, crc, name_length = _CHUNK.unpack_from(body)
     start = _CHUNK.size + name_length + 8
-    if start > len(body) or int.from_bytes(body[start - 8 : start], "little") != len(body) - start:
-        raise _MalformedError
     if name_length:
         compression = body[_CHUNK.size : start - 8].decode("ascii", "replace")
         raise InputError(
@@ -224,8 +246,6 @@ def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[
             file=name,
             fix="undo it with mcap decompress",
         )
-    if size != len(body) - start:
-        raise _MalformedError
     data = body[start:]
     end = at + _HEAD.size + len(body)
     if crc not in (0, zlib.crc32(data)):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import MOST_TABLE_BYTES, decode_csv, read_whole
 from mocapella.errors import InputError
 
 Float64 = NDArray[np.float64]
@@ -21,19 +21,12 @@ def read_measured_distances(path: Path) -> tuple[Float64, Float64]:
     Raises:
         InputError: names file, row, field and value.
     """
-    values: list[list[float]] = []
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = [column for column in COLUMNS if column not in (reader.fieldnames or [])]
-            if missing:
-                raise InputError(
-                    "a column is missing", file=path, row=1, field=missing[0], fix=f"give {', '.join(COLUMNS)}"
-                )
-            for row, cells in enumerate(reader, start=2):
-                values.append([_number(path, row, column, cells[column]) for column in COLUMNS])
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
+    fix = "give a CSV in UTF-8"
+    columns, rows = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
+    missing = [column for column in COLUMNS if column not in columns]
+    if missing:
+        raise InputError("a column is missing", file=path, row=1, field=missing[0], fix=f"give {', '.join(COLUMNS)}")
+    values = [[_number(path, row, column, cells.get(column)) for column in COLUMNS] for row, cells in rows]
     table = np.array(values).reshape(-1, 2)
     return table[:, 0] / 100.0, table[:, 1]
 

@@ -15,6 +15,7 @@ from typing import Final
 
 import msgspec
 
+from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, DiskFullError, InputError, RecordingError
 from mocapella.recording import disk, take
 from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, is_closed, scan
@@ -94,7 +95,7 @@ def remove_leftovers(path: Path) -> None:
     if not beside or not closed(path):
         return
     merged = [entry for entry in _metadata(path) if entry.name == take.MERGED_METADATA]
-    names: list[str] = msgspec.json.decode(merged[-1].values["parts"]) if merged else []
+    names = decode_json(merged[-1].values.get("parts", ""), list[str], file=path) if merged else []
     for name in names:
         if name in beside:
             beside[name].unlink()

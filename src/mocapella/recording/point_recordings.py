@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, read_whole
 from mocapella.errors import InputError
 
 Float64 = NDArray[np.float64]
@@ -36,33 +36,28 @@ def read_point_recording(path: Path) -> PointRecording:
     Raises:
         InputError: names file, row, field and value; of two cameras in one file, too.
     """
+    fix = "give a CSV in UTF-8"
+    columns, table = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
+    fields = next((names for names in (SPACE, PICTURE) if set(names) <= set(columns)), None)
+    if fields is None or not {"time_s", "point"} <= set(columns):
+        wanted = "time_s, point and x_m, y_m, z_m or x_px, y_px"
+        raise InputError("columns are missing", file=path, row=1, value=", ".join(columns), fix=f"give {wanted}")
     found: dict[tuple[float, str], list[float]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            columns = reader.fieldnames or []
-            fields = next((names for names in (SPACE, PICTURE) if set(names) <= set(columns)), None)
-            if fields is None or not {"time_s", "point"} <= set(columns):
-                wanted = "time_s, point and x_m, y_m, z_m or x_px, y_px"
-                raise InputError(
-                    "columns are missing", file=path, row=1, value=", ".join(columns), fix=f"give {wanted}"
-                )
-            camera = None
-            for row, cells in enumerate(reader, start=2):
-                if camera is not None and cells.get("camera", camera) != camera:
-                    raise InputError(
-                        "of another camera", file=path, row=row, field="camera", value=cells["camera"],
-                        fix="give a file of one camera",
-                    )  # fmt: skip
-                camera = cells.get("camera")
-                at_s, *place = (_number(path, row, field, cells[field]) for field in ("time_s", *fields))
-                key = at_s, cells["point"]
-                if key in found:
-                    raise InputError("the point is there twice", file=path, row=row, field="point", value=key[1])
-                found[key] = place
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read: {error}", file=path, fix="give a CSV in UTF-8") from error
+    camera = None
+    for row, cells in table:
+        if camera is not None and cells.get("camera", camera) != camera:
+            raise InputError(
+                "of another camera", file=path, row=row, field="camera", value=cells["camera"],
+                fix="give a file of one camera",
+            )  # fmt: skip
+        camera = cells.get("camera")
+        at_s, *place = (_number(path, row, field, cells.get(field)) for field in ("time_s", *fields))
+        key = at_s, cells.get("point", "")
+        if key in found:
+            raise InputError("the point is there twice", file=path, row=row, field="point", value=key[1])
+        found[key] = place
     times, names = sorted({at_s for at_s, _ in found}), sorted({name for _, name in found})
+    check_filled(len(times) * len(names), len(found), file=path)
     points = np.full((len(times), len(names), len(fields)), np.nan)
     rows, places = ({value: i for i, value in enumerate(values)} for values in (times, names))
     for (at_s, name), place in found.items():

@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.model.names import as_cell
 from mocapella.model.study_log import TITLES
 from mocapella.model.topology import topology
 
@@ -33,7 +34,6 @@ _OTHER_NAMES = {
     "skeleton": "Skeleton_Id",
     "kinect": KINECT,
 }
-_FORMULA = "=+-@"
 
 
 def _plain(title: str) -> str:
@@ -112,9 +112,4 @@ def kinect_cell(kinect: str) -> str:
     problem = kinect_problem(kinect)
     if problem:
         raise SettingsError(f"{problem}: {kinect!r}; take the sensor's name or address")
-    return "'" + kinect if kinect[0] in _FORMULA + "'" else kinect
-
-
-def kinect_of_cell(cell: str) -> str:
-    """Return the id that `kinect_cell` wrote."""
-    return cell[1:] if len(cell) > 1 and cell[0] == "'" and cell[1] in _FORMULA + "'" else cell
+    return as_cell(kinect)

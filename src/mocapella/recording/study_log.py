@@ -11,8 +11,8 @@ import gzip
 import io
 import os
 import tempfile
-import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NOT_AVAILABLE
+from mocapella.decoding import text_blocks
 from mocapella.errors import DiskFullError, InputError, RecordingError
+from mocapella.model.names import of_cell
 from mocapella.model.study_log import TITLES, StudyLog, StudyRow
 from mocapella.recording import disk
 from mocapella.recording import study_columns as columns
@@ -43,47 +45,33 @@ def read_study_log(path: Path | str) -> StudyLog:
         InputError: the file cannot be read, has no rows, or has an invalid row or field; names it.
     """
     file = str(path)
-    text = _text(Path(path), file)
-    head, _, body = text.partition("\n")
+    blocks = text_blocks(Path(path), fix=_WANTED)
+    head, newline, body = next(blocks, "").partition("\n")
     if not head.strip():
-        raise InputError("the file is empty" if not text else "the first row is empty", file=file, fix=_WANTED)
+        raise InputError("the file is empty" if not newline else "the first row is empty", file=file, fix=_WANTED)
     places = columns.layout(_header_cells(head, file), file)
-    if not body:
+    parts: list[StudyLog] = []
+    row = 2
+    for block in chain([body] if newline else [], blocks):
+        try:
+            parts.append(_parse(file, block, places))
+        except (ValueError, OverflowError, csv.Error) as error:
+            fault = _culprit(file, block, row, places)
+            raise fault or InputError(f"the rows cannot be read: {error}", file=file) from error
+        row += len(parts[-1].person_id)
+    if not parts:
         raise InputError("the file has a header and no rows", file=file, fix="log at least one result, or leave it out")
-    try:
-        return _parse(file, body, places)
-    except (ValueError, OverflowError, csv.Error) as error:
-        raise _culprit(file, text, places) or InputError(f"the rows cannot be read: {error}", file=file) from error
+    return _joined(parts)
 
 
 _WANTED: Final = "a study log begins with the row " + ", ".join(columns.HEADER[:3]) + ", …"
 
 
-def _text(path: Path, file: str) -> str:
-    """Return the file's text with newlines as ``\\n`` and none at its end."""
-    try:
-        data = path.read_bytes()
-        if path.suffix == ".gz":
-            data = gzip.decompress(data) if data else data
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=file, fix="check the name and the folder") from None
-    except IsADirectoryError:
-        raise InputError("is a folder", file=file, fix="name one .csv or .csv.gz file in it") from None
-    except gzip.BadGzipFile:
-        raise InputError(
-            "is not gzip-compressed", file=file, fix="drop .gz from its name if it is plain text"
-        ) from None
-    except (EOFError, zlib.error):
-        raise InputError("the compressed data end early or are damaged", file=file, fix="copy the file again") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=file, fix="check its permissions") from error
-    try:
-        text = data.removeprefix(b"\xef\xbb\xbf").decode("ascii")
-    except UnicodeDecodeError as error:
-        row = data.count(b"\n", 0, error.start) + 1
-        value = data[error.start : error.start + 8]
-        raise InputError("is not plain text", file=file, row=row, value=value, fix=_WANTED) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n").rstrip()
+def _joined(parts: Sequence[StudyLog]) -> StudyLog:
+    names = [name for name in StudyLog.__struct_fields__ if name != "source"]
+    return StudyLog(
+        parts[0].source, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    )
 
 
 def _header_cells(head: str, file: str) -> list[str]:
@@ -147,7 +135,7 @@ def _available(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _kinects(cells: NDArray[np.str_]) -> NDArray[np.str_]:
-    plain = {cell: columns.kinect_of_cell(cell.strip()) for cell in set(cells.tolist())}
+    plain = {cell: of_cell(cell.strip()) for cell in set(cells.tolist())}
     if any(map(columns.kinect_problem, plain.values())):
         raise ValueError("no id of a Kinect")
     return np.array([plain[cell] for cell in cells.tolist()])
@@ -165,13 +153,12 @@ def _positions(table: NDArray[Any]) -> NDArray[np.float32]:
     return positions
 
 
-def _culprit(file: str, text: str, places: dict[str, int]) -> InputError | None:
-    """Return the error of the first invalid field, or None if all seem valid."""
-    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
-    row = 1
+def _culprit(file: str, block: str, first: int, places: dict[str, int]) -> InputError | None:
+    """Return the error of the first invalid field of the rows from number ``first``; None if all seem valid."""
+    reader = csv.reader(io.StringIO(block, newline=""), skipinitialspace=True, strict=True)
+    row = first - 1
     try:
-        next(reader)
-        for row, cells in enumerate(reader, start=2):
+        for row, cells in enumerate(reader, start=first):
             if len(cells) != len(places):
                 return InputError(
                     f"the row has {len(cells)} fields and the header {len(places)}",
@@ -192,7 +179,7 @@ def _problem(title: str, cells: list[str], places: dict[str, int]) -> tuple[str,
     """Return the fault of a field and its fix; empty texts if it has none."""
     cell = cells[places[title]].strip()
     if title == columns.KINECT:
-        return columns.kinect_problem(columns.kinect_of_cell(cell)), "write the sensor's name or address"
+        return columns.kinect_problem(of_cell(cell)), "write the sensor's name or address"
     whole = title in columns.INTEGERS.values()
     number = _number(cell, int if whole else float)
     if number is None:

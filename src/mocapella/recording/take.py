@@ -13,7 +13,8 @@ from typing import Any, Final
 import msgspec
 
 from mocapella import __version__
-from mocapella.errors import DamagedTakeError, SchemaVersionError, SettingsError
+from mocapella.decoding import convert, decode_json
+from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup
 from mocapella.schema import SCHEMA_VERSION
@@ -172,13 +173,14 @@ def decode_run(data: bytes, file: str) -> Run:
         DamagedTakeError: the bytes are no run.
     """
     try:
-        raw = msgspec.json.decode(data)
-        version = raw["info"]["schema_version"]
-        if version != SCHEMA_VERSION:
+        raw = decode_json(data)
+        info = raw.get("info") if isinstance(raw, dict) else None
+        version = info.get("schema_version") if isinstance(info, dict) else None
+        if isinstance(info, dict) and isinstance(version, int) and version != SCHEMA_VERSION:
             raise SchemaVersionError(
-                f"{file}: the take is of schema version {version!r} (Mocapella {raw['info'].get('version')}) and this "
+                f"{file}: the take is of schema version {version!r} (Mocapella {info.get('version')}) and this "
                 f"program reads version {SCHEMA_VERSION}; open it with a Mocapella of the same schema"
             )
-        return msgspec.convert(raw, Run)
-    except (msgspec.DecodeError, KeyError, TypeError, AttributeError, SettingsError) as error:
+        return convert(raw, Run, what="run")
+    except InputError as error:
         raise DamagedTakeError(f"the description of a run cannot be read ({error})", file=file) from error

@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, TypeVar
 
 import msgspec
 
+from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError, WireError
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
@@ -33,7 +34,12 @@ class _StoredCommand(msgspec.Struct):
     command: dict[str, Any]
 
 
-_decode_command = msgspec.json.Decoder(_StoredCommand).decode
+def _decode_command(data: bytes) -> _StoredCommand:
+    return decode_json(data, _StoredCommand, what="command")
+
+
+def _decode_values(data: bytes) -> dict[str, Any]:
+    return decode_json(data, dict[str, Any])
 
 
 class Take:
@@ -146,11 +152,11 @@ class Take:
 
     def statuses(self) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield (log_ns, status of the session)."""
-        yield from self._decoded(self._index.others.get(take.STATUS, []), msgspec.json.decode)
+        yield from self._decoded(self._index.others.get(take.STATUS, []), _decode_values)
 
     def clock_probes(self) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield (log_ns, raw probes of the nodes' clocks)."""
-        yield from self._decoded(self._index.others.get(take.CLOCK, []), msgspec.json.decode)
+        yield from self._decoded(self._index.others.get(take.CLOCK, []), _decode_values)
 
     def commands(self, run: int | None = None) -> Iterator[Command]:
         """Return the commands to the tracker; of one run, or all."""
@@ -238,7 +244,7 @@ class Take:
             return decode(data)
         except SchemaVersionError:
             raise
-        except (WireError, msgspec.DecodeError) as error:
+        except (WireError, InputError) as error:
             raise DamagedTakeError(f"at byte {ref.offset}: {error}", file=self.parts[ref.part]) from error
 
 

@@ -80,7 +80,7 @@ def known_topology(name: str) -> Topology:
 def sensor_name(name: str) -> str:
     """Return a valid sensor name, or raise a `WireError` that describes valid names."""
     try:
-        return check_sensor_name(name[:80])
+        return check_sensor_name(name[:80], recorded=True)
     except SettingsError as error:
         raise WireError(str(error)) from None
 

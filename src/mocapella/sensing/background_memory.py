@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import InputError
+from mocapella.model.memory import set_memory
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.region_contour import Band, RegionSettings
 from mocapella.settings import check
@@ -105,7 +106,7 @@ class BackgroundMemory:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore a state of `memory`, of the same step and settings."""
-        vars(self).update(memory)
+        set_memory(self, memory)
 
     @property
     def known(self) -> NDArray[np.bool_]:

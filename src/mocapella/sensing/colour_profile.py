@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_json, read_whole
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.model.observations import check_sensor_name
-from mocapella.model.whole_file import read_whole, write_whole
+from mocapella.model.whole_file import write_whole
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
@@ -184,10 +185,7 @@ def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
         InputError: it is not a profile; states the field, its value and a valid one.
     """
     fix = "learn the colours anew and save"
-    try:
-        read = msgspec.json.decode(data, type=dict[str, Any])
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is no colour profile: {error}", file=file, fix=fix) from None
+    read = decode_json(data, dict[str, Any], what="colour profile", file=file, fix=fix)
     try:
         return parse(ColourProfile, read, where="colour profile")
     except MocapellaError as error:

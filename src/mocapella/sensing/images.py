@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import cv2
 import msgspec
@@ -12,16 +11,14 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.model.images import ImageFrame
+from mocapella.sensing.image_headers import PNG, encoded_size, png_end
 
 UInt8 = NDArray[np.uint8]
 
 QUALITY: Final = 85
 """Default quality of a JPEG, 0 to 100."""
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
-_START_OF_FRAME: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""JPEG's markers of segments that hold the image's size."""
-_ALONE: Final = frozenset((0x01, *range(0xD0, 0xD9)))
-"""JPEG's markers without a segment."""
+MOST_PX: Final = 1 << 25
+"""Largest image that is decoded; 8K video has 33.2 million pixels."""
 
 
 def decode_image(frame: ImageFrame) -> UInt8:
@@ -35,8 +32,9 @@ def decode_image(frame: ImageFrame) -> UInt8:
         whole = frame.data.dtype == np.uint8 and frame.data.ndim == 3 and frame.data.shape[2] == 3
     else:
         # The header's size is checked first, so that an image that claims to be enormous is not decoded.
-        whole = _encoded_size(frame.data, frame.format) == frame.size_px
-        image = _decoded(frame.data) if whole else None
+        whole = _whole_size(frame.data, frame.format) == frame.size_px
+        # EXIF's orientation is ignored: the lens is calibrated for the stored pixels.
+        image = decode_pixels(frame.data, as_stored=True) if whole else None
     if image is None or not whole or image.shape[:2] != frame.size_px[::-1]:
         raise InputError(
             f"its image is damaged, or not of {frame.size_px[0]} × {frame.size_px[1]} px", field="data",
@@ -72,38 +70,29 @@ def as_png(frame: ImageFrame) -> ImageFrame:
     return msgspec.structs.replace(frame, format="png", data=encode_image(frame.data, "png"))
 
 
-def _decoded(data: bytes) -> UInt8 | None:
+def decode_pixels(data: bytes, *, unchanged: bool = False, as_stored: bool = False) -> NDArray[Any] | None:
+    """Return the pixels of an encoded image; None if it is damaged, or has more than `MOST_PX` pixels.
+
+    Args:
+        data: PNG, JPEG, TIFF, WebP or BMP.
+        unchanged: whether channels and depth are those of the file, instead of (height, width, 3) uint8 BGR.
+        as_stored: whether EXIF's orientation is ignored.
+    """
+    width, height = encoded_size(data) or (0, 0)
+    if not 0 < width * height <= MOST_PX:
+        return None
+    flags = cv2.IMREAD_UNCHANGED if unchanged else cv2.IMREAD_COLOR | (as_stored and cv2.IMREAD_IGNORE_ORIENTATION)
     try:
-        # EXIF orientation is ignored: the lens is calibrated for the stored pixels.
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
-    return None if image is None else np.asarray(image, np.uint8)
 
 
-def _chunks_fit(data: bytes) -> bool:
-    """Return whether a PNG's chunks fill its bytes, up to IEND; a decoder allocates the size that a chunk claims."""
-    at = len(_PNG)
-    while at + 12 <= len(data):
-        kind, at = data[at + 4 : at + 8], at + 12 + int.from_bytes(data[at : at + 4], "big")
-        if kind == b"IEND":
-            return at == len(data)
-    return False
-
-
-def _encoded_size(data: bytes, format: str) -> tuple[int, int] | None:
+def _whole_size(data: bytes, format: str) -> tuple[int, int] | None:
     """Return (width, height) from an encoded image's header; None if it is not a complete image of that format."""
     if format == "png":
-        whole = data.startswith(_PNG) and len(data) > 24 and _chunks_fit(data)
-        return struct.unpack(">II", data[16:24]) if whole else None
+        return encoded_size(data) if data.startswith(PNG) and png_end(data) == len(data) else None
     # Some cameras fill a JPEG up with zeros.
     if format != "jpeg" or not data.startswith(b"\xff\xd8") or not data.rstrip(b"\0").endswith(b"\xff\xd9"):
         return None
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker in _START_OF_FRAME:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        at += 1 if marker == 0xFF else 2 if marker in _ALONE else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return None
+    return encoded_size(data)

@@ -140,7 +140,7 @@ class OverlayWriter:
         folder = path.parent if self._is_video else path
         try:
             if not self._is_video:
-                folder.mkdir(exist_ok=True)
+                folder.mkdir(mode=0o700, exist_ok=True)
         except OSError as error:
             raise InputError(
                 f"cannot be made: {error.strerror}",

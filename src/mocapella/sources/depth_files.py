@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import re
 import struct
-import tomllib
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.decoding import decode_toml, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.kinect_depth import UNIT_M, kinect_units
+from mocapella.sensing.images import MOST_PX, decode_pixels
 from mocapella.settings import parse
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions, check_disparities, lens_of
 from mocapella.sources.picture_source import SourceState
@@ -29,7 +29,6 @@ USUAL_FPS: Final = 30.0
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _GREY: Final = 0
 _AGAIN: Final = "record it again, or leave it out"
-_MAX_PX: Final = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +166,9 @@ def read_depth_png(path: Path) -> UInt16:
         DamagedImageError: it is truncated, or a chunk has a wrong checksum.
         InputError: it does not exist, is not a PNG, or is a PNG of another pixel format.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", file=path, fix="name a file that is there") from error
+    data = read_whole(path, fix="name a file that is there")
     _check_png(data, path)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = decode_pixels(data, unchanged=True)
     if image is None or image.dtype != np.uint16 or image.ndim != 2:
         raise DamagedImageError("cannot be unpacked", file=path, fix=_AGAIN)
     return np.asarray(image, dtype=np.uint16)
@@ -208,8 +204,8 @@ def _check_header(header: bytes, path: Path) -> None:
         what = "greyscale" if colour == _GREY else "colour"
         fix = "depth images have 16 bits of greyscale; an 8-bit image is for display only, its depths are lost"
         raise InputError(f"is an image of {bits}-bit {what}", file=path, fix=fix)
-    if width * height > _MAX_PX:
-        raise InputError(f"is {width} × {height} px", file=path, fix=f"at most {_MAX_PX} pixels are read")
+    if width * height > MOST_PX:
+        raise InputError(f"is {width} × {height} px", file=path, fix=f"at most {MOST_PX} pixels are read")
 
 
 def read_sidecar(path: Path) -> DepthSidecar:
@@ -218,11 +214,12 @@ def read_sidecar(path: Path) -> DepthSidecar:
     Raises:
         InputError: it cannot be read, or has unknown keys or invalid values.
     """
+    fix = "write unit_m = 0.001 and lens = [F, CX, CY]"
+    data = decode_toml(read_whole(path, fix=fix), file=path, fix=fix)
     try:
-        return parse(DepthSidecar, tomllib.loads(path.read_text(encoding="utf-8")), where=str(path))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingsError) as error:
-        problem = str(error).removeprefix(f"{path}: ")
-        raise InputError(problem, file=path, fix="write unit_m = 0.001 and lens = [F, CX, CY]") from error
+        return parse(DepthSidecar, data, where=str(path))
+    except SettingsError as error:
+        raise InputError(str(error).removeprefix(f"{path}: "), file=path, fix=fix) from error
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.sources.picture_source import Picture, SourceState
-from mocapella.sources.video import IMAGES, read_image
+from mocapella.sources.video import IMAGES, open_video, read_image
 
 UInt8 = NDArray[np.uint8]
 
@@ -74,9 +74,7 @@ class PacedPictures:
         if not path.is_file():
             fix = "name a film or a folder of images, camera:0, http://… or rendered:SCENE/CAMERA"
             raise InputError("is not there", file=path, fix=fix)
-        self._capture = cv2.VideoCapture(str(path))
-        if not self._capture.isOpened():
-            raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
+        self._capture = open_video(path)
         stated = float(self._capture.get(cv2.CAP_PROP_FPS))
         if not 0 < stated < math.inf and self._wished_fps is None:
             note = f"does not state its frame rate; {USUAL_FPS:g} Hz is assumed ({self._rate_option} sets it)"

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import decode_json
 from mocapella.errors import InputError
 from mocapella.model.images import ImageFrame
 from mocapella.sources.video import IMAGES, Frames, pictures
@@ -79,10 +80,9 @@ class ReferencedImages:
         """
         if frame.format != FORMAT:
             return frame
-        try:
-            reference = msgspec.json.decode(bytes(frame.data), type=ImageReference)
-        except msgspec.DecodeError as error:
-            raise InputError(f"refers to no video ({error})", field=f"image of {frame.sensor}") from error
+        reference = decode_json(
+            bytes(frame.data), ImageReference, what="reference to a video", file=f"image of {frame.sensor}"
+        )
         video = self._videos.get(reference.path)
         if video is None:
             video = self._videos[reference.path] = _Video(reference)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -14,7 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, read_whole
 from mocapella.errors import InputError, SettingsError
+from mocapella.sensing.images import MOST_PX, decode_pixels
 
 UInt8 = NDArray[np.uint8]
 
@@ -82,16 +83,40 @@ def read_image(path: Path) -> UInt8:
     """
     if not path.is_file():
         raise InputError("is not there", file=path, fix="name a file that exists")
-    image = cv2.imdecode(np.frombuffer(path.read_bytes(), dtype=np.uint8), cv2.IMREAD_COLOR)
+    data = read_whole(path, fix="name a file that can be read")
+    image = decode_pixels(data)
     if image is None:
-        raise InputError("is no image that can be read", file=path, fix=f"make it one of {', '.join(IMAGES)}")
+        fix = f"make it one of {', '.join(IMAGES)}, of at most {MOST_PX >> 20} megapixels"
+        raise InputError("is no image that can be read", file=path, fix=fix)
     return np.asarray(image, dtype=np.uint8)
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video's file.
+
+    Raises:
+        InputError: it is no video, or its images have more than `MOST_PX` pixels.
+    """
+    fix = "make it an MP4 (H.264) or AVI"
+    try:
+        capture = cv2.VideoCapture(str(path))
+    except cv2.error as error:
+        raise InputError("is no video that can be read", file=path, fix=fix) from error
+    if not capture.isOpened():
+        raise InputError("is no video that can be read", file=path, fix=fix)
+    width, height = (capture.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > MOST_PX:
+        capture.release()
+        raise InputError(
+            f"has images of {width:g} × {height:g} px", file=path, fix=f"at most {MOST_PX} pixels are read"
+        )
+    return capture
 
 
 def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
     if not path.is_file():
         raise InputError("is not there", file=path, fix="name a video, an image or a folder of images")
-    capture = cv2.VideoCapture(str(path))
+    capture = open_video(path)
     try:
         frame = 0
         while (frames.end is None or frame < frames.end) and capture.grab():
@@ -169,30 +194,29 @@ def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[
     Raises:
         InputError: a column or a camera is missing, or a value is not a number.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", file=path, fix="write camera,frame,time_s") from error
-    rows = list(csv.DictReader(text.splitlines()))
-    columns = rows[0].keys() if rows else ()
+    fix = "write camera,frame,time_s"
+    columns, rows = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
     of_camera, of_time, of_frame = (
         next((name for name in names if name in columns), None)
         for names in (("camera", "cam_id", "port"), ("time_s", "frame_time"), ("frame", "frame_index"))
     )
     if of_camera is None or of_time is None:
-        raise InputError("has no columns camera and time_s", file=path, row=1, fix="write camera,frame,time_s")
+        raise InputError("has no columns camera and time_s", file=path, row=1, fix=fix)
     found: dict[str, dict[int, float]] = {name: {} for name in cameras}
     unnumbered: dict[str, list[float]] = {name: [] for name in cameras}
-    for number, row in enumerate(rows, start=2):
-        name = next((name for name in (row[of_camera], f"cam_{row[of_camera]}") if name in found), None)
-        if name is None or not row[of_time]:
+    count = 0
+    for number, row in rows:
+        count += 1
+        camera, time_s = row.get(of_camera, ""), row.get(of_time, "")
+        name = next((name for name in (camera, f"cam_{camera}") if name in found), None)
+        if name is None or not time_s:
             continue
         try:
-            at = float(row[of_time])
+            at = float(time_s)
             if of_frame is None:
                 unnumbered[name].append(at)
             else:
-                found[name][int(row[of_frame])] = at
+                found[name][int(row.get(of_frame, ""))] = at
         except ValueError:
             raise InputError("is no number", file=path, row=number, value=row, fix="write seconds") from None
     out = {}
@@ -202,5 +226,6 @@ def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[
             raise InputError(
                 "has no row", file=path, field=of_camera, value=name, fix="name the cameras as in the file"
             )
+        check_filled(max(times) + 1, count, file=path)
         out[name] = [times.get(k, float("nan")) for k in range(max(times) + 1)]
     return out

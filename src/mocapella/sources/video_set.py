@@ -19,7 +19,7 @@ from mocapella.errors import InputError
 from mocapella.model.camera import CameraRig
 from mocapella.model.point_tracks import match_cameras
 from mocapella.sources.frame_set import FrameSet, check_other_size, fitted
-from mocapella.sources.video import IMAGES, Frames, pictures
+from mocapella.sources.video import IMAGES, Frames, open_video, pictures
 
 UInt8 = NDArray[np.uint8]
 
@@ -59,7 +59,7 @@ def probe(path: Path) -> Video:
         return Video(path, (width, height), None, count)
     if path.suffix.lower() in IMAGES:
         return Video(path, (width, height), None, 1)
-    capture = cv2.VideoCapture(str(path))
+    capture = open_video(path)
     try:
         rate, frames = (float(capture.get(key)) for key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
     finally:

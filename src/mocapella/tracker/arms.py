@@ -24,7 +24,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_x
 from mocapella.model.arms import ArmFrame
 from mocapella.model.camera import CameraRig
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedArm, TrackerState
 from mocapella.model.session import SensorPose
@@ -141,12 +141,13 @@ class ArmsTracker:
         ]
         return pack(parts, _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, tracks, calibration = unpack(data, _REMEMBERED)
-        vars(self).update(own)
-        vars(self._tracks).update(tracks)
-        vars(self._calibration).update(calibration)
+        set_memory(self, own)
+        set_memory(self._tracks, tracks)
+        set_memory(self._calibration, calibration)
 
     @property
     def report(self) -> TrackerReport:

@@ -41,7 +41,7 @@ from mocapella.geometry.rigid import inverse
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
 from mocapella.model.images import ImageFrame
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.scene import (
     Float64,
@@ -143,13 +143,14 @@ class DefaultTracker:
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
         return pack([*parts, self._arms.memory(), self._bodies.memory()], _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
-        vars(self).update(own)
-        vars(self._arrivals).update(arrivals)
-        vars(self._jumps).update(jumps)
-        vars(self._tracks).update(tracks)
+        set_memory(self, own)
+        set_memory(self._arrivals, arrivals)
+        set_memory(self._jumps, jumps)
+        set_memory(self._tracks, tracks)
         for recall, memory in zip((self._arms.recall, self._bodies.recall), others, strict=False):
             recall(memory)  # older takes have fewer
         self._people = None

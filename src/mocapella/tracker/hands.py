@@ -32,7 +32,7 @@ from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTrac
 from mocapella.model.camera import CameraRig
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedHand, TrackedObject, TrackedPoints, TrackerState
@@ -198,17 +198,18 @@ class HandsTracker:
         ]
         return pack(parts, _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
-        vars(self).update(own)
-        vars(self._rays).update(rays)
-        vars(self._rig_fit).update(rig_fit)
-        vars(self._fit).update(fit)
+        set_memory(self, own)
+        set_memory(self._rays, rays)
+        set_memory(self._rig_fit, rig_fit)
+        set_memory(self._fit, fit)
         if self._smooth is not None:
-            vars(self._smooth).update(smooth)
+            set_memory(self._smooth, smooth)
         for filtered, memory in zip(self._smooth_2d.values(), smooth_2d, strict=True):
-            vars(filtered).update(memory)
+            set_memory(filtered, memory)
         self._objects.recall(objects)
 
     @property

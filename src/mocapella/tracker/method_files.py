@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mocapella.calibration.sensor_layout import is_layout
+from mocapella.decoding import read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
 from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
@@ -24,7 +25,7 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
     try:
         return {"rig": encode_camera_rig(load_camera_rig(path))}
     except InputError:
-        if path.is_file() and is_layout(path.read_bytes()):
+        if path.is_file() and is_layout(read_whole(path, fix="name a camera rig")):
             raise InputError("is a sensor layout", file=path, fix="use --set layout=FILE") from None
         raise
 

@@ -25,6 +25,7 @@ from mocapella.kinematics.grasp import Grasp, GraspSettings, distance_to_box
 from mocapella.model.camera import CameraRig
 from mocapella.model.hand import TIPS
 from mocapella.model.markers import MarkerFrame
+from mocapella.model.memory import set_memory
 from mocapella.model.observations import JointState
 from mocapella.model.poses import PoseFrame
 from mocapella.model.scene import TrackedHand, TrackedObject
@@ -317,10 +318,10 @@ class RigidObjects:
     def recall(self, memory: list[Any]) -> None:
         """Restore the state that `memory` returned."""
         for item, (own, poses, grasp) in zip(self._items, memory, strict=True):
-            vars(item).update(own)
+            set_memory(item, own)
             if item.poses is not None:
-                vars(item.poses).update(poses)
-            vars(item.grasp).update(grasp)
+                set_memory(item.poses, poses)
+            set_memory(item.grasp, grasp)
 
 
 _OBJECT: Final = ("T", "T_palm", "heard")

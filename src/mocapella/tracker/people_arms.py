@@ -19,6 +19,7 @@ from mocapella.geometry.rigid import inverse
 from mocapella.model.arms import ELBOW, PALM, ArmFrame
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.hand import WRIST
+from mocapella.model.memory import set_memory
 from mocapella.model.scene import Person, TrackedArm
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -84,7 +85,7 @@ class PeopleArms:
     def recall(self, memory: Any) -> None:
         """Restore the state that `memory` returned."""
         tracks, self._owners.limbs, self._newest = memory
-        vars(self._tracks).update(tracks)
+        set_memory(self._tracks, tracks)
 
     def problem(self, frame: ArmFrame, sensors: Mapping[str, Float64]) -> str:
         """Return why a frame cannot be used; empty if it can. ``sensors``: calibrated ``T_world_sensor``."""

@@ -21,6 +21,7 @@ from mocapella.calibration.rig_in_world import RigAlignment, RigInWorldSettings
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
+from mocapella.model.memory import set_memory
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Person, SensorPlace, TrackedBody, TrackedBodyView
 from mocapella.model.topology import Topology
@@ -101,7 +102,7 @@ class PeopleBodies:
         if self._tracker is not None:
             self._tracker.restore(inner)
         self._alignment.recall(alignment)
-        vars(self).update(own)
+        set_memory(self, own)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
         """Process an image; return why it cannot be used.

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError, WireError, one_of
+from mocapella.errors import InputError, one_of
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.silhouette_fit import eye
 from mocapella.model.camera import CameraRig
 from mocapella.model.images import REMEMBERED as IMAGES_REMEMBERED
 from mocapella.model.images import ImageFrame
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
 from mocapella.sensing.images import decode_image
@@ -159,19 +159,15 @@ class SilhouettesTracker:
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([_FORMAT, own, [part.memory() for part in self._parts()]], _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`; `seen` is None until the next frame."""
-        whole = unpack(data, _REMEMBERED)
-        try:
-            kind, own, memories = whole
-            if kind != _FORMAT:
-                raise ValueError(f"of {kind!r}")
-            for part, memory in zip(self._parts(), memories, strict=True):
-                part.recall(memory)
-            vars(self).update(own)
-        except (TypeError, ValueError, LookupError, AttributeError) as error:
-            self.reset()
-            raise WireError(f"{len(data)} bytes that are no memory of these bodies and this rig ({error})") from error
+        kind, own, memories = unpack(data, _REMEMBERED)
+        if kind != _FORMAT:
+            raise ValueError(f"of {kind!r}")
+        for part, memory in zip(self._parts(), memories, strict=True):
+            part.recall(memory)
+        set_memory(self, own)
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:

@@ -20,7 +20,7 @@ from mocapella.calibration.stand_still import NEEDED_PARTS, Calibration, StandSt
 from mocapella.fusion.tracked_mean import tracked_mean
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import Bodies, BodyKey
-from mocapella.model.memory import pack, unpack
+from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival, BodyFrame, JointState
 from mocapella.model.scene import Float64, Person, Phase, PotentialSkeleton, Scene, TrackerState
 from mocapella.model.session import SensorPose
@@ -93,11 +93,12 @@ class StandStillTracker:
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([own, *map(vars, self._stages())], _REMEMBERED)
 
+    @recalls
     def restore(self, data: bytes) -> None:
         """See `Tracker`."""
         own, *stages = unpack(data, _REMEMBERED)
         for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
-            vars(part).update(memory)
+            set_memory(part, memory)
 
     def _stages(self) -> tuple[object, ...]:
         return self._arrivals, self._calibration, self._views, self._pairs

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.twist_fit import OnPoints
+from mocapella.model.memory import set_memory
 from mocapella.model.rigged_mesh import at_rest
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_settings import Steadiness
@@ -51,7 +52,7 @@ class SurfacePrior:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore the state that `memory` returned; for the same body."""
-        vars(self).update(memory)
+        set_memory(self, memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
         """Set the points' predicted positions, and their weights.

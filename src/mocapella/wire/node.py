@@ -22,6 +22,7 @@ import msgspec
 import zenoh
 from zenoh import ext
 
+from mocapella.decoding import decode_json
 from mocapella.errors import NameTakenError
 from mocapella.model.frame_types import HISTORY_FRAMES
 from mocapella.model.sensor_frame import SensorFrame
@@ -133,7 +134,7 @@ class NodeLink:
         for reply in self._session.get(keys.of_command("join"), payload=json.dumps(who), timeout=timeout):
             if reply.ok is None:
                 continue
-            answer = msgspec.json.decode(reply.ok.payload.to_bytes(), type=JoinReply)
+            answer = decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")
             if not answer.accepted:
                 raise NameTakenError(answer.message)
             return True

@@ -7,7 +7,8 @@ from typing import Any, Final, Literal
 import msgspec
 import zenoh
 
-from mocapella.errors import BusError, WireError
+from mocapella.decoding import decode_json
+from mocapella.errors import BusError, InputError, WireError
 from mocapella.wire import keys
 
 MAX_QUESTION_BYTES: Final = 64 * 1024
@@ -124,10 +125,11 @@ def read_question(data: bytes) -> Question:
     if len(data) > MAX_QUESTION_BYTES:
         raise WireError(f"the question has {len(data)} bytes; at most {MAX_QUESTION_BYTES} are read")
     try:
-        return msgspec.json.decode(data, type=Question)  # type: ignore[no-any-return]
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        question: Question = decode_json(data, Question)
+    except InputError as error:
         known = "picture, mask, controls, report, learn, save, discard, board"
         raise WireError(f'this is no question: {error}; write {{"ask": …}} with one of {known}') from None
+    return question
 
 
 def write_question(question: Question) -> bytes:
@@ -144,8 +146,8 @@ def read_answer(data: bytes) -> NodeAnswer:
     if len(data) > MAX_ANSWER_BYTES:
         raise WireError(f"the answer has {len(data)} bytes; at most {MAX_ANSWER_BYTES} are read")
     try:
-        return msgspec.json.decode(data, type=NodeAnswer)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        return decode_json(data, NodeAnswer)
+    except InputError as error:
         raise WireError(f"{len(data)} bytes that are no answer of a node ({error})") from None
 
 

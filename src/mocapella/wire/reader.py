@@ -8,10 +8,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import msgspec
 import zenoh
 
-from mocapella.errors import NoServerError, WireError
+from mocapella.decoding import decode_json
+from mocapella.errors import InputError, NoServerError, WireError
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
@@ -117,12 +117,12 @@ def send_command(
     for reply in session.get(keys.of_command(verb), payload=json.dumps(dict(arguments or {})), timeout=timeout):
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:
-            return msgspec.json.decode(answer.payload.to_bytes(), type=CommandReply)
+            return decode_json(answer.payload.to_bytes(), CommandReply, what="reply of a server", file=verb)
     raise NoServerError(f"no server answered the command {verb} within {timeout:g} s")
 
 
 def _decode_status(data: bytes) -> SessionStatus:
     try:
-        return msgspec.json.decode(data, type=SessionStatus)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        return decode_json(data, SessionStatus)
+    except InputError as error:
         raise WireError(f"{len(data)} bytes that are no session status ({error})") from error

@@ -11,7 +11,8 @@ import msgspec
 import zenoh
 from zenoh import ext
 
-from mocapella.errors import WireError
+from mocapella.decoding import decode_json
+from mocapella.errors import InputError, WireError
 from mocapella.model.session import CommandReply
 from mocapella.wire import keys
 from mocapella.wire.clock import ClockProbe, read_clock
@@ -153,8 +154,8 @@ class ServerLink:
             verb = str(query.key_expr).rpartition("/")[2]
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
             try:
-                arguments = msgspec.json.decode(payload or b"{}", type=dict[str, Any])
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+                arguments = decode_json(payload or b"{}", dict[str, Any], what="JSON object")
+            except InputError as error:
                 self._on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
                 return

@@ -17,10 +17,8 @@ shares with the detectors of arms only the description of a hand, `mocapella.mod
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any, Final
 
@@ -28,6 +26,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.limb_surface import group_distances, polygonise
 from mocapella.geometry.rigid import rigid
@@ -222,8 +221,8 @@ def arm_mesh(shape: ArmShape, handedness: Handedness) -> ArmMesh:
 @cache
 def arm_shapes() -> dict[str, ArmShape]:
     """The arm shapes of the simulated people, by name."""
-    text = files("mocapella.sources.simulate").joinpath("data", "arm_shapes.toml").read_text(encoding="utf-8")
-    return {name: parse(ArmShape, row, where=f"arm shape {name}") for name, row in tomllib.loads(text).items()}
+    shapes = own_toml("mocapella.sources.simulate", "data", "arm_shapes.toml")
+    return {name: parse(ArmShape, row, where=f"arm shape {name}") for name, row in shapes.items()}
 
 
 def arm_shape(name: str) -> ArmShape:

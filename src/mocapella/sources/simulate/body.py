@@ -5,15 +5,14 @@ A pose is a root position and a unit direction for each bone, so bone lengths ar
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError
 from mocapella.model.topology import Topology, topology
 from mocapella.settings import check
@@ -101,8 +100,7 @@ def joint_selection(wanted: Topology) -> NDArray[np.int64]:
 @cache
 def body_data() -> dict[str, Any]:
     """Read ``data/body.toml``."""
-    text = files("mocapella.sources.simulate").joinpath("data", "body.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.sources.simulate", "data", "body.toml")
 
 
 def _within(joints: Float64, parents: NDArray[np.int64], radii: Float64) -> NDArray[np.bool_]:

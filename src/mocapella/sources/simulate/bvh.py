@@ -15,6 +15,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import MOST_TABLE_BYTES, decode_text, read_whole
 from mocapella.errors import InputError, one_of
 
 Float64 = NDArray[np.float64]
@@ -89,14 +90,8 @@ def read_bvh(path: str | Path) -> Bvh:
     Raises:
         InputError: it cannot be read, or is not a valid BVH file; names row, field, value and the expected content.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise InputError(f"cannot be read: {reason}", file=path, fix="give the path of a .bvh file") from error
-    except UnicodeDecodeError as error:
-        raise InputError("is no text", file=path, fix="give the path of a .bvh file") from error
-    return parse_bvh(text, path)
+    fix = "give the path of a .bvh file"
+    return parse_bvh(decode_text(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix), path)
 
 
 def parse_bvh(text: str, file: object = None) -> Bvh:
@@ -167,7 +162,7 @@ class _Reader:
 
     def integer(self, field: str, least: int, most: int) -> int:
         word = self.word(f"a whole number ({field})")
-        if not (word.isascii() and word.isdigit() and least <= int(word[:12]) <= most):
+        if not (word.isascii() and word.isdigit() and len(word) <= 12 and least <= int(word) <= most):
             self.fail("is out of range", field, word, f"write a whole number from {least} to {most}")
         return int(word)
 

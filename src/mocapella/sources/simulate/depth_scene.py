@@ -17,18 +17,17 @@ noise. **By convention, seeds below 100 are for tuning and seeds from 100 on for
 from __future__ import annotations
 
 import math
-import tomllib
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import convert, own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, rotation_about_x, rotation_about_y
@@ -462,18 +461,17 @@ def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> Dep
 
 @cache
 def _data() -> dict[str, Any]:
-    text = files("mocapella.sources.simulate").joinpath("data", "depth_scenes.toml").read_text(encoding="utf-8")
-    data = tomllib.loads(text)
+    data = own_toml("mocapella.sources.simulate", "data", "depth_scenes.toml")
     scenes = {}
     for name, scene in data["scenes"].items():
         same = scene.pop("same_keys_as", None)
         if same:
             scene["keys"] = data["scenes"][same]["keys"]
-        scenes[name] = msgspec.convert(scene, DepthSceneSettings)
+        scenes[name] = convert(scene, DepthSceneSettings, what="scene")
     return {
         "scenes": scenes,
-        "postures": msgspec.convert(data["postures"], dict[str, Posture]),
-        "sensors": msgspec.convert(data["sensors"], dict[str, Sensor]),
+        "postures": convert(data["postures"], dict[str, Posture], what="posture"),
+        "sensors": convert(data["sensors"], dict[str, Sensor], what="sensor"),
     }
 
 

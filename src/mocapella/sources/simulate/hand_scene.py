@@ -14,15 +14,14 @@ A painted fingertip is a capsule around the tip, so its centre is the landmark; 
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.lens import project, undistort
 from mocapella.geometry.rigid import apply, rigid
@@ -350,8 +349,7 @@ def load_hand_scene(name: str, *, seed: int = 0) -> HandScene:
 
 @cache
 def _data() -> dict[str, Any]:
-    text = files("mocapella.sources.simulate").joinpath("data", "hand_scenes.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.sources.simulate", "data", "hand_scenes.toml")
 
 
 @cache

@@ -17,16 +17,15 @@ same scene, seed and time give the same image to the bit.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check, parse
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
@@ -307,8 +306,7 @@ def load_marker_scene(name: str, *, seed: int = 0) -> MarkerScene:
 
 @cache
 def _data() -> dict[str, Any]:
-    text = files("mocapella.sources.simulate").joinpath("data", "marker_scenes.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.sources.simulate", "data", "marker_scenes.toml")
 
 
 @cache

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from mocapella.conventions import NS_PER_S
+from mocapella.decoding import FAULTS, decode_json
 from mocapella.errors import InputError
 from mocapella.geometry.angles import wrap
 from mocapella.sources.simulate.body import BODY, JOINT, facing
@@ -282,11 +283,12 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
     Raises:
         InputError: it is not such a file; names ``file``.
     """
+    what, fix = "table of a sensor's errors", "make it with `mocapella lab train sensor-errors`"
+    data = decode_json(text, SensorErrors, what=what, file=file, fix=fix)
     try:
-        return Errors(msgspec.json.decode(text, type=SensorErrors))
-    except (msgspec.DecodeError, ValueError) as error:
-        fix = "make it with `mocapella lab train sensor-errors`"
-        raise InputError(f"is no table of a sensor's errors: {error}", file=file, fix=fix) from error
+        return Errors(data)
+    except FAULTS as error:
+        raise InputError(f"is no {what}: {error}", file=file, fix=fix) from error
 
 
 def errors_to_json(data: SensorErrors) -> str:

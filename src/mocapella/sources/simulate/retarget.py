@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.decoding import own_toml
 from mocapella.errors import InputError
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.settings import check
@@ -124,8 +123,7 @@ def _plain(name: str) -> str:
 
 @cache
 def _names() -> dict[str, Any]:
-    text = files("mocapella.sources.simulate").joinpath("data", "bvh_names.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.sources.simulate", "data", "bvh_names.toml")
 
 
 def _skeleton(bvh: Bvh, file: object) -> tuple[Float64, Float64, Float64]:

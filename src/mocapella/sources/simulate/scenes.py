@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check, parse
 from mocapella.sources.simulate.room import Room, SceneSettings, build_room
@@ -82,5 +81,4 @@ def load_scene(
 
 @cache
 def _data() -> dict[str, Any]:
-    text = files("mocapella.sources.simulate").joinpath("data", "scenes.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return own_toml("mocapella.sources.simulate", "data", "scenes.toml")

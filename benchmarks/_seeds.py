@@ -1,0 +1,102 @@
+"""Valid files of every kind, small, for `benchmarks._doors`."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+TRACKS: Final = b"""frame,camera,point,x_px,y_px,confidence,time_s
+0,a,nose,1.5,2.5,0.9,0.0
+1,b,nose,2.5,3.5,1,0.1
+"""
+POINTS: Final = b"""time_s,point,x_m,y_m,z_m
+0.0,tip,1,2,3
+0.1,tip,1,2,3.5
+"""
+_FRAME: Final = (
+    b'{"frame":0,"time_s":0.0,"root_twist":[0,0,0,0,0,0],"angles":{"knee":0.1},"joints":{"hip":[0,1,2]},'
+    b'"overlap":{},"left_out":{}}'
+)
+_FRAMES: Final = b'"model":"legs","frames":[' + _FRAME + b"]}"
+BODY: Final = b'{"format":"mocapella followed body","version":1,' + _FRAMES
+PEOPLE: Final = b'{"format":"mocapella followed people","version":1,"people":{"anna":{' + _FRAMES + b"}}"
+SPACE: Final = b"""format = "mocapella space alignment"
+version = 1
+space = "vr"
+rows = [[1.0, 0.0, 0.0, 0.5], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+"""
+BVH: Final = b"""HIERARCHY
+ROOT hip
+{
+OFFSET 0 0 0
+CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+End Site
+{
+OFFSET 0 1 0
+}
+}
+MOTION
+Frames: 1
+Frame Time: 0.01
+0 1 0 0 0 0
+"""
+TRC: Final = b"PathFileType\t4\nx\ny\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n"
+OPENPOSE: Final = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
+_COLOUR: Final = (
+    b'{"name":"red","seen":{"mean":[0.1,0.2],"covariance":[1.0,0.1,1.0],"luma":[1,2,3],"pixels":9},"area_px":50}'
+)
+
+
+def colour_profile() -> bytes:
+    """Return a colour profile."""
+    from mocapella.sensing.colour_profile import BINS
+
+    counts = b",".join([b"[" + b",".join([b"1"] * BINS) + b"]"] * BINS)
+    background = b'{"luma":90.0,"chromaticity":[0.1,0.2],"counts":[' + counts + b"]}"
+    return (
+        b'{"camera":"cam_1","size_px":[640,480],"version":1,"colours":['
+        + _COLOUR
+        + b'],"background":'
+        + background
+        + b"}"
+    )
+
+
+def shipped(name: str) -> bytes:
+    """Return a model that ships with Mocapella."""
+    return files("mocapella.fusion").joinpath("data", name).read_bytes()
+
+
+def study_log(folder: Path) -> bytes:
+    """Return a study log of three rows."""
+    from mocapella.model.study_log import StudyRow
+    from mocapella.recording.study_log import write_study_log
+
+    rows = [StudyRow(1, 2, 3, 4, 5, k, 7, 0.5, 1.5, "front", 0.0, 90.0, np.ones((25, 3), np.float32)) for k in range(3)]
+    path = folder / "seed.csv"
+    write_study_log(path, rows)
+    return path.read_bytes()
+
+
+def images() -> dict[str, bytes]:
+    """Return an image in each format by suffix; ``.png16`` is a depth image."""
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # a line for each damaged image
+    rng = np.random.default_rng(1)
+    shot, depth = rng.integers(0, 255, (12, 16, 3), np.uint8), rng.integers(0, 9999, (12, 16), np.uint16)
+    coded = {kind: cv2.imencode(kind, shot)[1].tobytes() for kind in (".png", ".jpg", ".bmp", ".tiff", ".webp")}
+    return {**coded, ".png16": cv2.imencode(".png", depth)[1].tobytes()}
+
+
+def mesh(folder: Path, kind: str) -> bytes:
+    """Return a rigged mesh."""
+    from mocapella.model.body_meshes import legs_mesh
+    from mocapella.model.rigged_mesh_file import save_rigged_mesh
+
+    path = folder / f"seed{kind}"
+    save_rigged_mesh(path, legs_mesh("male", detail=0.8))
+    return path.read_bytes()

@@ -1,0 +1,310 @@
+"""Decode files and messages from outside within limits; every fault is an `InputError` of one line.
+
+No other module calls the decoders of the libraries (`tests/test_decoding_rule.py`): they raise errors of many types,
+and take as much memory, stack or time as their input asks for. Images are decoded in `mocapella.sensing.images`.
+docs/decisions/0024-files-are-doors.md says why.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+import tomllib
+import zlib
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from types import UnionType
+from typing import Any, BinaryIO, Final, TypeVar, overload
+
+import msgspec
+
+from mocapella.errors import InputError, MocapellaError
+
+T = TypeVar("T")
+
+MOST_BYTES: Final = 16 << 20
+"""Largest file that is read whole, if its reader sets no other limit."""
+MOST_TABLE_BYTES: Final = 256 << 20
+MOST_TOML_BYTES: Final = 1 << 20
+DEEPEST: Final = 64
+"""Deepest nesting of lists and tables."""
+MOST_LINE: Final = 1 << 20
+"""Longest line of a table [characters]."""
+MOST_COLUMNS: Final = 10_000
+FREE_UNPACKED: Final = 32 << 20
+"""Unpacked size up to which compressed text may have any ratio [bytes]."""
+MOST_RATIO: Final = 20
+"""Largest ratio of unpacked to packed size beyond `FREE_UNPACKED`; text of measured numbers has 3 to 10."""
+FAULTS: Final = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError)
+"""What libraries raise for unusable content."""
+
+_PIECE: Final = 1 << 20
+_ESCAPED: Final = re.compile(rb"(?s)\\.")
+_STRING: Final = re.compile(rb'"[^"]*"?')
+_ROUND: Final = bytes.maketrans(b"{}", b"[]")
+_NO_MARKS: Final = bytes(set(range(256)) - set(b'[]{}"'))
+_DOTTED: Final = re.compile(r"[^,=\[\]{}\n]+")
+_NOT_64_BITS: Final = "has a whole number of more than 64 bits"
+
+
+def read_whole(path: Path | str, *, fix: str, most_bytes: int = MOST_BYTES) -> bytes:
+    """Return the contents of a file.
+
+    Raises:
+        InputError: it cannot be read, or is larger; the remedy is ``fix``.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return b"".join(_pieces(file, path, fix, most_bytes))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix=fix) from error
+    except ValueError as error:  # a NUL in the name
+        raise InputError(f"cannot be read: {error}", file=path, fix=fix) from None
+
+
+def _pieces(file: BinaryIO, path: Path | str, fix: str, most_bytes: int) -> Iterator[bytes]:
+    """Yield a file's contents; a device's size is not known before."""
+    size = 0
+    while piece := file.read(_PIECE):
+        size += len(piece)
+        if size > most_bytes:
+            raise InputError(f"has more than {most_bytes >> 20} MiB", file=path, fix=fix)
+        yield piece
+
+
+def decode_text(data: bytes | str, *, file: object = None, fix: str | None = None) -> str:
+    """Return UTF-8 text, without a byte order mark.
+
+    Raises:
+        InputError: it is not UTF-8.
+    """
+    if isinstance(data, str):
+        return data
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"is no text in UTF-8 (byte {error.start})", file=file, fix=fix) from None
+
+
+@overload
+def decode_json(data: bytes | str, *, what: str = ..., file: object = ..., fix: str | None = ...) -> Any: ...
+@overload
+def decode_json(
+    data: bytes | str, kind: type[T], *, what: str = ..., file: object = ..., fix: str | None = ...
+) -> T: ...
+@overload
+def decode_json(
+    data: bytes | str, kind: UnionType, *, what: str = ..., file: object = ..., fix: str | None = ...
+) -> Any: ...
+def decode_json(
+    data: bytes | str, kind: Any = Any, *, what: str = "JSON", file: object = None, fix: str | None = None
+) -> Any:
+    """Return the value of a JSON text.
+
+    Args:
+        data: the text.
+        kind: type of the value; by default any.
+        what: it should be, for errors.
+        file, fix: of errors.
+
+    Raises:
+        InputError: it is not JSON or of another type (names the field), nested too deeply, or has an integer of more
+            than 64 bits.
+    """
+    try:
+        _check_nesting(data.encode() if isinstance(data, str) else data)
+        value = msgspec.json.decode(data, type=kind)
+        _check_integers(value)
+    except (*FAULTS, MocapellaError) as error:
+        raise InputError(f"is no {what}: {error}", file=file, fix=fix) from None
+    return value
+
+
+def _check_nesting(data: bytes) -> None:
+    if data.count(b"[") + data.count(b"{") <= DEEPEST:
+        return
+    marks = _ESCAPED.sub(b"", data) if b"\\" in data else data
+    marks = _STRING.sub(b"", marks.translate(_ROUND, _NO_MARKS))
+    for _ in range(DEEPEST):
+        if not marks:
+            return
+        marks = marks.replace(b"[]", b"")
+    if marks:
+        raise ValueError(f"it is nested deeper than {DEEPEST} levels, or its brackets do not match")
+
+
+def _check_integers(value: Any) -> None:
+    try:
+        msgspec.msgpack.encode(value)  # refuses larger ones
+    except OverflowError:
+        raise ValueError(f"it {_NOT_64_BITS}") from None
+
+
+def decode_msgpack(data: bytes) -> Any:
+    """Return the value of MessagePack bytes.
+
+    Raises:
+        InputError: they are not MessagePack, or nested too deeply.
+    """
+    try:
+        return msgspec.msgpack.decode(data)
+    except FAULTS as error:
+        raise InputError(f"{len(data)} bytes are no MessagePack: {error}") from None
+
+
+@overload
+def convert(value: Any, kind: type[T], *, what: str, file: object = ..., fix: str | None = ...) -> T: ...
+@overload
+def convert(value: Any, kind: UnionType, *, what: str, file: object = ..., fix: str | None = ...) -> Any: ...
+def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str | None = None) -> Any:
+    """Return decoded JSON or TOML as a value of type ``kind``.
+
+    Raises:
+        InputError: it is of another type; names the field.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except (*FAULTS, MocapellaError) as error:
+        raise InputError(f"is no {what}: {error}", file=file, fix=fix) from None
+
+
+def decode_toml(data: bytes | str, *, file: object = None, fix: str | None = None) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Raises:
+        InputError: it is not TOML in UTF-8, too long, nested too deeply, or has an integer of more than 64 bits.
+    """
+    if len(data) > MOST_TOML_BYTES:
+        raise InputError(f"is no TOML: it has more than {MOST_TOML_BYTES >> 10} KiB", file=file, fix=fix)
+    text = decode_text(data, file=file, fix=fix)
+    try:
+        # The time that tomllib takes for a dotted key grows with the square of its parts.
+        if any(part[0].count(".") > DEEPEST for part in _DOTTED.finditer(text)):
+            raise ValueError(f"a key has more than {DEEPEST} parts")
+        found = tomllib.loads(text)
+        _check_depth(found)
+        _check_integers(found)
+    except FAULTS as error:
+        raise InputError(f"is no TOML: {error}", file=file, fix=fix) from None
+    return found
+
+
+def _check_depth(value: Any) -> None:
+    level = [value]
+    for _ in range(DEEPEST):
+        inner = (item for one in level for item in (one.values() if isinstance(one, dict) else one))
+        level = [item for item in inner if isinstance(item, dict | list)]
+        if not level:
+            return
+    raise ValueError(f"it is nested deeper than {DEEPEST} levels")
+
+
+def own_toml(package: str, *names: str) -> dict[str, Any]:
+    """Return a TOML file of this program, by its package, folders and name."""
+    return decode_toml(files(package).joinpath(*names).read_bytes(), file=names[-1])
+
+
+def decode_csv(
+    data: bytes, *, file: object = None, fix: str | None = None
+) -> tuple[tuple[str, ...], Iterator[tuple[int, dict[str, str]]]]:
+    """Return the columns of a table with commas, and its rows: number in the file (the header is 1), cells by column.
+
+    Empty rows are left out; a short row lacks its last columns.
+
+    Raises:
+        InputError: it is not UTF-8, or a row cannot be read; names the row.
+    """
+    text = decode_text(data, file=file, fix=fix)
+    if max(map(len, io.StringIO(text)), default=0) > MOST_LINE:
+        raise InputError(f"has a line of more than {MOST_LINE} characters", file=file, fix=fix)
+    rows = _rows(text, file, fix)
+    columns = tuple(next(rows, (1, []))[1])
+    if len(columns) > MOST_COLUMNS:
+        raise InputError(f"has {len(columns)} columns, more than {MOST_COLUMNS}", file=file, row=1, fix=fix)
+    return columns, ((number, dict(zip(columns, cells, strict=False))) for number, cells in rows)
+
+
+def _rows(text: str, file: object, fix: str | None) -> Iterator[tuple[int, list[str]]]:
+    number = 0
+    try:
+        for cells in csv.reader(io.StringIO(text, newline="")):
+            if cells:
+                number += 1
+                yield number, cells
+    except csv.Error as error:
+        raise InputError(f"cannot be read: {error}", file=file, row=number + 1, fix=fix) from None
+
+
+def check_filled(places: int, rows: int, *, file: object) -> None:
+    """Check that a table's array has few empty places, because its size is a product of numbers of names.
+
+    Raises:
+        InputError: it has more than four million places, and more than 64 for each row.
+    """
+    if places > max(1 << 22, 64 * rows):
+        raise InputError(
+            f"{rows} rows name so many frames and points that {places} places would be needed", file=file,
+            fix="name the points alike in all frames",
+        )  # fmt: skip
+
+
+def text_blocks(path: Path, *, fix: str) -> Iterator[str]:
+    """Yield ASCII text in pieces of whole lines, with ``\\n`` between lines and no empty end; ``.gz`` is unpacked.
+
+    Raises:
+        InputError: the file cannot be read, is damaged, not plain text, has too long a line, or unpacks to more than
+            `MOST_RATIO` times its size; names the row.
+    """
+    rest, row = "", 1
+    for piece in _unpacked(path):
+        try:
+            text = rest + piece.decode("ascii")
+        except UnicodeDecodeError as error:
+            at = row + rest.count("\n") + piece.count(b"\n", 0, error.start)
+            value = piece[error.start : error.start + 8]
+            raise InputError("is not plain text", file=path, row=at, value=value, fix=fix) from None
+        # What may be the file's empty end, or half of a \r\n, waits for the next piece.
+        end = len(text.rstrip())
+        lines = text[:end].replace("\r\n", "\n").replace("\r", "\n")
+        block, newline, last = lines.rpartition("\n")
+        rest = last + text[end:]
+        if len(rest) > MOST_LINE:
+            long = row + block.count("\n") + len(newline)
+            raise InputError(f"has a line of more than {MOST_LINE} characters", file=path, row=long, fix=fix)
+        if newline:
+            row += block.count("\n") + 1
+            yield block
+    if rest.strip():
+        yield rest.rstrip()
+
+
+def _unpacked(path: Path) -> Iterator[bytes]:
+    """Yield a file's bytes without a byte order mark."""
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, io.SEEK_END)
+            file.seek(0)
+            packed = path.suffix == ".gz" and size > 0
+            source: Any = gzip.GzipFile(fileobj=file, mode="rb") if packed else file
+            done = 0
+            while piece := source.read(_PIECE):
+                yield piece if done else piece.removeprefix(b"\xef\xbb\xbf")
+                done += len(piece)
+                if packed and done > max(FREE_UNPACKED, MOST_RATIO * size):
+                    raise InputError(
+                        f"unpacks to more than {MOST_RATIO} times its size", file=path, fix="give it unpacked"
+                    )
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path, fix="check the name and the folder") from None
+    except IsADirectoryError:
+        raise InputError("is a folder", file=path, fix="name one .csv or .csv.gz file in it") from None
+    except gzip.BadGzipFile:
+        fix = "drop .gz from its name if it is plain text"
+        raise InputError("is not gzip-compressed", file=path, fix=fix) from None
+    except (EOFError, zlib.error):
+        raise InputError("the compressed data end early or are damaged", file=path, fix="copy the file again") from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, fix="check its permissions") from error

@@ -1,0 +1,35 @@
+"""Check names that become files, and escape texts from outside for terminals and tables."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_DEVICES: Final = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\..*)?", re.IGNORECASE)
+_FORMULA: Final = "=+-@"
+"""First characters of what a spreadsheet evaluates."""
+
+
+def is_device(name: str) -> bool:
+    """Whether Windows opens a device, such as ``NUL`` or ``com1.txt``, instead of a file of this name."""
+    return _DEVICES.fullmatch(name) is not None
+
+
+def visible(text: str, keep: str = "") -> str:
+    """Return the text with control and direction characters as escapes, such as ``\\x1b``; without those of ``keep``.
+
+    A terminal would carry out an escape sequence, and show a name with a direction character in another order.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def as_cell(text: str) -> str:
+    """Return a text as a cell: with an apostrophe before ``=+-@``, which a spreadsheet would take for a formula."""
+    return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
+
+
+def of_cell(text: str) -> str:
+    """Return the text that `as_cell` wrote."""
+    return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text
