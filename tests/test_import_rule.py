@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry"}
+BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry", "supervision"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -24,6 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "conventions": set(),
     "settings": {"errors", "conventions"},
     "registry": {"errors"},
+    "supervision": set(),
     "steps": set(),
     "geometry": BASE,
     "model": MODEL,

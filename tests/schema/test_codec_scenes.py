@@ -87,11 +87,11 @@ def packed(*values: float) -> bytes:
     return np.array(values, "<f8").tobytes()
 
 
-FAR = packed(*[0.0] * 74, 1000.5)
+FAR = packed(*[0.0] * 74, 1.5e6)
 MIRROR = packed(-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 STRETCH = packed(1, 0, 0, 0, 0, 1.01, 0, 0, 0, 0, 1, 0)
 NOWHERE = packed(1, 0, 0, np.nan, 0, 1, 0, 0, 0, 0, 1, 0)
-AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
+AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1.001e6, 0, 0, 1, 0)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
         ("phase", "trakcing", ["Scene.phase is 'trakcing'", "did you mean tracking?"]),
         ("phase", "x" * 100_000, ["Scene.phase is 'xxx"]),
         ("people.0.positions_m", b"\0" * 8, ["Person.positions_m has 8 bytes", "want 600"]),
-        ("people.0.positions_m", FAR, ["Person.positions_m has a 1000.5", "±1000"]),
+        ("people.0.positions_m", FAR, ["Person.positions_m has a 1.5e+06", "±1e+06"]),
         ("people.0.positions_m", packed(*[np.inf] * 75), ["Person.positions_m has a inf"]),
         ("people.0.joint_states", b"\2" * 24, ["Person.joint_states has 24 bytes"]),
         ("people.0.joint_states", b"\2" * 24 + b"\3", ["Person.joint_states has a 3", "0, 1 or 2"]),
@@ -114,7 +114,7 @@ AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
         ("people.0.views.1.T_world_sensor", STRETCH, ["T_world_sensor is no rigid motion"]),
         ("people.0.views.1.T_world_sensor", NOWHERE, ["T_world_sensor is no rigid motion"]),
         ("people.0.views.1.T_world_sensor", AWAY, ["T_world_sensor is no rigid motion"]),
-        ("people.0.views.1.positions_m", FAR, ["PotentialSkeleton.positions_m has a 1000.5"]),
+        ("people.0.views.1.positions_m", FAR, ["PotentialSkeleton.positions_m has a 1.5e+06"]),
         ("people.0.views.1.joint_states", b"\7" * 25, ["PotentialSkeleton.joint_states has a 7"]),
     ],
 )

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mocapella.conventions import NOT_AVAILABLE
+from mocapella.model.limits import MOST_SENSORS, PARTICIPANTS, SENSOR_HEIGHT, SENSORS_EXPECTED, TILT
+from mocapella.model.observations import check_sensor_name
 from mocapella.model.scene import Phase
 from mocapella.settings import check
 
@@ -60,8 +62,8 @@ class SensorPose:
     """Over the floor [m]."""
 
     def __post_init__(self) -> None:
-        check(-1.6 < self.tilt < 1.6, "tilt", self.tilt, "within ±1.6 rad")
-        check(0 <= self.height <= 10, "height", self.height, "from 0 to 10 m")
+        check(self.tilt in TILT, "tilt", self.tilt, str(TILT))
+        check(self.height in SENSOR_HEIGHT, "height", self.height, str(SENSOR_HEIGHT))
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,14 @@ class Setup:
     sensors: dict[str, SensorPose] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check(self.sensors_expected >= 1, "sensors_expected", self.sensors_expected, "1 or more")
+        check(
+            self.sensors_expected in SENSORS_EXPECTED, "sensors_expected", self.sensors_expected, str(SENSORS_EXPECTED)
+        )
+        known = self.participant == NOT_AVAILABLE or self.participant in PARTICIPANTS
+        check(known, "participant", self.participant, f"{PARTICIPANTS}, or {NOT_AVAILABLE} if there is none")
+        check(len(self.sensors) <= MOST_SENSORS, "number of sensors", len(self.sensors), f"at most {MOST_SENSORS}")
+        for name in self.sensors:
+            check_sensor_name(name)
         placements, scenarios = ["", *PLACEMENTS], ["", *SCENARIOS]
         check(self.placement in placements, "placement", self.placement, "one of " + ", ".join(PLACEMENTS))
         check(self.scenario in scenarios, "scenario", self.scenario, "one of " + ", ".join(SCENARIOS))
