@@ -10,7 +10,7 @@ import pytest
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry", "supervision"}
+BASE = {"errors", "conventions", "settings", "compiled", "steps", "registry"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -32,13 +32,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     **dict.fromkeys(STAGES, MODEL),
     "detectors": DETECTORS,
     "tracker": TRACKER,
-    "sources": MODEL | {"schema", "sensing"},
-    **{edge: MODEL | {"schema"} for edge in EDGES - {"sources"}},
+    "sources": MODEL | {"schema", "sensing", "supervision"},
+    **{edge: MODEL | {"schema", "supervision"} for edge in EDGES - {"sources"}},
     "viewer": MODEL,
     "evaluation": TRACKER | DETECTORS | {"recording", "sources"},
     "studies": TRACKER | {"recording", "schema"},
-    "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer"},
-    "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live"},
+    "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "supervision"},
+    "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live", "supervision"},
     "testing": TRACKER | {"schema", "sources", "wire"},
 }
 """Which rooms a room may import, beside itself; none may import `testing`. `docs/decisions/0001-rooms.md` says why."""

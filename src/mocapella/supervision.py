@@ -63,7 +63,7 @@ class Boundary:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of errors, by reason: what was done, the type of the error, and the place in the source."""
+        """Number of errors, by reason: the operation, the type of the error, and the place in the source."""
         with self._lock:
             return dict(self._counts)
 

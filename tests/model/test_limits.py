@@ -9,7 +9,7 @@ import pytest
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import SettingsError
-from mocapella.model.limits import MOST_SENSORS, PARTICIPANTS, SENSOR_HEIGHT, TILT, Range
+from mocapella.model.limits import MOST_SENSORS, PARTICIPANT, SENSOR_HEIGHT, TILT, Range
 from mocapella.model.session import SensorPose, Setup
 from mocapella.settings import parse
 
@@ -26,8 +26,11 @@ def test_a_range_has_both_ends_and_nothing_that_is_no_number() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"participant": 10**30}, "participant is 10+; it must be from 0 to 999999, or -9999"),
-        ({"participant": -1}, "participant is -1"),
+        (
+            {"participant": 10**30},
+            "participant is 10+; it must be from -2147483648 to 2147483647; -9999 if there is none",
+        ),
+        ({"participant": 2**31}, "participant is 2147483648"),
         ({"sensors_expected": 10**25}, "sensors_expected is 10+; it must be from 1 to 64"),
         ({"sensors_expected": 0}, "sensors_expected is 0"),
         ({"sensors": {"a": {"tilt": 3.2}}}, "tilt is 3.2; it must be from -3.14159 to 3.14159 rad"),
@@ -44,5 +47,5 @@ def test_numbers_of_a_setup_are_checked_at_the_door(arguments: dict[str, Any], s
 def test_what_is_at_the_limits_is_taken() -> None:
     SensorPose(TILT.low, SENSOR_HEIGHT.high)
     SensorPose(TILT.high, SENSOR_HEIGHT.low)
-    Setup(participant=int(PARTICIPANTS.high), sensors_expected=MOST_SENSORS)
+    Setup(participant=int(PARTICIPANT.high), sensors_expected=MOST_SENSORS)
     Setup(participant=NOT_AVAILABLE, sensors_expected=1)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from support.messages import small_scene
 
 from mocapella.errors import SchemaVersionError, WireError
+from mocapella.model.limits import COORDINATE
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
@@ -124,6 +125,16 @@ def test_a_scene_that_is_none_is_refused(change: str, value: Any, parts: list[st
     assert len(str(caught.value)) < 400
     for part in parts:
         assert part in str(caught.value)
+
+
+def test_results_may_lie_beyond_the_limits_of_frames() -> None:
+    """A point at 1000 m before a sensor at 1000 m above the floor is further away, and predictions go on."""
+    far = packed(*[0.0] * 74, 1.5 * COORDINATE.high)
+    assert decode_scene(of_scene("people.0.positions_m", far)).people[0].positions[24, 2] == 1500.0
+    away = packed(1, 0, 0, 0, 0, 1, 0, 1500.0, 0, 0, 1, 0)
+    assert (
+        decode_scene(of_scene("people.0.views.1.T_world_sensor", away)).people[0].views[1].T_world_sensor[1, 3] == 1500
+    )
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,8 @@ MOST_SENSORS: Final = 64
 """Sensors of a session."""
 SENSORS_EXPECTED: Final = Range(1, MOST_SENSORS)
 """Number of sensors to wait for before calibrating."""
-PARTICIPANTS: Final = Range(0, 999_999)
-"""Number of a participant."""
+PARTICIPANT: Final = Range(-(2**31), 2**31 - 1)
+"""Number of a participant; any that a study log and a take can store."""
 
 MOST_UNPROVEN: Final = 16
 """Sensors from which no valid frame has come yet; messages of further ones are not kept."""
@@ -69,7 +69,9 @@ MOST_COMMANDS_OF_A_CLIENT: Final = 16
 MAX_COMMAND_BYTES: Final = 1024 * 1024
 """Largest arguments of a command."""
 
-NOTICES_A_SECOND: Final = 20
-"""Notices that are shown in a second; further ones are counted."""
+NOTICES_A_SECOND: Final = 5
+"""Notices about other programs that are shown in a second, in the long run; further ones are counted."""
+NOTICES_AT_ONCE: Final = 20
+"""Notices about other programs that are shown at once."""
 LONGEST_NOTICE: Final = 500
 """Longest notice, in characters; longer ones are cut."""
