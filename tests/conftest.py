@@ -10,6 +10,7 @@ from pathlib import Path
 # Four workers share two cores: threads within a product of small matrices would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache"
+os.environ["MOCAPELLA_LOGS"] = str(CACHE / "logs")  # not the user's
 # More than a hundred programs are started. Without the bytecode of what they import, each takes seconds more; who wants
 # none beside the sources has it elsewhere.
 if sys.dont_write_bytecode:
@@ -51,7 +52,9 @@ PROGRAMS = (
     "live/test_processes.py",
     "live/test_datagrams.py",
     "live/test_server.py",
+    "live/test_server_errors.py",
     "live/test_server_junk.py",
+    "live/test_thread_deaths.py",
     "live/test_node.py",
     "live/test_arm_node.py",
     "live/test_marker_node.py",

@@ -37,6 +37,7 @@ VERBS = [
     ["export", "csv"],
     ["export", "arms"],
     ["export", "json"],
+    ["status"],
     ["view"],
     ["doctor"],
     ["lab", "evaluate", "kinectmultitrack"],

@@ -38,6 +38,7 @@ def test_a_view_that_ends_by_itself_is_told_of_once_and_ends_nothing_else(capsys
             wait_while(LiveSession(server, view, nodes, threading.Event()), 60.0, until=looked_often)
         assert "".join(told).count("the live view has ended") == 1
         assert not server.failed.is_set()
+        assert server.status().health.ended == ("view",)
     finally:
         server.close()
 

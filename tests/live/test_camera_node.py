@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable, Iterator
 from itertools import pairwise
+from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.live.camera_node import STEADY_S, WARN_AFTER_S, FaultReports
+from mocapella.errors import SettingsError
+from mocapella.live.camera_node import (
+    STEADY_S,
+    WARN_AFTER_S,
+    CameraNodeSettings,
+    CameraRun,
+    FaultReports,
+    run_camera_node,
+)
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.testing import FakeCamera
+from mocapella.wire.keys import NodeKey
 
 BEGIN, OVER = "too few", "rate: well again"
 
@@ -47,3 +63,62 @@ def test_each_kind_is_told_by_itself() -> None:
     assert list(warned.update({"a": "A"}, 6.0)) == ["A", "b: well again"]
     assert list(warned.update({}, 9.0)) == []
     assert list(warned.update({}, 66.0)) == ["a: well again"]
+
+
+class Link:
+    """A node's link without a bus."""
+
+    node, address, published = NodeKey("left", 1), "tcp/127.0.0.1:1", 0
+
+    def join(self) -> bool:
+        return True
+
+    def server_is_there(self) -> bool:
+        return True
+
+
+class Work:
+    def words(self) -> str:
+        return ""
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        return iter(())
+
+
+def run(on_picture: Callable[[Picture], None], said: list[str]) -> CameraRun:
+    """Run a node until three images were processed."""
+    link: Any = Link()
+    stop, count = threading.Event(), [0]
+
+    def look(picture: Picture) -> None:
+        count[0] += 1
+        if count[0] == 3:
+            stop.set()
+        on_picture(picture)
+
+    with Acquisition(FakeCamera(SourceState((2, 2), None))) as acquisition:
+        return run_camera_node(
+            link, acquisition, Work(), look, CameraNodeSettings(), epoch=None, stop=stop, wait=True, say=said.append
+        )
+
+
+def test_an_image_that_causes_an_unexpected_error_costs_itself_only() -> None:
+    seen, said = list[Picture](), list[str]()
+
+    def look(picture: Picture) -> None:
+        seen.append(picture)
+        if len(seen) == 1:
+            raise ZeroDivisionError("planted")
+
+    ran = run(look, said)
+    assert len(seen) == 3
+    assert "left: unexpected error (image): ZeroDivisionError: planted" in said
+    assert list(ran.errors.values()) == [1]
+
+
+def test_an_error_of_ours_ends_the_node() -> None:
+    def refuse(picture: Picture) -> None:
+        raise SettingsError("no such marker")
+
+    with pytest.raises(SettingsError, match="no such marker"):
+        run(refuse, [])

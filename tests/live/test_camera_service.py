@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -17,7 +19,18 @@ from mocapella.sources.picture_source import Picture
 from mocapella.sources.simulate.hand_camera import pointed_at
 from mocapella.sources.simulate.hand_scene import HandShot, load_hand_scene
 from mocapella.sources.simulate.rendered_camera import RenderedCamera
-from mocapella.wire.questions import AskDiscard, AskLearn, AskPicture, AskReport, AskSave, Clicks, write_question
+from mocapella.wire.questions import (
+    AskBoard,
+    AskDiscard,
+    AskLearn,
+    AskPicture,
+    AskReport,
+    AskSave,
+    Clicks,
+    NodeAnswer,
+    read_answer,
+    write_question,
+)
 
 SCENE = load_hand_scene("demo", seed=3)
 
@@ -106,3 +119,31 @@ def test_colours_that_the_node_began_with_come_back(tmp_path: Path) -> None:
     assert made.learn(red=points()["red"]).ok
     assert made.ask(AskDiscard()).names == list(SCENE.names)
     made.service.close()
+
+
+@pytest.mark.parametrize("text", ["columns = " + "1" * 5000, "a = " + "[" * 5000])
+def test_no_question_ends_the_thread_that_answers(made: Harness, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers: queue.Queue[NodeAnswer] = queue.Queue()
+
+    def ask(question: Any) -> NodeAnswer:
+        made.service.ask(write_question(question), lambda data: answers.put(read_answer(data)))
+        return answers.get(timeout=60.0)
+
+    made.look(1)
+    assert not ask(AskBoard(text)).ok
+    with monkeypatch.context() as planted:
+        planted.setattr(made.service, "_newest", lambda **_: 1 / 0)
+        assert ask(AskPicture()).message == "unexpected error (question): ZeroDivisionError: division by zero"
+    report = ask(AskReport()).report
+    assert report is not None
+    assert list(report["errors"].values())[-1] == 1
+
+
+def test_an_asker_that_has_left_ends_nothing(made: Harness) -> None:
+    def gone(data: bytes) -> None:
+        raise OSError("the link is closed")
+
+    done = threading.Event()
+    made.service.ask(write_question(AskReport()), gone)
+    made.service.ask(write_question(AskReport()), lambda data: done.set())
+    assert done.wait(60.0)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.live.inbox import Inbox, ReceivedMessage
+from mocapella.model.limits import STRANGERS_A_SECOND, STRANGERS_WAITING
 from mocapella.wire.keys import NodeKey
 
 FRONT, SIDE = NodeKey("front", 1), NodeKey("side", 2)
@@ -49,3 +50,46 @@ def test_a_node_that_is_gone_leaves_nothing() -> None:
     inbox.put(ReceivedMessage(FRONT, b"", 1))
     inbox.forget(FRONT)
     assert inbox.take(0.0) is None
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 30)), max_size=6))
+def test_strangers_cost_a_sensor_nothing_whatever_they_send(runs: list[tuple[bool, int]]) -> None:
+    """Runs of messages, of strangers or of a sensor: the sensor's are all there, in order."""
+    order = [stranger for stranger, count in runs for _ in range(count)]
+    now_ns = [0]
+    inbox = Inbox(200, clock_ns=lambda: now_ns[0])
+    for i, stranger in enumerate(order):
+        inbox.put(ReceivedMessage(NodeKey(f"x{i}", i) if stranger else FRONT, b"", i, stranger))
+    taken = []
+    while (message := inbox.take(0.0)) is not None:
+        taken.append(message)
+        now_ns[0] += 1_000_000
+    own = [i for i, stranger in enumerate(order) if not stranger]
+    assert [message.arrived_ns for message in taken if not message.stranger] == own
+    strangers = [message for message in taken if message.stranger]
+    assert len(strangers) + inbox.strangers_dropped <= order.count(True)
+    assert len(strangers) <= STRANGERS_WAITING
+    assert inbox.strangers_dropped == max(0, order.count(True) - STRANGERS_WAITING)
+
+
+def test_a_stranger_is_looked_at_although_sensors_never_pause_and_only_so_often() -> None:
+    now_ns = [0]
+    inbox = Inbox(clock_ns=lambda: now_ns[0])
+    looked = 0
+    for i in range(1000):  # a second
+        inbox.put(ReceivedMessage(FRONT, b"", i))
+        inbox.put(ReceivedMessage(NodeKey(f"x{i}", i), b"", i, stranger=True))
+        message = inbox.take(0.0)
+        assert message is not None
+        looked += message.stranger
+        now_ns[0] += 1_000_000
+    assert STRANGERS_A_SECOND // 2 <= looked <= STRANGERS_A_SECOND
+
+
+def test_messages_that_gave_way_to_newer_ones_are_counted_by_sensor_once() -> None:
+    inbox = Inbox(2)
+    for i in range(5):
+        inbox.put(ReceivedMessage(FRONT, b"", i))
+    inbox.put(ReceivedMessage(SIDE, b"", 9))
+    assert inbox.take_skipped() == {FRONT: 3}
+    assert inbox.take_skipped() == {}

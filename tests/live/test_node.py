@@ -7,13 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from msgspec import ValidationError
 from support.programs import free_port, wait_until
+from zenoh import ZError
 
 from mocapella.errors import NoServerError
-from mocapella.live.node import DueFrame, NodeSummary, run_node
+from mocapella.live.node import DueFrame, Membership, NodeSummary, run_node
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.observations import body_frame
 from mocapella.model.topology import topology
+from mocapella.wire.keys import NodeKey
 from mocapella.wire.node import NodeLink
 
 
@@ -67,3 +70,30 @@ def test_a_node_that_is_stopped_while_it_waits_has_published_nothing() -> None:
         summary = run_node(link, source.frames, epoch=None, stop=stop)
     assert (summary.served, summary.published) == (False, 0)
     assert not source.begun.is_set()
+
+
+def test_a_membership_goes_on_after_an_error() -> None:
+    """Anybody on the bus may answer its question, also with what is no answer."""
+    answers = [ValidationError("no answer"), ZError("no link")]
+    said, stop = list[str](), threading.Event()
+
+    class Link:
+        node, address = NodeKey("front", 1), "tcp/127.0.0.1:1"
+
+        def join(self) -> bool:
+            if answers:
+                raise answers.pop()
+            return True
+
+        def server_is_there(self) -> bool:
+            return True
+
+    membership = Membership(Link(), stop, said.append)  # type: ignore[arg-type]
+    wait_until("it has joined", membership.served.is_set)
+    stop.set()
+    membership.close()
+    assert sum(membership.errors.counts.values()) == 2
+    assert said[:2] == [
+        "front: unexpected error (server): ZError: no link",
+        "front: unexpected error (server): ValidationError: no answer",
+    ]

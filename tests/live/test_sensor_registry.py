@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from mocapella.errors import WireError
-from mocapella.live.sensor_registry import SensorRegistry
+from mocapella.live.sensor_registry import NodeStanding, SensorRegistry
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import depth_frame
+from mocapella.model.limits import MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
 from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, SensorPose, Setup
 from mocapella.model.topology import topology
@@ -183,3 +184,70 @@ def test_captures_can_be_brought_to_the_servers_clock_by_what_is_told_of_the_sen
     offset = row(registry, 60 * S).capture_offset
     assert offset == pytest.approx(50.01, abs=1e-9)
     assert at_ns == pytest.approx(3 * S + 1e9 * offset, abs=2)
+
+
+def nodes(count: int) -> list[NodeKey]:
+    return [NodeKey(f"x{k}", k + 1) for k in range(count)]
+
+
+def frame_of(node: NodeKey, sequence: int = 0) -> BodyFrame:
+    kind = topology("kinect_v2")
+    return body_frame(node.sensor, kind, time_ns=sequence, positions=[], sequence=sequence, node_id=node.node_id)
+
+
+def test_nothing_is_kept_of_a_stranger() -> None:
+    registry = SensorRegistry()
+    for node in nodes(20_000):
+        assert registry.standing(node, 0) is NodeStanding.STRANGER
+    assert registry.health(0, Setup(), {}, {}) == []
+    assert registry.take_notices() == []
+
+
+def test_sensors_without_a_valid_frame_are_few_and_are_forgotten_and_proven_ones_stay() -> None:
+    registry = SensorRegistry()
+    registry.admit(A, 0, proven=True)
+    registry.arrived(frame(0), A, 0)
+    for k, node in enumerate(nodes(1000)):
+        assert registry.admit(node, k, quiet=True) == ""
+    rows = registry.health(1000, Setup(), {}, {})
+    assert len(rows) == 1 + MOST_UNPROVEN
+    assert registry.take_notices() == ['sensor "front" is here']
+    assert [health.name for health in registry.health(int((UNPROVEN_S + 1) * S), Setup(), {}, {})] == ["front"]
+
+
+def test_a_node_finds_a_seat_by_its_first_valid_frame_though_tokens_have_taken_the_others() -> None:
+    registry = SensorRegistry()
+    for node in nodes(5000):
+        registry.set_connected(node, True, 0)
+    assert len(registry.health(0, Setup(), {}, {})) == MOST_UNPROVEN
+    assert registry.turned_away == 5000 - MOST_UNPROVEN
+    assert registry.join(A, 1) == ""
+    assert not registry.holds(A)
+    assert registry.admit(A, 2, proven=True) == ""
+    registry.arrived(frame(0), A, 2)
+    assert registry.holds(A)
+
+
+def test_there_is_a_largest_number_of_sensors_and_only_one_that_is_gone_gives_way() -> None:
+    registry = SensorRegistry()
+    some = nodes(MOST_SENSORS + 1)
+    for node in some:
+        registry.set_connected(node, True, 0)
+        registry.admit(node, 0, proven=True)
+        if node is not some[-1]:
+            registry.arrived(frame_of(node), node, 0)
+    with pytest.raises(WireError, match="there are 64 sensors already"):
+        registry.arrived(frame_of(some[-1]), some[-1], 0)
+    registry.set_connected(some[3], False, 0)
+    registry.arrived(frame_of(some[-1]), some[-1], 5 * S)
+    assert registry.holds(some[-1])
+    assert not registry.holds(some[3])
+
+
+def test_frames_for_which_the_tracker_was_too_slow_are_told_apart() -> None:
+    registry = SensorRegistry()
+    registry.set_connected(A, True, 0)
+    registry.arrived(frame(0), A, 0)
+    registry.fell_behind(A, 3)
+    registry.fell_behind(B, 9)
+    assert row(registry, 0).behind == 3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ import zenoh
 from support.programs import free_port, wait_until
 
 from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
-from mocapella.live.server import CONDITION_AGAIN_S, Server, ServerSettings
+from mocapella.live.server import Server, ServerSettings
+from mocapella.live.state_notices import CONDITION_AGAIN_S
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.model.topology import topology
@@ -63,6 +64,17 @@ def publish(link: NodeLink, count: int, begin: int = 0, every: float = 0.005) ->
         time.sleep(every)
 
 
+def until(what: str, links: Sequence[NodeLink], holds: Callable[[], bool]) -> None:
+    """Publish frames until something holds: the live path is best effort, and may lose some on a busy machine."""
+
+    def published() -> bool:
+        for link in links:
+            link.publish(frame(link.published))
+        return holds()
+
+    wait_until(what, published)
+
+
 def test_a_port_in_use_is_named(server: Server, address: str) -> None:
     with pytest.raises(AddressInUseError, match=address.rpartition(":")[2]):
         Server(ServerSettings(address, setup=SETUP))
@@ -90,13 +102,13 @@ def test_a_second_node_under_a_name_is_refused_and_seen(server: Server, address:
         wait_until("the first joins", first.join)
         with pytest.raises(NameTakenError, match="front"):
             second.join()
-        publish(first, 20)
-        publish(second, 20)
+        publish(second, 20)  # were they taken, the first one's lower numbers would be refused
+        until("frames of the first", [first], lambda: server.summary.frames_in >= 10)
         row = sensor(server, "front")
         assert row is not None
         assert row.node_id == first.node.node_id
-        wait_until("frames", lambda: server.summary.frames_in >= 20)
-        assert server.summary.frames_in == 20
+        assert row.rejected == 0
+        assert row.frames + row.dropped <= first.published
         assert any("second node under the name front was refused" in notice for notice in server.status().notices)
 
 
@@ -106,13 +118,11 @@ def test_two_servers_on_one_machine_never_see_each_others_sensors(server: Server
     try:
         with NodeLink(address, "here") as here, NodeLink(other_address, "there") as there:
             wait_until("both join", lambda: here.join() and there.join())
-            for k in range(20):
-                here.publish(frame(k))
-                there.publish(frame(k))
-                time.sleep(0.01)
-            wait_until("frames", lambda: server.summary.frames_in == 20 and other.summary.frames_in == 20)
-            assert [row.name for row in server.status().sensors] == ["here"]
-            assert [row.name for row in other.status().sensors] == ["there"]
+            both = server.summary, other.summary
+            until("frames", [here, there], lambda: all(summary.frames_in >= 20 for summary in both))
+            for seen, link in ((server, here), (other, there)):
+                assert [(row.name, row.node_id) for row in seen.status().sensors] == [link.node]
+                assert seen.summary.frames_in <= link.published
     finally:
         other.close()
 
@@ -169,7 +179,8 @@ def test_bytes_that_are_no_frame_are_counted_and_told(server: Server, address: s
     session = open_node(address)
     node = keys.NodeKey("front", 7)
     try:
-        publisher = session.declare_publisher(keys.of_node("live", node))
+        reliable = zenoh.CongestionControl.BLOCK
+        publisher = session.declare_publisher(keys.of_node("live", node), congestion_control=reliable)
         wait_until("a connection", lambda: _answers(session))
         for junk in (b"", b"\xff" * 40, b"\x08\x09", b"\x80\x04\x95pickle"):
             publisher.put(junk)
@@ -267,9 +278,9 @@ def test_names_that_two_give_are_served_in_order(server: Server, reader: zenoh.S
 def test_a_condition_is_told_of_when_it_comes_and_not_each_time(server: Server) -> None:
     said = "left: it was moved"
     for reason, now_s in ((said, 0.0), (f"{said}; right: silent", 1.0), ("", 2.0), (said, 3.0)):
-        server._note_conditions(reason, now_s)
+        server._states.conditions(reason, now_s)
     assert server.status().notices == (said,)
-    server._note_conditions(said, CONDITION_AGAIN_S)
+    server._states.conditions(said, CONDITION_AGAIN_S)
     assert server.status().notices == (said, said)
 
 
@@ -341,17 +352,18 @@ def test_an_unwritable_place_is_refused_before_anything_starts(address: str, tmp
 def test_a_frame_that_the_tracker_cannot_use_is_counted_and_told(server: Server, address: str) -> None:
     with NodeLink(address, "front") as link:
         wait_until("it joins", link.join)
-        for _ in range(3):
+
+        def repeated() -> bool:
             link.publish(frame(1))  # the same capture time again and again
-            time.sleep(0.02)
-        wait_until("the rejections", lambda: server.summary.rejected == 2)
+            return server.summary.rejected >= 2
+
+        wait_until("the rejections", repeated)
         row = sensor(server, "front")
         assert row is not None
-        assert row.rejected == 2
+        assert row.rejected >= 2
         assert "repeats the time" in row.problem
         wait_until("a notice", lambda: any("repeats the time" in notice for notice in server.status().notices))
-        link.publish(frame(2))
-        wait_until("all is well again", lambda: (r := sensor(server, "front")) is not None and r.problem == "")
+        until("all is well again", [link], lambda: (r := sensor(server, "front")) is not None and r.problem == "")
 
 
 def test_a_new_take_begins_with_the_first_frame_that_is_tracked_after_it_was_asked_for(
@@ -359,17 +371,19 @@ def test_a_new_take_begins_with_the_first_frame_that_is_tracked_after_it_was_ask
 ) -> None:
     with NodeLink(address, "front") as link:
         wait_until("it joins", link.join)
-        publish(link, 300, every=0.005)
-        wait_until("they are tracked", lambda: server.summary.frames_in > 250)
-        time.sleep(0.2)
-        count = server.summary.frames_in
-        publish(link, 1, 300)
-        wait_until("the last, too", lambda: server.summary.frames_in > count)
+        publish(link, 300, every=0.001)
+
+        def last_is_tracked() -> bool:
+            publish(link, 1, link.published, every=0.05)
+            return server._registry.newest().get(link.node) == link.published - 1
+
+        wait_until("the last one is tracked", last_is_tracked)
+        begin = link.published
         assert send_command(reader, "record", {"name": "fresh"}).ok
-        publish(link, 30, 301)
+        publish(link, 30, begin)
         assert send_command(reader, "record-stop", timeout=30).ok
     (frames,) = read_take(tmp_path / "takes" / "fresh.mcap").complete()
-    assert (frames.first, frames.last) == (301, 330)
+    assert (frames.first, frames.last) == (begin, begin + 29)
     assert frames.missing == ()
 
 
@@ -390,8 +404,7 @@ def test_a_take_has_what_was_tracked_though_the_record_path_brings_nothing(
         link._record = _Nowhere()  # type: ignore[assignment]
         wait_until("it joins", link.join)
         assert send_command(reader, "record", {"name": "tracked"}).ok
-        publish(link, 50, every=0.01)
-        wait_until("the last is tracked", lambda: server.status().recording.scenes >= 40)
+        until("enough is tracked", [link], lambda: server.status().recording.scenes >= 40)
         assert send_command(reader, "record-stop", timeout=30).ok
     take = read_take(tmp_path / "takes" / "tracked.mcap")
     stored = {event.frame.sequence for event in take.replay() if isinstance(event, Arrival)}

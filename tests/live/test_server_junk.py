@@ -28,6 +28,8 @@ from mocapella.wire.session import open_node, open_reader
 
 POSITIONS = np.random.default_rng(0).normal(size=(1, 25, 3)).astype(np.float32)
 NODE = keys.NodeKey("front", 7)
+RELIABLE = zenoh.CongestionControl.BLOCK
+"""A node's live path drops frames; these tests send each message once."""
 
 
 @pytest.fixture
@@ -66,7 +68,7 @@ def speak(session: zenoh.Session, server: Server, node: keys.NodeKey = NODE) -> 
     frame = body_frame(node.sensor, topology("kinect_v2"), time_ns=1, positions=POSITIONS, node_id=node.node_id)
     token = session.liveliness().declare_token(keys.of_node("alive/sensor", node))
     wait_until("it is there", lambda: (seat := row(server)) is not None and seat.connected)
-    session.put(keys.of_node("live", node), encode_frame(frame))
+    session.put(keys.of_node("live", node), encode_frame(frame), congestion_control=RELIABLE)
     wait_until("its frame", lambda: (seat := row(server)) is not None and seat.frames == 1)
     return token
 
@@ -139,7 +141,7 @@ def test_a_long_text_of_a_stranger_is_not_in_every_status(server: Server, reader
 def test_a_number_that_comes_again_is_refused_and_told(server: Server, stranger: zenoh.Session) -> None:
     token = speak(stranger, server)
     again = body_frame("front", topology("kinect_v2"), time_ns=2, positions=POSITIONS, node_id=7, sequence=0)
-    stranger.put(keys.of_node("live", NODE), encode_frame(again))
+    stranger.put(keys.of_node("live", NODE), encode_frame(again), congestion_control=RELIABLE)
     wait_until("it is refused", lambda: server.summary.rejected == 1)
     seat = row(server)
     assert seat is not None

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import numpy as np
+import pytest
+from support.programs import free_port
 
+from mocapella.live import view
 from mocapella.live.view import STALE_AFTER_S, Held, ViewState, beats
 from mocapella.model.observations import body_frame
 from mocapella.model.topology import topology
@@ -37,3 +41,27 @@ def test_the_beats_end_when_they_are_told() -> None:
             stop.set()
     assert len(instants) == 5
     assert instants == sorted(instants)
+
+
+def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown, stop = list[int](), threading.Event()
+
+    class Viewer:
+        url = "http://127.0.0.1:1"
+
+        def __init__(self, *_: Any, **__: Any) -> None:
+            pass
+
+        def show(self, *_: Any) -> None:
+            shown.append(len(shown))
+            if len(shown) == 3:
+                stop.set()
+            if len(shown) == 1:
+                raise ZeroDivisionError("planted")
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(view, "Viewer", Viewer)
+    view.run_view(f"tcp/127.0.0.1:{free_port()}", "127.0.0.1", 1, stop)
+    assert shown == [0, 1, 2]

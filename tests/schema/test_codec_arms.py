@@ -45,7 +45,7 @@ HALF[4, 1] = np.nan
     ("field", "value", "said"),
     [
         ("points_m", b"\0" * 8, "Arm.points_m has 8 bytes"),
-        ("points_m", np.full((23, 3), 1001.0).tobytes(), "Arm.points_m has a 1001"),
+        ("points_m", np.full((23, 3), 1.5e6).tobytes(), r"Arm.points_m has a 1.5e\+06"),
         ("points_m", HALF.tobytes(), "Arm.points_m has a point with a part"),
         ("points_m", np.zeros((23, 3)).tobytes(), "Arm.point_states has a point known without a place, or one with"),
         ("point_states", b"\3" * 23, "Arm.point_states has a 3"),

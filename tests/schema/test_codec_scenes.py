@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from support.messages import small_scene
 
 from mocapella.errors import SchemaVersionError, WireError
+from mocapella.model.limits import COORDINATE
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
@@ -87,11 +88,11 @@ def packed(*values: float) -> bytes:
     return np.array(values, "<f8").tobytes()
 
 
-FAR = packed(*[0.0] * 74, 1000.5)
+FAR = packed(*[0.0] * 74, 1.5e6)
 MIRROR = packed(-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 STRETCH = packed(1, 0, 0, 0, 0, 1.01, 0, 0, 0, 0, 1, 0)
 NOWHERE = packed(1, 0, 0, np.nan, 0, 1, 0, 0, 0, 0, 1, 0)
-AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
+AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1.001e6, 0, 0, 1, 0)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +103,7 @@ AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
         ("phase", "trakcing", ["Scene.phase is 'trakcing'", "did you mean tracking?"]),
         ("phase", "x" * 100_000, ["Scene.phase is 'xxx"]),
         ("people.0.positions_m", b"\0" * 8, ["Person.positions_m has 8 bytes", "want 600"]),
-        ("people.0.positions_m", FAR, ["Person.positions_m has a 1000.5", "±1000"]),
+        ("people.0.positions_m", FAR, ["Person.positions_m has a 1.5e+06", "±1e+06"]),
         ("people.0.positions_m", packed(*[np.inf] * 75), ["Person.positions_m has a inf"]),
         ("people.0.joint_states", b"\2" * 24, ["Person.joint_states has 24 bytes"]),
         ("people.0.joint_states", b"\2" * 24 + b"\3", ["Person.joint_states has a 3", "0, 1 or 2"]),
@@ -114,7 +115,7 @@ AWAY = packed(1, 0, 0, 0, 0, 1, 0, 1001, 0, 0, 1, 0)
         ("people.0.views.1.T_world_sensor", STRETCH, ["T_world_sensor is no rigid motion"]),
         ("people.0.views.1.T_world_sensor", NOWHERE, ["T_world_sensor is no rigid motion"]),
         ("people.0.views.1.T_world_sensor", AWAY, ["T_world_sensor is no rigid motion"]),
-        ("people.0.views.1.positions_m", FAR, ["PotentialSkeleton.positions_m has a 1000.5"]),
+        ("people.0.views.1.positions_m", FAR, ["PotentialSkeleton.positions_m has a 1.5e+06"]),
         ("people.0.views.1.joint_states", b"\7" * 25, ["PotentialSkeleton.joint_states has a 7"]),
     ],
 )
@@ -124,6 +125,16 @@ def test_a_scene_that_is_none_is_refused(change: str, value: Any, parts: list[st
     assert len(str(caught.value)) < 400
     for part in parts:
         assert part in str(caught.value)
+
+
+def test_results_may_lie_beyond_the_limits_of_frames() -> None:
+    """A point at 1000 m before a sensor at 1000 m above the floor is further away, and predictions go on."""
+    far = packed(*[0.0] * 74, 1.5 * COORDINATE.high)
+    assert decode_scene(of_scene("people.0.positions_m", far)).people[0].positions[24, 2] == 1500.0
+    away = packed(1, 0, 0, 0, 0, 1, 0, 1500.0, 0, 0, 1, 0)
+    assert (
+        decode_scene(of_scene("people.0.views.1.T_world_sensor", away)).people[0].views[1].T_world_sensor[1, 3] == 1500
+    )
 
 
 @pytest.mark.parametrize(

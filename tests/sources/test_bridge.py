@@ -179,6 +179,24 @@ def test_the_receiver_may_refuse_a_frame() -> None:
     assert (running.report.frames, running.report.refused) == (0, 1)
 
 
+def test_an_unexpected_error_ends_its_own_connection_and_is_counted() -> None:
+    heard, said = Heard(), list[str]()
+
+    def on_frame(sensor: str, frame: BodyFrame, data: bytes) -> None:
+        if sensor == "bad":
+            raise ZeroDivisionError("planted")
+        heard.on_frame(sensor, frame, data)
+
+    with Bridge(on_frame, BridgeSettings(port=0), heard.on_gone, said.append) as running:
+        with connected(running) as good, connected(running) as bad:
+            bad.sendall(packet("bad"))
+            assert answer(bad) == "an unexpected error of the bridge\n"
+            good.sendall(packet("good"))
+            heard.wait(lambda: heard.sequences("good") == [0])
+        assert running.report.errors == 1
+    assert said == ["unexpected error (message): ZeroDivisionError: planted"]
+
+
 def test_a_message_that_never_ends_is_given_up() -> None:
     heard = Heard()
     with bridge(heard, message_timeout=0.2) as running, connected(running) as slow, connected(running) as good:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.walkers import Room, health, status
 
 from mocapella.model.scene import Phase, SensorPlace
-from mocapella.model.session import RecordingHealth, Setup
+from mocapella.model.session import RecordingHealth, ServerHealth, Setup
 from mocapella.viewer.palette import AMBER, BLUE, SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
@@ -314,3 +314,16 @@ def test_the_newest_notice_is_first_and_old_ones_go():
     assert text.startswith("notice 8")
     assert "notice 4" not in text
     assert "Nothing to report." in Reader(notices_html(status(notices=()))).text
+
+
+def test_what_is_wrong_with_the_server_itself_is_shown() -> None:
+    health = ServerHealth(
+        errors={"frame: ValueError in <x>": 2}, turned_away={"commands": 5}, disk_free_bytes=1_500_000_000,
+        reserve_bytes=1_000_000_000, ended=("part",),
+    )  # fmt: skip
+    text = Reader(notices_html(status(health=health))).text
+    for said in ("2 unexpected errors; the first: frame: ValueError in <x>", "turned away: 5 commands",
+                 "1.5 GB of disk are left; a recording stops at 1.0 GB", "the part has ended"):  # fmt: skip
+        assert said in text
+    well = ServerHealth(disk_free_bytes=2_000_000_000, reserve_bytes=1_000_000_000)
+    assert well.problems() == ()

@@ -96,10 +96,10 @@ def test_a_participant_that_is_no_number_is_refused_by_name():
 @pytest.mark.parametrize(
     ("pose", "words"),
     [
-        (PoseField(120.0, 1.0), 'tilt of sensor "left" is 120°; it must be from -90 to 90°'),
-        (PoseField(-90.5, 1.0), 'tilt of sensor "left" is -90.5°; it must be from -90 to 90°'),
-        (PoseField(0.0, 10.2), 'height of sensor "left" is 10.2 m; it must be from 0 to 10 m'),
-        (PoseField(0.0, -0.1), 'height of sensor "left" is -0.1 m; it must be from 0 to 10 m'),
+        (PoseField(200.0, 1.0), 'tilt of sensor "left" is 200°; it must be from -180 to 180°'),
+        (PoseField(-180.5, 1.0), 'tilt of sensor "left" is -180.5°; it must be from -180 to 180°'),
+        (PoseField(0.0, 1200.0), 'height of sensor "left" is 1200 m; it must be from 0 to 1000 m'),
+        (PoseField(0.0, -0.1), 'height of sensor "left" is -0.1 m; it must be from 0 to 1000 m'),
     ],
 )
 def test_a_pose_out_of_range_is_refused_in_the_units_in_which_it_was_typed(pose, words):
@@ -114,5 +114,5 @@ def test_every_pose_of_the_form_is_one_of_a_setup():
 
 
 def test_to_wait_for_no_sensor_is_refused():
-    with pytest.raises(SettingsError, match="sensors to wait for is 0; it must be 1 or more"):
+    with pytest.raises(SettingsError, match="sensors to wait for is 0; it must be from 1 to 64"):
         setup_arguments(SetupFields(sensors_expected=0), SetupFields(), Setup())

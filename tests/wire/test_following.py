@@ -11,7 +11,7 @@ from support.moved_wand import moved
 from mocapella.model.scene import Scene
 from mocapella.schema import encode_frame, encode_scene
 from mocapella.wire import keys
-from mocapella.wire.reader import Following
+from mocapella.wire.reader import Following, Newest
 
 
 class Bus:
@@ -52,3 +52,18 @@ def test_what_cannot_be_read_or_kept_is_counted() -> None:
     steps = [message.step for message in following.take() if isinstance(message, Scene)]
     assert steps == [2, 3]
     assert (following.refused, following.lost) == (1, 2)
+
+
+def test_a_slow_reader_has_the_newest_scene_and_the_number_of_those_that_it_skipped() -> None:
+    bus = Bus()
+    newest = Newest(bus)  # type: ignore[arg-type]
+    scenes = [encode_scene(scene) for scene, _ in moved(0.05)]
+    for data in scenes[:4]:
+        bus.put(keys.SCENE, data)
+    scene = newest.scene()
+    assert scene is not None
+    assert scene.step == 3
+    assert newest.skipped == 3
+    bus.put(keys.SCENE, scenes[0])
+    assert newest.scene() is not None
+    assert newest.skipped == 3

@@ -12,6 +12,8 @@ import sys
 from collections.abc import Sequence
 
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
+LONGEST_ERROR = 4000
+"""Longest message of an error, in characters; it may come from another program, and is escaped."""
 INTERRUPTED = 130
 """The exit status that shells expect of a command that Ctrl-C kept from its result."""
 
@@ -44,12 +46,12 @@ def run(arguments: Sequence[str]) -> None:
     import_commands()
     from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
-    from mocapella.model.names import visible
+    from mocapella.supervision import printable
 
     try:
         app(list(arguments), prog_name="mocapella")
     except MocapellaError as error:
-        typer.secho(f"mocapella: {visible(str(error))}", fg=typer.colors.RED, err=True)
+        typer.secho(f"mocapella: {printable(str(error), LONGEST_ERROR)}", fg=typer.colors.RED, err=True)
         sys.exit(1)
 
 
@@ -71,6 +73,7 @@ def import_commands() -> None:
         replay,
         serve,
         silhouettes,
+        status,
         train,
         triangulate,
         tune,

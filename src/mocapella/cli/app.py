@@ -9,6 +9,8 @@ import typer
 from mocapella import __version__
 from mocapella.cli.registered import ExportVerbs, NodeVerbs
 
+LOGGED: Final = frozenset({"demo", "serve", "node", "view"})
+"""Commands that run for long, and write a structured log."""
 REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "export"})
 """Commands that begin with a line for each plug-in that cannot be used."""
 
@@ -118,6 +120,10 @@ def _root(
         typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and the schema's."),
     ] = False,
 ) -> None:
+    if context.invoked_subcommand in LOGGED:
+        from mocapella.live.run_log import RunLog
+
+        context.call_on_close(RunLog(context.invoked_subcommand).close)
     if context.invoked_subcommand in REPORT_PLUGINS:
         from mocapella.cli.plugins import tell_of_skipped
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import json
+import logging
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -30,6 +31,7 @@ DEFAULT_TAKES = Path("takes")
 DEFAULT_SCENE: Final = "obstacle"
 DEFAULT_ADDRESS = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 
+_LOG: Final = logging.getLogger("mocapella.cli")
 console = Console(stderr=True, highlight=False)
 """Everything for people goes to standard error, so that standard output is a program's."""
 
@@ -335,6 +337,12 @@ def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
 
 
 def say(text: str) -> None:
+    """Print and log a line."""
+    _LOG.info("%s", text)
+    show(text)
+
+
+def show(text: str) -> None:
     """Print a line without wrapping, and without interpreting markup or escape sequences in names."""
     console.print(visible(text, keep="\n\t"), markup=False, soft_wrap=True)
 

@@ -124,6 +124,8 @@ def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]
         say(f"{file.name}: {problem}")
     for why, count in notes["unusable"].items():
         say(f"{file.name}: {count} frames could not be used: {why}")
+    for why, count in replayed.summary.errors.items():
+        say(f"{file.name}: {count} unexpected errors: {why}")
     say_if_never_tracked(row, f"{file.name}: ")
     if "recorded_scenes" in notes:
         say(f"{file.name}: {_comparison(notes['recorded_scenes'], notes['differing_scenes'])}")

@@ -39,6 +39,7 @@ from mocapella.cli.common import (
     recording_row,
     say,
     say_if_never_tracked,
+    show,
     warn_if_open,
     write_json,
 )
@@ -132,6 +133,7 @@ def live_session(
     """
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children, check_port_free
+    from mocapella.live.run_log import log_in_use
     from mocapella.live.server import Server
     from mocapella.live.session import Session
     from mocapella.tracker import is_compiled
@@ -155,12 +157,12 @@ def live_session(
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
             settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
-        server = Server(settings, say=say)
+        server = Server(replace(settings, log=log_in_use()), say=show)  # it logs its notices itself
         stack.callback(server.close)
         view = stack.enter_context(Children())
         shown = threading.Event()
 
-        def show(url: str) -> None:
+        def show_url(url: str) -> None:
             on_url(url)
             shown.set()
 
@@ -168,7 +170,7 @@ def live_session(
             shown.set()
         else:
             arguments = ["view", "--connect", settings.listen, "--view-port", str(view_port), "--host", VIEW_HOST]
-            view.start([*arguments, *view_words], lambda line: _pass_on(line, show))
+            view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
 
@@ -402,6 +404,8 @@ def finish(server: Server) -> dict[str, Any]:
         f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
         f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, " + most_of(summary)
     )
+    for problem in server.server_health().problems():
+        say(problem)
     say_if_never_tracked(summary)
     return {**summary, "recording": recording}
 
@@ -416,6 +420,7 @@ def _summary(server: Server) -> dict[str, Any]:
             "rate_hz": sensor.rate_hz,
             "frames": sensor.frames,
             "drops": sensor.dropped,
+            "behind": sensor.behind,
             "rejected": sensor.rejected,
             "clock_offset_ms": None if sensor.clock_offset is None else round(sensor.clock_offset * 1e3, 4),
             "clock_bound_ms": None if sensor.clock_bound is None else round(sensor.clock_bound * 1e3, 4),
@@ -430,6 +435,7 @@ def _summary(server: Server) -> dict[str, Any]:
         "seconds": status.uptime,
         "sensors": rows,
         "drops": sum(row["drops"] for row in rows),
+        "turned_away": status.health.turned_away,
         **server.summary.as_json(last),
     }
 
@@ -471,8 +477,11 @@ def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], 
             deadline = time.monotonic() + seconds
         if view_is_there and session.view.any_ended():
             view_is_there = False
+            session.server.part_ended("view")
             say("the live view has ended; the session goes on, and `mocapella view` shows it again")
-        if session.server.failed.is_set():
-            raise MocapellaError("the server failed (see above); the take so far is safe")
         if until() or (deadline is not None and time.monotonic() >= deadline):
-            return
+            break
+        if session.server.failed.is_set():
+            break
+    if session.server.failed.is_set():  # a thread died, and has set `stop`
+        raise MocapellaError("the server failed, as its log says; the take is closed; start it again to continue it")

@@ -91,5 +91,5 @@ def run_arm_node(
         published=link.published,
         images_published=0 if depth_link is None else depth_link.published,
         seconds=run.seconds,
-        report=work.report(),
+        report=work.report() | {"errors": run.errors},
     )

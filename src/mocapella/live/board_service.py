@@ -30,6 +30,7 @@ from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.session import CommandReply, SensorHealth, SessionStatus
 from mocapella.settings import parse
+from mocapella.supervision import Boundary
 from mocapella.tracker.method import METHODS
 from mocapella.wire.questions import NodeAnswer, Question
 
@@ -69,6 +70,7 @@ class BoardService:
         self._ask: Callable[[str, Question, float], NodeAnswer] = lambda camera, question, timeout_s: ask(
             camera, msgspec.to_builtins(question), timeout_s
         )
+        self._errors = Boundary()
         self._lock = threading.Lock()
         self._sensors: tuple[SensorHealth, ...] = ()
         self._has_rig = False
@@ -134,7 +136,8 @@ class BoardService:
             self._progress = BoardProgress(
                 "filming", _words(board), _cameras(run), file=self._free_name(), has_rig=self._has_rig
             )
-            self._thread = threading.Thread(target=self._work, args=(run, board_cameras), name="calibrate cameras")
+            work = self._errors.wrap("calibration", self._work)
+            self._thread = threading.Thread(target=work, args=(run, board_cameras), name="calibrate cameras")
             self._thread.start()
         return f"show the board to {', '.join(cameras)}"
 

@@ -61,7 +61,7 @@ def run_bridge(
             say(f"{sensor}: its program left after {left.link.published} frames{nowhere}")
             left.close()
 
-    bridge = Bridge(on_frame, settings, on_disconnect)
+    bridge = Bridge(on_frame, settings, on_disconnect, say)
     bridge.start()
     host, port = bridge.address
     say(f"bridge: listening at {host}:{port} for length-delimited BodyFrames (Ctrl-C ends)")

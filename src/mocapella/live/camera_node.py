@@ -10,11 +10,12 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from mocapella.errors import NoServerError
+from mocapella.errors import MocapellaError, NoServerError
 from mocapella.live.node import Membership
 from mocapella.settings import check
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
+from mocapella.supervision import Boundary
 from mocapella.wire.node import NodeLink
 
 WARN_AFTER_S: Final = 3.0
@@ -56,10 +57,17 @@ class CameraWork(Protocol):
 
 @dataclass(frozen=True)
 class CameraRun:
-    """Result of a run: whether a server ever accepted the node, and the duration [s]."""
+    """Result of a run.
+
+    Attributes:
+        served: whether a server ever accepted the node.
+        seconds: duration [s].
+        errors: number of unexpected errors, by reason.
+    """
 
     served: bool
     seconds: float
+    errors: dict[str, int]
 
 
 def run_camera_node(
@@ -98,9 +106,11 @@ def run_camera_node(
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the source has ended, and no server ever received a frame.
-        MocapellaError: of the source, or of ``on_picture``.
+        MocapellaError: of the source, or of ``on_picture``; any other error of ``on_picture`` costs that image only.
     """
     sensor = link.node.sensor
+    errors = Boundary(lambda text: say(f"{sensor}: {text}"))
+    process = _guarded(on_picture, errors)
     membership = Membership(link, stop, say)
     ended_by_itself = False
     try:
@@ -113,7 +123,7 @@ def run_camera_node(
         while not (stop.is_set() or (full is not None and full())):
             picture = acquisition.take(_POLL_S)
             if picture is not None:
-                on_picture(picture)
+                process(picture)
             elif acquisition.ended:
                 ended_by_itself = not stop.wait(linger_s)
                 break
@@ -130,7 +140,26 @@ def run_camera_node(
             f"{sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
             "start it first (mocapella serve)"
         )
-    return CameraRun(membership.served.is_set(), round(clock() - began, 3))
+    return CameraRun(membership.served.is_set(), round(clock() - began, 3), errors.counts)
+
+
+def _guarded(on_picture: Callable[[Picture], None], errors: Boundary) -> Callable[[Picture], None]:
+    """Return a function that raises only errors of Mocapella; others are counted and reported."""
+
+    def process(picture: Picture) -> None:
+        raised: list[MocapellaError] = []
+
+        def attempt() -> None:
+            try:
+                on_picture(picture)
+            except MocapellaError as error:
+                raised.append(error)
+
+        errors.run("image", attempt)
+        if raised:
+            raise raised[0]
+
+    return process
 
 
 class FaultReports:

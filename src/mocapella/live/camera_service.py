@@ -26,6 +26,7 @@ from mocapella.sensing.marker_mask import encode_image, mask_image
 from mocapella.sensing.markers import MarkerDetector
 from mocapella.settings import check
 from mocapella.sources.acquisition import Acquisition
+from mocapella.supervision import Boundary
 from mocapella.wire.questions import (
     AskBoard,
     AskControls,
@@ -119,6 +120,7 @@ class CameraService:
     ) -> None:
         self._work, self._file, self.settings = work, profile_file, settings or CameraServiceSettings()
         self._say, self._clock = say, clock
+        self._errors = Boundary(say)
         self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(self.settings.waiting)
         self._asked_s: deque[float] = deque(maxlen=self.settings.a_second)
         self._lock, self._ended = threading.Lock(), threading.Event()
@@ -170,7 +172,9 @@ class CameraService:
     def _run(self) -> None:
         while (waiting := self._waiting.get()) is not None and not self._ended.is_set():
             question, reply = waiting
-            reply(write_answer(self.answer(question)))
+            problem = self._errors.run("question", lambda: reply(write_answer(self.answer(question))))  # noqa: B023
+            if problem:
+                self._errors.run("answer", lambda: reply(write_answer(NodeAnswer(False, problem))))  # noqa: B023
 
     def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return per query
         match read_question(data):
@@ -186,9 +190,9 @@ class CameraService:
             case AskControls():
                 return NodeAnswer(True, controls=self._controls())
             case AskReport():
-                return NodeAnswer(
-                    True, self._work.words(), report={**self._work.report(), "unsaved": self._before != _SAVED}
-                )
+                own = {"unsaved": self._before != _SAVED, "errors": self._errors.counts}
+                report = {**self._work.report(), **own}
+                return NodeAnswer(True, self._work.words(), report=report)
             case AskLearn() as wanted:
                 return self._learn(wanted)
             case AskSave():

@@ -11,6 +11,7 @@ from typing import Any, Final
 from mocapella.live.bridging import ServedSensor
 from mocapella.sources.datagram_settings import DatagramSettings
 from mocapella.sources.marker_datagrams import MarkerDatagrams
+from mocapella.supervision import Boundary
 
 _POLL_S: Final = 0.1
 
@@ -31,9 +32,14 @@ def run_datagrams(
         try:
             for name, (host, port) in source.addresses.items():
                 say(f"{name}: listening at {host}:{port} for {', '.join(settings.markers)} (Ctrl-C ends)")
-            while not stop.is_set():
+            errors = Boundary(say)
+
+            def pass_on() -> None:
                 for frame in source.poll(_POLL_S):
                     serving[frame.sensor].publish(frame)
+
+            while not stop.is_set():
+                errors.run("datagram", pass_on)
                 for sensor in serving.values():
                     sensor.raise_refusal()
         finally:
@@ -51,6 +57,7 @@ def run_datagrams(
             "starts_sent": source.starts_sent,
             "seconds": round(time.monotonic() - began_s, 3),
             "processor_seconds": round(time.process_time() - busy_s, 3),
+            "errors": errors.counts,
         }
 
 

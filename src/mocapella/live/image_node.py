@@ -85,5 +85,5 @@ def run_image_node(
         served=run.served,
         published=link.published,
         seconds=run.seconds,
-        report=work.report(),
+        report=work.report() | {"errors": run.errors},
     )

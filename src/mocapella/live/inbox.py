@@ -1,31 +1,59 @@
-"""Queue between the bus's threads and the tracker's: a short one for each sensor, which drops the oldest frames."""
+"""Queue between the bus's threads and the tracker's: a short one for each sensor, which drops the oldest frames.
+
+Messages of all nodes without a seat share one queue, so that any number of them costs a sensor nothing.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections import deque
-from typing import NamedTuple
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
+from mocapella.model.limits import STRANGERS_A_SECOND, STRANGERS_WAITING
 from mocapella.wire.keys import NodeKey
+
+_STRANGER_EVERY_NS: Final = 1_000_000_000 // STRANGERS_A_SECOND
 
 
 class ReceivedMessage(NamedTuple):
-    """A received message: its node, its bytes, and its arrival on the server's monotonic clock [ns]."""
+    """A received message.
+
+    Attributes:
+        node: its node, by its key.
+        data: its bytes.
+        arrived_ns: its arrival on the server's monotonic clock [ns].
+        stranger: whether the node had no seat when it arrived.
+    """
 
     node: NodeKey
     data: bytes
     arrived_ns: int
+    stranger: bool = False
 
 
 class Inbox:
     """Messages of all sensors in the order of their arrival, at most the newest ``depth`` of each sensor.
 
-    A tracker that falls behind loses the oldest frames of the fastest sensors (counted by the gap in their sequence
-    numbers), and a sensor at ten times its rate cannot crowd out another.
+    A tracker that falls behind loses the oldest frames of the fastest sensors, and a sensor at ten times its rate
+    cannot crowd out another. The newest `STRANGERS_WAITING` messages of strangers are kept; at most
+    `STRANGERS_A_SECOND` are taken.
+
+    Args:
+        depth: messages of a sensor that are kept.
+        clock_ns: the monotonic clock [ns].
+
+    Attributes:
+        strangers_dropped: number of strangers' messages dropped without a look at them.
     """
 
-    def __init__(self, depth: int = 6) -> None:
-        self._depth = depth
+    def __init__(self, depth: int = 6, *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.strangers_dropped = 0
+        self._depth, self._clock_ns = depth, clock_ns
+        self._strangers: deque[ReceivedMessage] = deque()
+        self._stranger_due_ns = 0
+        self._skipped: Counter[NodeKey] = Counter()
         self._queues: dict[NodeKey, deque[ReceivedMessage]] = {}
         self._ready = threading.Condition()
         self._woken = False
@@ -33,10 +61,22 @@ class Inbox:
     def put(self, message: ReceivedMessage) -> None:
         """Add a message; on any thread."""
         with self._ready:
+            if message.stranger:
+                self._put_stranger(message)
+                return
             queue = self._queues.setdefault(message.node, deque())
             if len(queue) >= self._depth:
                 queue.popleft()
+                self._skipped[message.node] += 1
             queue.append(message)
+            self._ready.notify()
+
+    def _put_stranger(self, message: ReceivedMessage) -> None:
+        if len(self._strangers) >= STRANGERS_WAITING:
+            self._strangers.popleft()
+            self.strangers_dropped += 1
+        self._strangers.append(message)
+        if len(self._strangers) == 1:
             self._ready.notify()
 
     def wake(self) -> None:
@@ -48,9 +88,12 @@ class Inbox:
     def take(self, timeout: float) -> ReceivedMessage | None:
         """Remove and return the oldest message; None after ``timeout`` seconds or a `wake`."""
         with self._ready:
-            if not self._queues and not self._woken:
+            if not self._queues and not self._woken and not self._stranger_due():
                 self._ready.wait(timeout)
             self._woken = False
+            if self._stranger_due():
+                self._stranger_due_ns = self._clock_ns() + _STRANGER_EVERY_NS
+                return self._strangers.popleft()
             if not self._queues:
                 return None
             queue = min(self._queues.values(), key=lambda queue: queue[0].arrived_ns)
@@ -58,6 +101,15 @@ class Inbox:
             if not queue:
                 del self._queues[message.node]
             return message
+
+    def _stranger_due(self) -> bool:
+        return bool(self._strangers) and self._clock_ns() >= self._stranger_due_ns
+
+    def take_skipped(self) -> dict[NodeKey, int]:
+        """Return the number of each sensor's messages that were dropped for newer ones since the last call."""
+        with self._ready:
+            skipped, self._skipped = self._skipped, Counter()
+            return dict(skipped)
 
     def forget(self, node: NodeKey) -> None:
         """Discard the messages of a node that has left."""

@@ -10,10 +10,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from types import TracebackType
 
 from mocapella.errors import AddressInUseError, BusError
 from mocapella.live.signals import STARTED_BY_US
+from mocapella.supervision import Boundary
 
 
 class Children:
@@ -32,7 +34,8 @@ class Children:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding="utf-8",
+            errors="backslashreplace",
             env={**os.environ, STARTED_BY_US: "1"},
         )
         self._running.append(process)
@@ -84,9 +87,10 @@ class Children:
 
 def _listen(process: subprocess.Popen[str], on_line: Callable[[str], None]) -> None:
     assert process.stdout is not None
+    errors = Boundary()
     with process.stdout as lines:
         for line in lines:
-            on_line(line.rstrip("\n"))
+            errors.run("output of a process", partial(on_line, line.rstrip("\n")))
 
 
 def check_port_free(host: str, port: int, option: str) -> None:

@@ -109,7 +109,7 @@ def run_marker_node(
         served=run.served,
         published=link.published,
         seconds=run.seconds,
-        report=work.report(),
+        report=work.report() | {"errors": run.errors},
         stages=None if times is None else times.table(),
         jitter=None if times is None else times.jitter(work.names),
     )

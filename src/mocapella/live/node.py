@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mocapella.errors import NameTakenError, NoServerError
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
+from mocapella.supervision import Boundary
 from mocapella.wire.node import NodeLink
 
 _TRIES_BEFORE_NOTICE = 5
@@ -36,6 +37,7 @@ class NodeSummary:
         late: frames published more than 10 ms after they were due.
         worst_delay: largest delay of a frame [s].
         seconds: from the start of the run to the end [s].
+        errors: number of unexpected errors, by reason.
     """
 
     sensor: str
@@ -45,6 +47,7 @@ class NodeSummary:
     late: int
     worst_delay: float
     seconds: float
+    errors: dict[str, int] = field(default_factory=dict)
 
 
 class Membership:
@@ -53,6 +56,7 @@ class Membership:
     Attributes:
         served: set once a server has accepted the node.
         refusal: the error if a server has refused the name.
+        errors: unexpected errors.
     """
 
     def __init__(self, link: NodeLink, stop: threading.Event, say: Callable[[str], None]) -> None:
@@ -61,6 +65,8 @@ class Membership:
         self._say = say
         self.served = threading.Event()
         self.refusal: NameTakenError | None = None
+        self.errors = Boundary(lambda text: say(f"{link.node.sensor}: {text}"))
+        self._joined, self._tries = False, 0
         self._thread = threading.Thread(target=self._run, name="membership")
         self._thread.start()
 
@@ -84,26 +90,27 @@ class Membership:
             raise self.refusal
 
     def _run(self) -> None:
-        sensor, address = self._link.node.sensor, self._link.address
-        joined = False
-        tries = 0
         while not self._stop.is_set():
-            try:
-                there = self._link.server_is_there() if joined else self._link.join()
-            except NameTakenError as refusal:
-                self.refusal = refusal
-                self._stop.set()
-                return
-            tries += 1
-            if tries == _TRIES_BEFORE_NOTICE and not self.served.is_set() and not there:
-                self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
-            if there and not joined:
-                self.served.set()
-                self._say(f"{sensor}: serving {address}")
-            if joined and not there:
-                self._say(f"{sensor}: the server at {address} is gone; frames are kept for it, looking again …")
-            joined = there
-            self._stop.wait(1.0 if joined else 0.2)
+            self.errors.run("server", self._look)
+            self._stop.wait(1.0 if self._joined else 0.2)
+
+    def _look(self) -> None:
+        sensor, address = self._link.node.sensor, self._link.address
+        try:
+            there = self._link.server_is_there() if self._joined else self._link.join()
+        except NameTakenError as refusal:
+            self.refusal = refusal
+            self._stop.set()
+            return
+        self._tries += 1
+        if self._tries == _TRIES_BEFORE_NOTICE and not self.served.is_set() and not there:
+            self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
+        if there and not self._joined:
+            self.served.set()
+            self._say(f"{sensor}: serving {address}")
+        if self._joined and not there:
+            self._say(f"{sensor}: the server at {address} is gone; frames are kept for it, looking again …")
+        self._joined = there
 
 
 def run_node(
@@ -162,4 +169,5 @@ def run_node(
         late=late,
         worst_delay=round(worst, 4),
         seconds=round(time.monotonic() - began, 3),
+        errors=membership.errors.counts,
     )

@@ -6,12 +6,14 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from mocapella.errors import AddressInUseError, BusError
 from mocapella.live.node import Membership
 from mocapella.sources.openvr_poses import OpenVrPoses
 from mocapella.sources.osc import MOST_BYTES, OscPoses, as_json
+from mocapella.supervision import Boundary
 from mocapella.wire.node import NodeLink
 
 
@@ -28,6 +30,13 @@ def run_osc(
     with _bound(*address) as listener:
         membership = Membership(link, stop, say)
         source = OscPoses(link.node.sensor, space)
+        errors = Boundary(say)
+
+        def pass_on(data: bytes) -> None:
+            frame = source.update(data, time.monotonic_ns())
+            if frame is not None:
+                link.publish(frame)
+
         say(f"{link.node.sensor}: listening for OSC at {host}:{listener.getsockname()[1]} (Ctrl-C ends)")
         try:
             while not stop.is_set():
@@ -37,9 +46,7 @@ def run_osc(
                     continue
                 except OSError:  # Windows reports an earlier undelivered datagram here
                     continue
-                frame = source.update(data, time.monotonic_ns())
-                if frame is not None:
-                    link.publish(frame)
+                errors.run("datagram", partial(pass_on, data))
         finally:
             stop.set()
             membership.close()
@@ -51,11 +58,12 @@ def run_openvr(
 ) -> dict[str, Any]:
     """Publish OpenVR's poses at a fixed rate until ``stop`` is set; return counts."""
     membership = Membership(link, stop, say)
+    errors = Boundary(say)
     due = time.monotonic()
     try:
         while not stop.wait(max(0.0, due - time.monotonic())):
             due = max(due + 1.0 / hz, time.monotonic())
-            link.publish(source.poll(time.monotonic_ns()))
+            errors.run("poses", lambda: link.publish(source.poll(time.monotonic_ns())))
     finally:
         stop.set()
         membership.close()

@@ -106,11 +106,12 @@ class RecordingService:
                 f"already recording {health.path}; end that first (mocapella record --stop, or in the view)"
             )
         self._end()
+        memory = self._session.memory()  # before the take exists, in case it cannot be made
         fresh = not (resume and path.exists())
         first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}
         writer, history_s = begin_take(path, self._info(), reserve_bytes=self._reserve_bytes, resume=resume)
         recorder = Recorder(writer, self._say, history_s, first)
-        self._command(recorder, "restore", self._session.memory())
+        self._command(recorder, "restore", memory)
         if not self._session.running:
             self._command(recorder, "stop", {})
         now_s = time.monotonic()
@@ -133,11 +134,14 @@ class RecordingService:
         if not self._session.running:
             self._command(recorder, "stop", {})
 
-    def finish(self) -> RecordingHealth:
-        """Finish the take and return its result; missing frames are requested until they arrive or are given up."""
+    def finish(self, *, at_once: bool = False) -> RecordingHealth:
+        """Finish the take and return its result; missing frames are requested until they arrive or are given up.
+
+        ``at_once`` waits for none of them.
+        """
         with self._changing:
             recorder, given_up = self.recorder, self._refetch.given_up
-            if recorder is not None:
+            if recorder is not None and not at_once:
                 time.sleep(STRAGGLERS_S)
                 while not recorder.wait_for(given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
                     pass

@@ -9,6 +9,7 @@ from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.recording.take import Command
+from mocapella.supervision import Boundary
 
 
 def replay(
@@ -17,8 +18,13 @@ def replay(
     on_scene: Callable[[Scene], None] = lambda scene: None,
     summary: RunSummary | None = None,
 ) -> RunSummary:
-    """Pass every frame and command to the session in order; return ``summary`` with the results added."""
+    """Pass every frame and command to the session in order; return ``summary`` with the results added.
+
+    A frame whose tracking fails unexpectedly is counted, and the replay goes on. A frame that failed in the live run is
+    no event: the tracker's memory after it is.
+    """
     summary = summary or RunSummary()
+    errors = Boundary()
     phase, began_ns = "", None
     for event in events:
         if isinstance(event, Command):
@@ -27,7 +33,7 @@ def replay(
         began_ns = event.at_ns if began_ns is None else began_ns
         summary.began_ns = began_ns
         summary.frames_in += 1
-        scene = session.step(event)
+        scene = _step(session, event, errors)
         if scene is None:
             continue
         on_scene(scene)
@@ -35,4 +41,11 @@ def replay(
         if scene.state.phase.value != phase:
             phase = scene.state.phase.value
             summary.state((event.at_ns - began_ns) / 1e9, phase, scene.state.reason)
+    summary.errors = errors.counts
     return summary
+
+
+def _step(session: Session, event: Arrival, errors: Boundary) -> Scene | None:
+    scenes: list[Scene | None] = [None]
+    errors.run("frame", lambda: scenes.append(session.step(event)))
+    return scenes[-1]

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import statistics
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 from mocapella.errors import WireError
 from mocapella.model.frame_types import frame_type_of, what_it_sends
+from mocapella.model.limits import MOST_REFUSED_NODES, MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
+from mocapella.model.scene import SensorPlace
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.wire.clock import ClockEstimate, SensorClock
@@ -18,6 +22,20 @@ SILENT_AFTER_S = 2.0
 _RECENT_S = 3.0
 _MOST_REASONS = 32
 """Different reasons reported for one node; a faulty node must not fill the memory."""
+
+
+class NodeStanding(Enum):
+    """Standing of a node that sends a message.
+
+    Attributes:
+        SEATED: it holds its sensor's name.
+        STRANGER: its sensor's name is free, and it has no seat yet.
+        REFUSED: another node holds its sensor's name.
+    """
+
+    SEATED = "seated"
+    STRANGER = "stranger"
+    REFUSED = "refused"
 
 
 @dataclass
@@ -35,6 +53,7 @@ class _Entry:
     silent: bool = False
     frames: int = 0
     skipped: int = 0
+    behind: int = 0
     before: tuple[int, int] | None = (0, 0)
     rejected: int = 0
     rejection: str = ""
@@ -51,31 +70,84 @@ class SensorRegistry:
     """The sensors of a session. None is configured beforehand: the first node to use a name holds it.
 
     A name is free again when its node has left the bus, or is silent and never had a liveliness token.
+
+    A sensor is unproven until a valid frame of it has come. There are at most `MOST_UNPROVEN` of these, and at most
+    `MOST_SENSORS` others.
+
+    Attributes:
+        turned_away: number of sensors that found no free seat.
     """
 
     def __init__(self) -> None:
+        self.turned_away = 0
         self._entries: dict[str, _Entry] = {}
+        self._tokens: set[NodeKey] = set()
         self._refused: set[NodeKey] = set()
         self._notices: list[str] = []
 
-    def admit(self, node: NodeKey, now_ns: int) -> str:
-        """Give the node the sensor's name; return why it was refused, or an empty text."""
+    def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
+        """Return the standing of a node that sends a message; nothing is kept of a stranger."""
+        entry = self._entries.get(node.sensor)
+        if entry is not None and entry.node == node:
+            return NodeStanding.SEATED
+        if entry is not None and (entry.connected or entry.may_run(now_ns)):
+            self._refuse(node)
+            return NodeStanding.REFUSED
+        return NodeStanding.STRANGER
+
+    def join(self, node: NodeKey, now_ns: int) -> str:
+        """Give the node the sensor's name if a seat is free; return why the name is not, or an empty text.
+
+        Without a free seat, its first valid frame gets one.
+        """
+        if self.standing(node, now_ns) is NodeStanding.REFUSED:
+            return _taken(node)
+        self.admit(node, now_ns)
+        return ""
+
+    def admit(self, node: NodeKey, now_ns: int, *, proven: bool = False, quiet: bool = False) -> str:
+        """Give the node the sensor's name; return why it was refused, or an empty text.
+
+        Args:
+            node: the node.
+            now_ns: the present time on the server's monotonic clock [ns].
+            proven: whether a valid frame of it has come, which `arrived` is called with next.
+            quiet: whether to make no notice, because the message was no frame.
+        """
         entry = self._entries.get(node.sensor)
         if entry is not None and entry.node == node:
             return ""
         if entry is not None and (entry.connected or entry.may_run(now_ns)):
             return self._refuse(node)
-        self._entries[node.sensor] = _Entry(node, heard_ns=now_ns)
-        self._notices.append(f'sensor "{node.sensor}" ' + ("has a new node" if entry else "is here"))
+        if entry is None and not proven and not self._make_room(now_ns, proven=False):
+            self.turned_away += 1
+            return f"no seat is free for the sensor {node.sensor}: {MOST_UNPROVEN} others have not sent a frame yet"
+        self._entries[node.sensor] = _Entry(node, heard_ns=now_ns, connected=node in self._tokens)
+        if not quiet:
+            self._notices.append(f'sensor "{node.sensor}" ' + ("has a new node" if entry else "is here"))
         return ""
+
+    def _make_room(self, now_ns: int, *, proven: bool) -> bool:
+        """Return whether there is a seat for one more sensor; the longest unheard one gives up its seat if it may."""
+        kind = [entry for entry in self._entries.values() if bool(entry.frames) == proven]
+        if len(kind) < (MOST_SENSORS if proven else MOST_UNPROVEN):
+            return True
+        free = [entry for entry in kind if not entry.connected and not (proven and entry.may_run(now_ns))]
+        if not free:
+            return False
+        del self._entries[min(free, key=lambda entry: entry.heard_ns).node.sensor]
+        return True
 
     def set_connected(self, node: NodeKey, connected: bool, now_ns: int) -> None:
         """Set whether the node's liveliness token is present."""
         if connected:
+            if len(self._tokens) < MOST_REFUSED_NODES:
+                self._tokens.add(node)
             if self.admit(node, now_ns) == "":
                 self._entries[node.sensor].connected = True
                 self._entries[node.sensor].left = False
             return
+        self._tokens.discard(node)
         self._refused.discard(node)
         if self.holds(node):
             self._entries[node.sensor].connected = False
@@ -101,9 +173,13 @@ class SensorRegistry:
         """Count a frame of the node that holds the name; return its capture time on the server's clock [ns].
 
         Raises:
-            WireError: its sequence number is not above the last one. A take identifies frames by these numbers.
+            WireError: its sequence number is not above the last one, by which a take identifies frames; or it is the
+                first, and there are `MOST_SENSORS` others.
         """
         entry = self._entries[node.sensor]
+        if not entry.frames and not self._make_room(arrived_ns, proven=True):
+            self.turned_away += 1
+            raise WireError(f"there are {MOST_SENSORS} sensors already; end one of them")
         if entry.last_frame is not None:
             last = entry.last_frame.sequence
             if frame.sequence <= last:
@@ -127,6 +203,11 @@ class SensorRegistry:
         for entry in self._entries.values():
             entry.before = None
 
+    def fell_behind(self, node: NodeKey, frames: int) -> None:
+        """Count frames that were skipped because newer ones were waiting."""
+        if self.holds(node):
+            self._entries[node.sensor].behind += frames
+
     def rejected(self, node: NodeKey, reason: str) -> None:
         """Count a message of the node that was not accepted or not usable; report each reason once."""
         if self.holds(node):
@@ -147,7 +228,10 @@ class SensorRegistry:
         return latency
 
     def notice_silence(self, now_ns: int) -> None:
-        """Mark sensors that have fallen silent since the last call."""
+        """Mark sensors that have fallen silent since the last call; forget unproven ones that are gone."""
+        for name, entry in list(self._entries.items()):
+            if not entry.frames and not entry.connected and now_ns - entry.heard_ns > UNPROVEN_S * 1e9:
+                del self._entries[name]
         for name, entry in self._entries.items():
             if entry.frames and not entry.silent and now_ns - entry.heard_ns > SILENT_AFTER_S * 1e9:
                 entry.silent = True
@@ -167,23 +251,44 @@ class SensorRegistry:
         """Return the nodes that are connected and not silent: those that would answer."""
         return [entry.node for entry in self._entries.values() if entry.connected and not entry.silent]
 
-    def health(self, now_ns: int, setup: Setup, stored: dict[str, int], lost: dict[str, int]) -> list[SensorHealth]:
-        """Return each sensor's health, sorted by name; ``stored`` and ``lost`` are the recorder's counts by sensor."""
+    def health(
+        self,
+        now_ns: int,
+        setup: Setup,
+        stored: dict[str, int],
+        lost: dict[str, int],
+        places: Sequence[SensorPlace] = (),
+    ) -> list[SensorHealth]:
+        """Return each sensor's health, sorted by name.
+
+        Args:
+            now_ns: the present time on the server's monotonic clock [ns].
+            setup: the present one.
+            stored: number of stored frames, by sensor.
+            lost: number of lost frames, by sensor.
+            places: the calibrated poses.
+        """
         self.notice_silence(now_ns)
+        placed = {place.sensor: place for place in places}
         return [
-            _health(entry, now_ns, setup, stored.get(name, 0), lost.get(name, 0))
+            _health(entry, now_ns, setup, stored.get(name, 0), lost.get(name, 0), place=placed.get(name))
             for name, entry in sorted(self._entries.items())
         ]
 
     def _refuse(self, node: NodeKey) -> str:
-        message = f"another node serves the sensor {node.sensor}; give this one another with --name, or end that node"
-        if node not in self._refused:
+        if node not in self._refused and len(self._refused) < MOST_REFUSED_NODES:
             self._refused.add(node)
             self._notices.append(f"a second node under the name {node.sensor} was refused ({node.node_id:016x})")
-        return message
+        return _taken(node)
 
 
-def _health(entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int) -> SensorHealth:
+def _taken(node: NodeKey) -> str:
+    return f"another node serves the sensor {node.sensor}; give this one another with --name, or end that node"
+
+
+def _health(
+    entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int, *, place: SensorPlace | None
+) -> SensorHealth:
     frame = entry.last_frame
     recent = [t for t in entry.arrivals if now_ns - t < _RECENT_S * 1e9]
     span = (recent[-1] - recent[0]) / 1e9 if len(recent) > 1 else 0.0
@@ -220,5 +325,7 @@ def _health(entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int) ->
         frames_before=frames_before,
         dropped_before=dropped_before,
         sends="skeletons" if frame is None else what_it_sends(frame),
+        behind=entry.behind,
+        calibration="" if place is None else place.problem or place.quality,
         capture_offset=None if entry.clock.offset_ns is None else entry.clock.offset_ns / 1e9,
     )

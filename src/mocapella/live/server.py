@@ -4,17 +4,18 @@ bus threads ──► inbox ──► tracker thread ──► bus (scenes), rec
           └───► recorder (record path)   ▲ commands, in the order of arrival
 housekeeping thread: silent sensors, status, missing frames of a take
 clock thread: clock probes, which a node may not answer
+notices thread: the terminal, which may not take them
+
+No message or command ends a thread: each turn of a loop is within a `Boundary`.
 """
 
 from __future__ import annotations
 
-import platform
-import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,29 +24,27 @@ import msgspec
 from mocapella import __version__
 from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError, one_of
+from mocapella.live.clock_watch import ClockWatch
+from mocapella.live.command_queue import Answer, CommandQueue, WaitingCommand
+from mocapella.live.door import Door
+from mocapella.live.health import HealthWatch
 from mocapella.live.inbox import Inbox, ReceivedMessage
+from mocapella.live.notices import Notices
 from mocapella.live.recording_service import RecordingService, outcome
 from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
+from mocapella.live.state_notices import StateNotices
 from mocapella.live.summary import RunSummary
-from mocapella.model.observations import Arrival, check_sensor_name
-from mocapella.model.scene import Phase
-from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
+from mocapella.model.observations import Arrival
+from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
-from mocapella.wire.clock import estimate_offset
-from mocapella.wire.keys import NodeKey, parse_node_id
-from mocapella.wire.node import JoinReply
+from mocapella.supervision import Boundary
 from mocapella.wire.server import ServerLink
 
 STATUS_EVERY_S = 0.2
-PROBE_EVERY_S = 1.0
-CONDITION_AGAIN_S = 10.0
-"""A condition that returns within this time is not reported again [s]."""
-_MAX_NOTICE = 500
-"""Longest notice, in characters; its text may come from any node, and every status has it."""
-
-Answer = Callable[[bytes], None]
+_COMMANDS_A_TURN = 4
+"""Commands that are carried out between two frames."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +60,7 @@ class ServerSettings:
         reserve_bytes: free disk space that a recording leaves.
         layout: the sensors' poses of the last session.
         waiting_for: if tracking cannot begin yet, the reason, shown until `Server.ready`; ``start`` is refused with it.
+        log: file of the structured log, named in the status; empty if there is none.
     """
 
     listen: str
@@ -71,12 +71,13 @@ class ServerSettings:
     reserve_bytes: int = 1 << 30
     layout: SensorLayout | None = None
     waiting_for: str = ""
+    log: str = ""
 
 
 class Server:
     """A session on the bus; it listens from the constructor on, until `close`.
 
-    ``say`` is called with each notice, on any thread.
+    ``say`` is called with each notice, on a thread of its own.
 
     Attributes:
         summary: statistics of the run.
@@ -89,7 +90,6 @@ class Server:
 
     def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
         self._settings = settings
-        self._say = say
         self._session = Session(
             settings.setup,
             settings.method_settings,
@@ -97,13 +97,9 @@ class Server:
             layout=settings.layout,
             waiting_for=settings.waiting_for,
         )
-        self._phase = ""
-        self._reason = ""
-        self._reported: dict[str, float] = {}
-        self._revision = 0
-        self._notices: deque[str] = deque(maxlen=8)
+        self._revision = self._nonsense = 0
         self._inbox = Inbox()
-        self._commands: queue.SimpleQueue[tuple[str, dict[str, Any], Answer]] = queue.SimpleQueue()
+        self._commands = CommandQueue()
         self._registry = SensorRegistry()
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
@@ -111,67 +107,29 @@ class Server:
         self.failed = threading.Event()
         self._began = time.monotonic()
         self.summary = RunSummary(began_ns=time.monotonic_ns())
-        self._link = ServerLink(settings.listen, on_nonsense=self._note)
+        self._health = HealthWatch(settings.takes, settings.reserve_bytes, settings.log)
+        self._notices = Notices(say)
+        self._errors = Boundary(self._note)
+        self._states = StateNotices(self.summary, self._note)
+        self._link = ServerLink(settings.listen, on_nonsense=self._on_nonsense, errors=self._errors)
+        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording.recorder)
         self._recording = RecordingService(
             self._session,
             self._link,
-            self._on_recorded_frame,
+            door.recorded_frame,
             self._note,
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
         )
-        self._link.serve(
-            on_frame=self._on_frame, on_truth=self._on_truth, on_alive=self._on_alive, on_command=self._on_command
-        )
-        loops = (self._track, self._housekeeping, self._watch_clocks)
+        self._link.serve(on_frame=door.frame, on_truth=door.truth, on_alive=door.alive, on_command=door.command)
+        clocks = ClockWatch(self._link, self._registry, self._lock, self._recording, self._errors)
+        loops = {
+            "tracker": self._track, "housekeeping": self._housekeeping, "clocks": partial(clocks.run, self._ended)
+        }  # fmt: skip
         self._finishing: list[threading.Thread] = []
-        self._threads = [threading.Thread(target=self._guarded, args=(run,), name=run.__name__) for run in loops]
+        self._threads = [threading.Thread(target=self._guarded, args=(run,), name=name) for name, run in loops.items()]
         for thread in self._threads:
             thread.start()
-
-    # On the bus's threads: only pass on.
-
-    def _on_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        if self._admit(node, arrived_ns):
-            self._inbox.put(ReceivedMessage(node, data, arrived_ns))
-
-    def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        recorder = self._recording.recorder
-        if recorder is not None and self._admit(node, arrived_ns):
-            recorder.frame(node, data, arrived_ns)
-
-    def _on_truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        recorder = self._recording.recorder
-        if recorder is not None and self._admit(node, arrived_ns):
-            recorder.truth(node.sensor, data, arrived_ns)
-
-    def _on_alive(self, node: NodeKey, alive: bool) -> None:
-        with self._lock:
-            self._registry.set_connected(node, alive, time.monotonic_ns())
-        if not alive:
-            self._inbox.forget(node)
-
-    def _on_command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
-        if verb == "join":
-            answer(msgspec.json.encode(self._join(arguments)))
-            return
-        self._commands.put((verb, arguments, answer))
-        self._inbox.wake()
-
-    def _admit(self, node: NodeKey, now_ns: int) -> bool:
-        with self._lock:
-            return self._registry.admit(node, now_ns) == ""
-
-    def _join(self, arguments: dict[str, Any]) -> JoinReply:
-        try:
-            sensor = check_sensor_name(str(arguments.get("sensor"))[:80])
-            node = NodeKey(sensor, parse_node_id(str(arguments.get("node_id"))))
-        except (SettingsError, WireError) as error:
-            return JoinReply(False, str(error))
-        with self._lock:
-            refusal = self._registry.admit(node, time.monotonic_ns())
-            self._registry.set_local(node, arguments.get("machine") == platform.node())
-        return JoinReply(not refusal, refusal)
 
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
@@ -185,11 +143,37 @@ class Server:
     def _track(self) -> None:
         while not self._ended.is_set():
             message = self._inbox.take(timeout=0.1)
-            with self._stepping:
-                while not self._commands.empty():
-                    self._carry_out(*self._commands.get())
-                if message is not None:
-                    self._step(message)
+            self._errors.run("turn of the tracker", partial(self._turn, message))
+
+    def _turn(self, message: ReceivedMessage | None) -> None:
+        with self._stepping:
+            for _ in range(_COMMANDS_A_TURN):
+                command = self._commands.take()
+                if command is None:
+                    break
+                problem = self._errors.run("command", partial(self._carry_out, command))
+                if problem:
+                    self._answer(command.answer, CommandReply(False, problem, self.status()))
+            else:
+                self._inbox.wake()
+            if message is None:
+                return
+            problem = self._errors.run("frame", partial(self._step, message))
+            if problem:
+                self._reject(message, problem)
+                self._errors.run("snapshot after an error", self._record_memory)
+
+    def _record_memory(self) -> None:
+        """Record what an error has left of the tracker, so that the take's replay goes on from there."""
+        if self._recording.recorder is not None:
+            self._recording.record_command("restore", self._session.memory())
+
+    def _reject(self, message: ReceivedMessage, reason: str) -> None:
+        self.summary.rejected += 1
+        with self._lock:
+            if message.stranger:
+                self._registry.admit(message.node, message.arrived_ns, quiet=True)
+            self._registry.rejected(message.node, reason)
 
     def _step(self, message: ReceivedMessage) -> None:
         try:
@@ -197,13 +181,13 @@ class Server:
             if frame.key[:2] != message.node:
                 raise WireError(f"a frame of {frame.sensor}/{frame.node_id:016x} came under another node's key")
             with self._lock:
+                if message.stranger:
+                    self._registry.admit(message.node, message.arrived_ns, proven=True)
                 if not self._registry.holds(message.node):
                     return
                 at_ns = self._registry.arrived(frame, message.node, message.arrived_ns)
         except WireError as error:
-            self.summary.rejected += 1
-            with self._lock:
-                self._registry.rejected(message.node, str(error))
+            self._reject(message, str(error))
             return
         self.summary.frames_in += 1
         recorder = self._recording.recorder
@@ -226,35 +210,20 @@ class Server:
         self._watch_state()
 
     def _watch_state(self) -> None:
-        state = self._session.state
-        if state.phase.value != self._phase:
-            self._phase = state.phase.value
-            self.summary.state(time.monotonic() - self._began, self._phase, state.reason)
-            self._note(self._phase + (f": {self.summary.in_words(state.reason)}" if state.reason else ""))
-        elif state.phase is Phase.TRACKING and state.reason != self._reason:
-            self._note_conditions(state.reason, time.monotonic())
-        self._reason = state.reason
+        self._states.update(self._session.state, time.monotonic() - self._began)
 
-    def _note_conditions(self, reason: str, now_s: float) -> None:
-        """Report conditions while tracking; one that keeps returning is not reported each time."""
-        self._reported = {text: at_s for text, at_s in self._reported.items() if now_s - at_s < CONDITION_AGAIN_S}
-        for text in self.summary.in_words(reason).split("; "):
-            if text and not text.endswith(": silent") and text not in self._reported:  # silence: see the registry
-                self._reported[text] = now_s
-                self._note(text)
-
-    def _carry_out(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
+    def _carry_out(self, command: WaitingCommand) -> None:
         try:
-            if verb == "record-stop":
-                self._stop_recording(answer)
+            if command.verb == "record-stop":
+                self._stop_recording(command.answer)
                 return
-            message = self._do(verb, arguments)
+            message = self._do(command.verb, command.arguments)
         except MocapellaError as error:
-            self._note(f"{verb} was refused: {error}")
-            self._answer(answer, CommandReply(False, str(error), self.status()))
+            self._note_foreign(f"{command.verb} was refused: {error}")
+            self._answer(command.answer, CommandReply(False, str(error), self.status()))
             return
         self._watch_state()
-        self._answer(answer, CommandReply(True, message, self.status()))
+        self._answer(command.answer, CommandReply(True, message, self.status()))
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> str:
         if verb == "status":
@@ -316,60 +285,64 @@ class Server:
             raise NotNowError("not recording; begin a take first")
 
         def finish() -> None:
-            health = self._recording.finish()
+            problem = self._errors.run("end of the take", self._recording.finish)
+            health = self._recording.health()
+            problem = problem or health.problem
             self._revision += 1
-            self._answer(answer, CommandReply(not health.problem, outcome(health), self.status()))
+            self._answer(answer, CommandReply(not problem, problem or outcome(health), self.status()))
 
         self._finishing = [thread for thread in self._finishing if thread.is_alive()]
-        self._finishing.append(threading.Thread(target=finish, name="finish-take"))
+        self._finishing.append(
+            threading.Thread(target=self._errors.wrap("end of the take", finish), name="finish-take")
+        )
         self._finishing[-1].start()
 
     # Housekeeping.
 
     def _housekeeping(self) -> None:
         while not self._ended.wait(STATUS_EVERY_S):
-            self._recording.fetch_missing()
-            with self._lock:
-                self._registry.notice_silence(time.monotonic_ns())
-                notices = self._registry.take_notices()
-            for notice in notices:
-                self._note(notice)
-            status = self.status()
-            self._link.publish_status(msgspec.json.encode(status))
-            recorder = self._recording.recorder
-            if recorder is not None:
-                recorder.status(status, time.monotonic_ns())
+            self._errors.run("housekeeping", self._keep_house)
 
-    def _watch_clocks(self) -> None:
-        while not self._ended.wait(PROBE_EVERY_S):
-            with self._lock:
-                nodes = self._registry.nodes()
-            for node in nodes:
-                if not self._ended.is_set():
-                    self._compare_clocks(node)
-
-    def _compare_clocks(self, node: NodeKey) -> None:
-        try:
-            probes = self._link.probe_clock(node, timeout=0.5)
-        except WireError as error:
-            with self._lock:
-                self._registry.rejected(node, str(error))
-            return
-        estimate = estimate_offset(probes)
-        if estimate is None:
-            return
+    def _keep_house(self) -> None:
+        self._recording.fetch_missing()
         with self._lock:
-            self._registry.set_clock(node, estimate)
+            self._registry.notice_silence(time.monotonic_ns())
+            notices = self._registry.take_notices()
+        for notice in notices:
+            self._note_foreign(notice)
+        self._notices.beat()
+        self._health.beat(self._recording.health().path)
+        status = self.status()
+        self._link.publish_status(msgspec.json.encode(status))
         recorder = self._recording.recorder
         if recorder is not None:
-            times = [[p.sent_ns, p.far_ns, p.received_ns] for p in probes]
-            row = {"sensor": node.sensor, "node_id": node.node_id, "probes": times}
-            recorder.clock(row, time.monotonic_ns())
+            recorder.status(status, time.monotonic_ns())
 
     def _note(self, text: str) -> None:
-        notice = text if len(text) <= _MAX_NOTICE else text[: _MAX_NOTICE - 1] + "…"
-        self._notices.append(notice)
-        self._say(notice)
+        self._notices.add(text)
+
+    def _note_foreign(self, text: str) -> None:
+        """Report what any program on the bus can cause at will."""
+        self._notices.add(text, foreign=True)
+
+    def _on_nonsense(self, text: str) -> None:
+        self._nonsense += 1
+        self._note_foreign(text)
+
+    def part_ended(self, part: str) -> None:
+        """Report that a part of the session, such as the view, has ended by itself; the server goes on."""
+        self._health.ended(part)
+
+    def server_health(self) -> ServerHealth:
+        """Return the state of the server itself."""
+        turned_away = {
+            "messages with an invalid key or invalid arguments": self._nonsense,
+            "messages of unknown nodes": self._inbox.strangers_dropped,
+            "sensors": self._registry.turned_away,
+            "commands": self._commands.refused,
+            "notices": self._notices.left_out,
+        }
+        return self._health.health(self._errors.counts, turned_away, self.summary.latency_ms() or {})
 
     def status(self) -> SessionStatus:
         """Return the session's present state, for a view or a script."""
@@ -381,7 +354,9 @@ class Server:
         recording = self._recording.health()
         take = next_name(Path(recording.path).stem) if recording.path else "take-1"
         with self._lock:
-            sensors = self._registry.health(now_ns, session.setup, stored, lost)
+            for node, frames in self._inbox.take_skipped().items():
+                self._registry.fell_behind(node, frames)
+            sensors = self._registry.health(now_ns, session.setup, stored, lost, self.summary.places)
         return SessionStatus(
             revision=self._revision,
             running=session.running,
@@ -396,10 +371,11 @@ class Server:
             setup=session.setup,
             sensors=tuple(sensors),
             recording=recording,
-            notices=tuple(self._notices),
+            notices=self._notices.newest,
             uptime=round(time.monotonic() - self._began, 2),
             version=__version__,
             next_take=free_name(self._settings.takes, take),
+            health=self.server_health(),
         )
 
     def halt(self) -> None:
@@ -408,12 +384,17 @@ class Server:
         self._inbox.wake()
         for thread in self._threads:  # no command may start another take afterwards
             thread.join()
+        self.summary.errors = self._errors.counts
 
     def close(self) -> RecordingHealth:
-        """Finish the take, leave the bus, and return the result of the last take."""
+        """Finish the take, leave the bus, and return the result of the last take.
+
+        After a failure the take is closed at once, without missing frames: the next start of the server continues it.
+        """
         self.halt()
-        health = self._recording.finish()
+        health = self._recording.finish(at_once=self.failed.is_set())
         for thread in self._finishing:
             thread.join()
         self._link.close()
+        self._notices.close()
         return health

@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final, NoReturn
 
+from mocapella.live.thread_deaths import end_with_any_thread
+
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
 """Environment variable of a child process, whose parent holds its standard input open."""
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
@@ -53,7 +55,11 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
-    """Yield an event set by SIGINT, SIGTERM, or the parent's end; then restore earlier handlers."""
+    """Yield an event set by SIGINT, SIGTERM, the parent's end, or the death of a thread; restore earlier handlers.
+
+    Raises:
+        MocapellaError: a thread died within the block (`mocapella.live.thread_deaths`).
+    """
     stop = threading.Event()
     if STARTED_BY_US in os.environ:
         threading.Thread(target=_stop_when_alone, args=(stop,), name="parent", daemon=True).start()
@@ -61,7 +67,7 @@ def stop_on_signals() -> Iterator[threading.Event]:
     def handle(_signal: int, _frame: FrameType | None) -> None:
         stop.set()
 
-    with _handled_by(handle):
+    with _handled_by(handle), end_with_any_thread(stop):
         yield stop
 
 

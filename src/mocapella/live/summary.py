@@ -72,7 +72,8 @@ class Labels:
 class RunSummary:
     """Running counts of a run.
 
-    ``began_ns`` is the start of the run on the clock of its scenes; the first scene's time if None.
+    ``began_ns`` is the start of the run on the clock of its scenes; the first scene's time if None. ``errors`` counts
+    unexpected errors, by reason.
     """
 
     frames_in: int = 0
@@ -89,6 +90,7 @@ class RunSummary:
     places: tuple[SensorPlace, ...] = ()
     labels: dict[str, Labels] = field(default_factory=dict)
     times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
+    errors: dict[str, int] = field(default_factory=dict)
 
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
         """Add a scene."""
@@ -213,6 +215,7 @@ class RunSummary:
                 for sensor, of in sorted(self.labels.items())
             ],
             "never_tracked": self.never_tracked(last),
+            "errors": self.errors,
         }
 
 

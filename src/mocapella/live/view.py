@@ -22,6 +22,7 @@ from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.sources.simulate.scenery import scenery_of
+from mocapella.supervision import Boundary
 from mocapella.tracker import METHODS, warm_up
 from mocapella.viewer import Viewer
 from mocapella.viewer.stages import Prop
@@ -184,10 +185,15 @@ def run_view(
         try:
             on_ready(viewer.url)
             picture = ViewState()
-            for now_s in beats(RATE_HZ, stop):
+            errors = Boundary()  # the log has them, and a line in the terminal
+
+            def draw(now_s: float) -> None:
                 scene, frames, status = picture.update(*link.newest(), now_s)
                 boards.update(status)
                 viewer.show(scene, frames, status, boards.progress)
+
+            for now_s in beats(RATE_HZ, stop):
+                errors.run("drawing", partial(draw, now_s))
         finally:
             viewer.close()
     finally:

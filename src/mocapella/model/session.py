@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mocapella.conventions import NOT_AVAILABLE
+from mocapella.model.limits import MOST_SENSORS, PARTICIPANT, SENSOR_HEIGHT, SENSORS_EXPECTED, TILT
+from mocapella.model.observations import check_sensor_name
 from mocapella.model.scene import Phase
 from mocapella.settings import check
 
@@ -60,8 +62,8 @@ class SensorPose:
     """Over the floor [m]."""
 
     def __post_init__(self) -> None:
-        check(-1.6 < self.tilt < 1.6, "tilt", self.tilt, "within ±1.6 rad")
-        check(0 <= self.height <= 10, "height", self.height, "from 0 to 10 m")
+        check(self.tilt in TILT, "tilt", self.tilt, str(TILT))
+        check(self.height in SENSOR_HEIGHT, "height", self.height, str(SENSOR_HEIGHT))
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,14 @@ class Setup:
     sensors: dict[str, SensorPose] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check(self.sensors_expected >= 1, "sensors_expected", self.sensors_expected, "1 or more")
+        check(
+            self.sensors_expected in SENSORS_EXPECTED, "sensors_expected", self.sensors_expected, str(SENSORS_EXPECTED)
+        )
+        wanted = f"{PARTICIPANT}; {NOT_AVAILABLE} if there is none"
+        check(self.participant in PARTICIPANT, "participant", self.participant, wanted)
+        check(len(self.sensors) <= MOST_SENSORS, "number of sensors", len(self.sensors), f"at most {MOST_SENSORS}")
+        for name in self.sensors:
+            check_sensor_name(name)
         placements, scenarios = ["", *PLACEMENTS], ["", *SCENARIOS]
         check(self.placement in placements, "placement", self.placement, "one of " + ", ".join(PLACEMENTS))
         check(self.scenario in scenarios, "scenario", self.scenario, "one of " + ", ".join(SCENARIOS))
@@ -118,6 +127,8 @@ class SensorHealth:
             latency included [s]; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
         frames_before, dropped_before: of ``frames`` and ``dropped``, those before tracking began.
+        behind: number of ``dropped`` frames that waited for the tracker when newer ones came.
+        calibration: quality of its calibrated pose, or its problem; empty if the method has none.
     """
 
     name: str
@@ -143,6 +154,8 @@ class SensorHealth:
     sends: str = "skeletons"
     frames_before: int = 0
     dropped_before: int = 0
+    behind: int = 0
+    calibration: str = ""
 
 
 @dataclass(frozen=True)
@@ -170,6 +183,43 @@ class RecordingHealth:
 
 
 @dataclass(frozen=True)
+class ServerHealth:
+    """State of the server itself.
+
+    Attributes:
+        errors: number of unexpected errors that were caught, by reason.
+        turned_away: number of messages, sensors, commands and notices beyond the limits, by limit.
+        latency_ms: percentiles of the latency from sent frame to scene [ms]: ``p50``, ``p90``, ``p99`` and ``max``;
+            empty while no clock offset is known.
+        disk_free_bytes: free space where takes are recorded; None if unknown.
+        reserve_bytes: free space that a recording leaves.
+        ended: parts of the session that have ended by themselves, such as ``view``.
+        log: file of the structured log on the server's machine; empty if there is none.
+    """
+
+    errors: dict[str, int] = field(default_factory=dict)
+    turned_away: dict[str, int] = field(default_factory=dict)
+    latency_ms: dict[str, float] = field(default_factory=dict)
+    disk_free_bytes: int | None = None
+    reserve_bytes: int = 0
+    ended: tuple[str, ...] = ()
+    log: str = ""
+
+    def problems(self) -> tuple[str, ...]:
+        """Return the problems, one line each."""
+        lines = [f"the {part} has ended" for part in self.ended]
+        if self.errors:
+            lines.append(f"{sum(self.errors.values())} unexpected errors; the first: {next(iter(self.errors))}")
+        free = self.disk_free_bytes
+        if free is not None and free < 2 * self.reserve_bytes:
+            stops = f"a recording stops at {self.reserve_bytes / 1e9:.1f} GB"
+            lines.append(f"{free / 1e9:.1f} GB of disk are left; {stops}")
+        if self.turned_away:
+            lines.append("turned away: " + ", ".join(f"{count} {what}" for what, count in self.turned_away.items()))
+        return tuple(lines)
+
+
+@dataclass(frozen=True)
 class SessionStatus:
     """The server's complete state for views and scripts.
 
@@ -187,6 +237,7 @@ class SessionStatus:
         notices: messages for users, the newest last, such as refused nodes and changes of state.
         uptime: time since the server started [s].
         version: of Mocapella.
+        health: state of the server itself.
     """
 
     revision: int
@@ -206,6 +257,7 @@ class SessionStatus:
     version: str
     next_take: str = ""
     counts: dict[str, int] = field(default_factory=dict)
+    health: ServerHealth = field(default_factory=ServerHealth)
 
     @property
     def getting_ready(self) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mocapella.errors import WireError
 from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.hand import ANGLES
+from mocapella.model.limits import COORDINATE, SCENE_COORDINATE, Range
 from mocapella.model.scene import TrackedArm
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
@@ -96,7 +97,7 @@ def _encode_arm(arm: SeenArm) -> pb.SeenArm:
 
 
 def _decode_arm(m: pb.SeenArm) -> SeenArm:
-    places, states, sd, angles = _points_of(m, "SeenArm")
+    places, states, sd, angles = _points_of(m, "SeenArm", COORDINATE)
     _check_share(m.left_sure, 0.5, "SeenArm.left_sure")
     return SeenArm(
         m.id,
@@ -106,7 +107,7 @@ def _decode_arm(m: pb.SeenArm) -> SeenArm:
         states,
         sd,
         angles,
-        transform(m.T_camera_palm, "SeenArm.T_camera_palm") if m.T_camera_palm else None,
+        transform(m.T_camera_palm, "SeenArm.T_camera_palm", COORDINATE) if m.T_camera_palm else None,
         *_gesture_of(m, "SeenArm"),
     )
 
@@ -136,7 +137,7 @@ def decode_arm(m: pb.Arm) -> TrackedArm:
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
-    places, states, sd, angles = _points_of(m, "Arm")
+    places, states, sd, angles = _points_of(m, "Arm", SCENE_COORDINATE)
     if len(m.cameras) > MAX_CAMERAS:
         raise WireError(f"Arm.cameras has {len(m.cameras)} names; at most {MAX_CAMERAS} are read")
     cameras = tuple(map(sensor_name, m.cameras))
@@ -159,10 +160,10 @@ def decode_arm(m: pb.Arm) -> TrackedArm:
     )
 
 
-def _points_of(m: pb.SeenArm | pb.Arm, kind: str) -> tuple[Float64, UInt8, Float32, Float64]:
+def _points_of(m: pb.SeenArm | pb.Arm, kind: str, limit: Range) -> tuple[Float64, UInt8, Float32, Float64]:
     """Decode points, states, standard deviations and angles of an arm; ``kind`` is the message's name for errors."""
     n = len(ARM_POINTS)
-    places = points(m.points_m, (n, 3), f"{kind}.points_m")
+    places = points(m.points_m, (n, 3), f"{kind}.points_m", limit)
     states = choices(m.point_states, STATES, n, f"{kind}.point_states")
     there = np.isfinite(places)
     if not (there.all(axis=1) | ~there.any(axis=1)).all():

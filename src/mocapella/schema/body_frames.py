@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import SCHEMA_VERSION
 from mocapella.errors import WireError
+from mocapella.model.limits import FRAME_HEIGHT, TILT
 from mocapella.model.observations import BodyFrame
 from mocapella.model.topology import Topology
 from mocapella.schema import mocapella_pb2 as pb
@@ -43,7 +44,8 @@ _ZERO: Final = {width: np.zeros(width, F4).view(item) for width, item in _JOINT.
 _NAN: Final = {width: np.full(width, np.nan, F4).view(item) for width, item in _JOINT.items()}
 _FURTHEST: Final = MAX_COORDINATE**2
 _INFINITE: Final = math.inf
-_PI: Final = math.pi
+_LEAST_TILT, _MOST_TILT = TILT.low, TILT.high  # compared here, because a call costs more than the comparison
+_LEAST_HEIGHT, _MOST_HEIGHT = FRAME_HEIGHT.low, FRAME_HEIGHT.high
 _MESSAGE: Final = pb.BodyFrame
 
 
@@ -107,8 +109,8 @@ def body_frame_of(m: Any) -> BodyFrame:
         and not tracked.translate(None, FLAGS)
         and not edges.translate(None, _EDGES)
         and not states.translate(None, STATES)
-        and -_PI <= tilt <= _PI
-        and -MAX_COORDINATE <= height <= MAX_COORDINATE
+        and _LEAST_TILT <= tilt <= _MOST_TILT
+        and _LEAST_HEIGHT <= height <= _MOST_HEIGHT
     ):
         _refuse_misfit(m, kind)
     state_array = frombuffer(states, U1)

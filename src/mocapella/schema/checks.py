@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import SCHEMA_VERSION
 from mocapella.errors import SchemaVersionError, SettingsError, WireError, one_of
+from mocapella.model.limits import COORDINATE, FRAME_HEIGHT, SCENE_COORDINATE, TILT, Range
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology, topology_names
@@ -29,8 +30,8 @@ MAX_NAME: Final = 80
 MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
 MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
 """Largest scene; its nested messages take about forty times their bytes in memory."""
-MAX_COORDINATE: Final = 1000.0
-"""Largest coordinate [m]; there is no skeleton at a distance of a kilometre."""
+MAX_COORDINATE: Final = COORDINATE.high
+"""Largest coordinate [m]."""
 
 F4: Final = np.dtype("<f4")
 F8: Final = np.dtype("<f8")
@@ -119,12 +120,12 @@ def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.u
     return values
 
 
-def points(data: bytes, shape: tuple[int, ...], field: str) -> NDArray[np.float64]:
-    """Return float64 coordinates [m], each NaN (not seen) or within ±`MAX_COORDINATE`."""
+def points(data: bytes, shape: tuple[int, ...], field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
+    """Return float64 coordinates [m], each NaN (not seen) or within ``limit``, which is symmetric."""
     values = array(data, F8, shape, field)
-    far = values[np.abs(values) > MAX_COORDINATE]
+    far = values[np.abs(values) > limit.high]
     if far.size:
-        raise WireError(f"{field} has a {far[0]:g}; coordinates are within ±{MAX_COORDINATE:g} m, or NaN")
+        raise WireError(f"{field} has a {far[0]:g}; coordinates are within ±{limit.high:g} m, or NaN")
     return values
 
 
@@ -149,31 +150,29 @@ def names(given: Any, field: str) -> tuple[str, ...]:
     return unique
 
 
-def transform(data: bytes, field: str) -> NDArray[np.float64]:
+def transform(data: bytes, field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
     """Return a rigid motion (4, 4) from its upper three rows, 12 packed float64 by rows [m].
 
     Raises:
-        WireError: wrong length, not a rotation, or a translation beyond `MAX_COORDINATE`.
+        WireError: wrong length, not a rotation, or a translation beyond ``limit``.
     """
     T = np.eye(4)
     T[:3] = array(data, F8, (3, 4), field)
     R = T[:3, :3]
     rigid = (
-        bool(np.all(np.abs(T) <= MAX_COORDINATE))  # NaN compares false
+        bool(np.all(np.abs(T) <= limit.high))  # NaN compares false
         and np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=_RIGID)
         and np.linalg.det(R) > 0.0
     )
     if not rigid:
-        raise WireError(
-            f"{field} is no rigid motion; it wants a rotation and a translation within {MAX_COORDINATE:g} m"
-        )
+        raise WireError(f"{field} is no rigid motion; it wants a rotation and a translation within {limit.high:g} m")
     return T
 
 
 def sensor_pose(tilt: float, height: float, message: str) -> None:
     """Raise a `WireError` for an impossible tilt [rad] or height [m]; ``message`` is the message's name for errors."""
-    if not (-math.pi <= tilt <= math.pi and -MAX_COORDINATE <= height <= MAX_COORDINATE):
+    if not (tilt in TILT and height in FRAME_HEIGHT):
         raise WireError(
             f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "
-            f"they want radians within ±π and metres within ±{MAX_COORDINATE:g}"
+            f"they want radians within ±π and metres within ±{FRAME_HEIGHT.high:g}"
         )

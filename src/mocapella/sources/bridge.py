@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from mocapella.errors import MocapellaError, WireError
 from mocapella.model.observations import BodyFrame
@@ -22,6 +23,7 @@ from mocapella.schema import MAX_MESSAGE_BYTES, decode_frame
 from mocapella.schema.delimited import DelimitedReader
 from mocapella.settings import check
 from mocapella.sources.bound_socket import bound_socket
+from mocapella.supervision import Boundary, printable
 
 OnFrame = Callable[[str, BodyFrame, bytes], None]
 """Called with the sensor's name, the frame, and the message's bytes."""
@@ -69,6 +71,7 @@ class BridgeReport:
         timed_out: connections ended because they were too slow or silent.
         connections: open now.
         last_problem: reason for the last refusal or timeout; empty if none.
+        errors: unexpected errors.
     """
 
     frames: int = 0
@@ -76,6 +79,7 @@ class BridgeReport:
     timed_out: int = 0
     connections: int = 0
     last_problem: str = ""
+    errors: int = 0
 
 
 @dataclass(eq=False)
@@ -96,17 +100,22 @@ class Bridge:
     """TCP server that runs from `start` to `stop` in its own thread, which calls the callbacks.
 
     A callback may refuse a frame by raising a `MocapellaError`, such as `NameTakenError`; that ends the connection with
-    the error's message.
+    the error's message. So does an unexpected error, which is given to ``say``.
     """
 
     def __init__(
-        self, on_frame: OnFrame, settings: BridgeSettings | None = None, on_gone: OnGone | None = None
+        self,
+        on_frame: OnFrame,
+        settings: BridgeSettings | None = None,
+        on_gone: OnGone | None = None,
+        say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._settings = settings or BridgeSettings()
         self._on_frame, self._on_gone = on_frame, on_gone
         self._connections: set[_Connection] = set()
         self._owners: dict[str, _Connection] = {}
         self._report = BridgeReport()
+        self._errors = Boundary(say)
         self._listener: socket.socket | None = None
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -122,7 +131,7 @@ class Bridge:
     @property
     def report(self) -> BridgeReport:
         """The counts so far."""
-        return self._report
+        return replace(self._report, errors=sum(self._errors.counts.values()))
 
     def start(self) -> None:
         """Begin to listen.
@@ -157,10 +166,11 @@ class Bridge:
                 while not self._stopping.is_set():
                     for key, _ in selector.select(timeout=0.1):
                         if key.data is None:
-                            self._accept(listener, selector)
-                        else:
-                            self._read(key.data, selector)
-                    self._end_the_slow(selector)
+                            self._errors.run("connection", partial(self._accept, listener, selector))
+                        elif self._errors.run("message", partial(self._read, key.data, selector)):
+                            problem = "an unexpected error of the bridge"
+                            self._errors.run("refusal", partial(self._refuse, key.data, selector, problem))
+                    self._errors.run("timeout", partial(self._end_the_slow, selector))
             finally:
                 for connection in list(self._connections):
                     self._close(connection, selector)
@@ -235,6 +245,7 @@ class Bridge:
 
     def _end(self, connection: _Connection, selector: selectors.BaseSelector, problem: str) -> None:
         """Log the problem, send it to the program if possible, and close."""
+        problem = printable(problem)
         _LOG.warning("bridge: %s: %s", connection.peer, problem)
         self._count(last_problem=f"{connection.peer}: {problem}")
         with contextlib.suppress(OSError):

@@ -153,9 +153,10 @@ def recording_html(recording: RecordingHealth | None) -> str:
 
 
 def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = ()) -> str:
-    """Return drawing errors and the newest notices, newest first."""
+    """Return the server's problems, drawing errors and the newest notices, newest first."""
     newest = status.notices[-_NEWEST_NOTICES:][::-1] if status else ()
-    wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in troubles)
+    problems = (*(status.health.problems() if status else ()), *troubles)
+    wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in problems)
     if not newest:
         return _note(wrong or "Nothing to report.", "inherit" if wrong else _GREY)
     lines = (

@@ -13,6 +13,7 @@ from typing import Any
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import SettingsError
+from mocapella.model.limits import SENSOR_HEIGHT, SENSORS_EXPECTED, TILT
 from mocapella.model.session import SensorPose, SessionStatus, Setup
 from mocapella.settings import parse
 
@@ -20,7 +21,7 @@ NONE = "–"
 """What a dropdown shows where nothing is chosen."""
 
 
-TILT_DEG, HEIGHT_M = (-90.0, 90.0), (0.0, 10.0)
+TILT_DEG, HEIGHT_M = (math.degrees(TILT.low), math.degrees(TILT.high)), (SENSOR_HEIGHT.low, SENSOR_HEIGHT.high)
 """Between which values a sensor's pose may be."""
 
 
@@ -107,8 +108,8 @@ def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> d
     Raises:
         SettingsError: an invalid field; the message names it and the valid values.
     """
-    if shown.sensors_expected < 1:
-        raise SettingsError(f"sensors to wait for is {shown.sensors_expected}; it must be 1 or more")
+    if shown.sensors_expected not in SENSORS_EXPECTED:
+        raise SettingsError(f"sensors to wait for is {shown.sensors_expected}; it must be {SENSORS_EXPECTED}")
     for name, pose in shown.poses.items():
         pose.check(name)
     poses = {
@@ -138,4 +139,4 @@ def _participant(text: str) -> int:
 
 
 def _pose_field(tilt: float, height: float) -> PoseField:
-    return PoseField(tilt_deg=round(math.degrees(tilt), 2), height_m=round(height, 2))
+    return PoseField(tilt_deg=round(math.degrees(tilt), 2), height_m=round(max(0.0, height), 2))

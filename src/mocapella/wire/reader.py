@@ -24,10 +24,11 @@ class Newest:
 
     Attributes:
         refused: number of unreadable messages.
+        skipped: number of scenes that were replaced by newer ones before they were read.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
-        self.refused = 0
+        self.refused = self.skipped = 0
         self._scene: bytes | None = None
         self._status: bytes | None = None
         self._frames: dict[str, bytes] = {}
@@ -54,6 +55,7 @@ class Newest:
         return {sensor: frame for sensor, frame in read.items() if frame is not None}
 
     def _take_scene(self, sample: zenoh.Sample) -> None:
+        self.skipped += self._scene is not None
         self._scene = sample.payload.to_bytes()
 
     def _take_status(self, sample: zenoh.Sample) -> None:
@@ -114,7 +116,8 @@ def send_command(
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.
     """
-    for reply in session.get(keys.of_command(verb), payload=json.dumps(dict(arguments or {})), timeout=timeout):
+    payload, client = json.dumps(dict(arguments or {})), str(session.info.zid())
+    for reply in session.get(keys.of_command(verb), payload=payload, attachment=client, timeout=timeout):
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:
             return decode_json(answer.payload.to_bytes(), CommandReply, what="reply of a server", file=verb)

@@ -13,7 +13,9 @@ from zenoh import ext
 
 from mocapella.decoding import decode_json
 from mocapella.errors import InputError, WireError
+from mocapella.model.limits import MAX_COMMAND_BYTES
 from mocapella.model.session import CommandReply
+from mocapella.supervision import Boundary
 from mocapella.wire import keys
 from mocapella.wire.clock import ClockProbe, read_clock
 from mocapella.wire.session import open_server
@@ -22,24 +24,46 @@ OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
 OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
-"""Called with the verb, its arguments, and the function that answers it."""
+"""Called with the verb, its arguments, and the function that answers it, an `Answer`."""
 OnNonsense = Callable[[str], None]
 
 _CACHES = "@adv/pub/**"
 """Suffix of the key under which an advanced publisher's cache answers."""
 _HISTORY_TIMEOUT_S = 30.0
 _PROBES = 8
+_MAX_CLIENT = 32
+"""Bytes of a client's name that are read."""
 _RECOVER_EVERY = timedelta(seconds=0.5)
+
+
+class Answer:
+    """Answers a command once.
+
+    Attributes:
+        client: name that the client's session gives itself; empty if it gives none.
+    """
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query = query
+        self.client = "" if query.attachment is None else query.attachment.to_bytes()[:_MAX_CLIENT].hex()
+
+    def __call__(self, data: bytes) -> None:
+        """Send the answer."""
+        self._query.reply(self._query.key_expr, data)
+        self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
 
 class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
+    ``errors`` catches unexpected errors of callbacks.
+
     Raises:
         AddressInUseError, BusError: as in `open_server`.
     """
 
-    def __init__(self, listen: str, *, on_nonsense: OnNonsense) -> None:
+    def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
+        self._errors = errors or Boundary()
         self._session = open_server(listen)
         self._on_nonsense = on_nonsense
         drop = zenoh.CongestionControl.DROP
@@ -136,7 +160,7 @@ class ServerLink:
                 return
             pass_on(node, sample.payload.to_bytes(), arrived)
 
-        return callback
+        return self._errors.wrap("message of the bus", callback)
 
     def _watching(self, on_alive: OnAlive) -> Callable[[zenoh.Sample], None]:
         def callback(sample: zenoh.Sample) -> None:
@@ -147,11 +171,15 @@ class ServerLink:
                 return
             on_alive(node, sample.kind == zenoh.SampleKind.PUT)
 
-        return callback
+        return self._errors.wrap("token of the bus", callback)
 
     def _answering(self, on_command: OnCommand) -> Callable[[zenoh.Query], None]:
         def callback(query: zenoh.Query) -> None:
             verb = str(query.key_expr).rpartition("/")[2]
+            if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
+                self._on_nonsense(f"command {verb}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
+                query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are too long")))
+                return
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
             try:
                 arguments = decode_json(payload or b"{}", dict[str, Any], what="JSON object")
@@ -160,10 +188,6 @@ class ServerLink:
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
                 return
 
-            def answer(data: bytes) -> None:
-                query.reply(query.key_expr, data)
-                query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
+            on_command(verb, arguments, Answer(query))
 
-            on_command(verb, arguments, answer)
-
-        return callback
+        return self._errors.wrap("command of the bus", callback)

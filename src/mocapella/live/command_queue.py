@@ -1,0 +1,79 @@
+"""Queue of commands between the bus's threads and the tracker's: bounded, for each client and together."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mocapella.model.limits import MOST_COMMANDS, MOST_COMMANDS_OF_A_CLIENT
+
+Answer = Callable[[bytes], None]
+"""Answers a command once. A `mocapella.wire.server.Answer` also has the client's name."""
+
+
+@dataclass
+class WaitingCommand:
+    """A command that waits for the tracker, and its answers: several if a client sent the same several times."""
+
+    verb: str
+    arguments: dict[str, Any]
+    answers: list[Answer] = field(default_factory=list)
+
+    def answer(self, data: bytes) -> None:
+        """Answer all who sent it."""
+        for answer in self.answers:
+            answer(data)
+
+
+def client_of(answer: Answer) -> str:
+    """Return the name of the client that an answer goes to; empty if it gave none."""
+    return str(getattr(answer, "client", ""))
+
+
+class CommandQueue:
+    """Commands in the order of their arrival. What a client sends several times in a row is carried out once.
+
+    Attributes:
+        refused: number of commands beyond the limits.
+    """
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self._waiting: deque[WaitingCommand] = deque()
+        self._of: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def put(self, verb: str, arguments: dict[str, Any], answer: Answer) -> str:
+        """Add a command; return why it was refused, or an empty text."""
+        client = client_of(answer)
+        with self._lock:
+            refusal = self._refusal(client)
+            if refusal:
+                self.refused += 1
+                return refusal
+            last = self._waiting[-1] if self._waiting and client else None
+            if last is None or (last.verb, last.arguments, client_of(last.answers[0])) != (verb, arguments, client):
+                last = WaitingCommand(verb, arguments)
+                self._waiting.append(last)
+            last.answers.append(answer)
+            self._of[client] += 1
+            return ""
+
+    def take(self) -> WaitingCommand | None:
+        """Remove and return the oldest command; None if none waits."""
+        with self._lock:
+            if not self._waiting:
+                return None
+            command = self._waiting.popleft()
+            self._of -= Counter(map(client_of, command.answers))
+            return command
+
+    def _refusal(self, client: str) -> str:
+        if self._of[client] >= MOST_COMMANDS_OF_A_CLIENT:
+            return f"{MOST_COMMANDS_OF_A_CLIENT} commands of this program wait already; send this one again later"
+        if self._of.total() >= MOST_COMMANDS:
+            return f"{MOST_COMMANDS} commands wait already; send this one again later"
+        return ""

@@ -1,0 +1,67 @@
+"""Health of the server itself: errors, limits reached, latency, disk space, and parts that have ended."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from mocapella.model.session import ServerHealth
+
+_DISK_EVERY_S: Final = 5.0
+"""Interval between two looks at the free disk space [s]."""
+
+
+def free_bytes(folder: Path) -> int | None:
+    """Return the free space of a folder's disk, also of a folder that does not exist yet; None if unknown."""
+    there = next((path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir()), None)
+    try:
+        return None if there is None else shutil.disk_usage(there).free
+    except OSError:
+        return None
+
+
+class HealthWatch:
+    """Collects the state of the server. Only `beat` asks the disk, which may be slow.
+
+    Args:
+        takes: folder of the takes.
+        reserve_bytes: free disk space that a recording leaves.
+        log: file of the structured log; empty if there is none.
+        clock: the monotonic clock, in seconds.
+    """
+
+    def __init__(
+        self, takes: Path, reserve_bytes: int, log: str, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._takes, self._reserve_bytes, self._log, self._clock = takes, reserve_bytes, log, clock
+        self._free: int | None = None
+        self._looked_s = -_DISK_EVERY_S
+        self._ended: tuple[str, ...] = ()
+
+    def beat(self, take: str) -> None:
+        """Measure the free disk space if it is due; ``take`` is the path of the present or last take, or empty."""
+        if self._clock() - self._looked_s >= _DISK_EVERY_S:
+            self._looked_s = self._clock()
+            self._free = free_bytes(Path(take).parent if take else self._takes)
+
+    def ended(self, part: str) -> None:
+        """Report that a part of the session, such as the view, has ended by itself."""
+        if part not in self._ended:
+            self._ended = (*self._ended, part)
+
+    def health(
+        self, errors: Mapping[str, int], turned_away: Mapping[str, int], latency_ms: Mapping[str, float]
+    ) -> ServerHealth:
+        """Return the present state; zero counts are left out."""
+        return ServerHealth(
+            errors=dict(errors),
+            turned_away={what: count for what, count in turned_away.items() if count},
+            latency_ms=dict(latency_ms),
+            disk_free_bytes=self._free,
+            reserve_bytes=self._reserve_bytes,
+            ended=self._ended,
+            log=self._log,
+        )

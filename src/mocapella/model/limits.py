@@ -1,0 +1,77 @@
+"""Limits of values and quantities: one table for the decoders, the settings, the trackers and the server."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Range:
+    """Valid values of a number, both ends included.
+
+    Attributes:
+        low, high: the smallest and the largest value.
+        unit: of both, such as ``rad``; empty for a number without one.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __contains__(self, value: object) -> bool:
+        """Whether a number is valid; NaN is not."""
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        """Return such as ``from -3.14159 to 3.14159 rad``."""
+        return f"from {_short(self.low)} to {_short(self.high)}{f' {self.unit}' if self.unit else ''}"
+
+
+def _short(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+COORDINATE: Final = Range(-1000.0, 1000.0, "m")
+"""Coordinates in frames; there is no skeleton at a distance of a kilometre."""
+SCENE_COORDINATE: Final = Range(-1e6, 1e6, "m")
+"""Coordinates in scenes, which predictions of wrong frames may take far away; readers must still read them."""
+TILT: Final = Range(-math.pi, math.pi, "rad")
+"""Upward tilt of a sensor."""
+FRAME_HEIGHT: Final = Range(-1000.0, 1000.0, "m")
+"""Height of a sensor above the floor in its frames; 0 or less is unknown."""
+SENSOR_HEIGHT: Final = Range(0.0, FRAME_HEIGHT.high, "m")
+"""Height of a sensor above the floor, as set up and as used; 0 is unknown."""
+
+MOST_SENSORS: Final = 64
+"""Sensors of a session."""
+SENSORS_EXPECTED: Final = Range(1, MOST_SENSORS)
+"""Number of sensors to wait for before calibrating."""
+PARTICIPANT: Final = Range(-(2**31), 2**31 - 1)
+"""Number of a participant; any that a study log and a take can store."""
+
+MOST_UNPROVEN: Final = 16
+"""Sensors from which no valid frame has come yet; messages of further ones are not kept."""
+UNPROVEN_S: Final = 10.0
+"""A sensor without a valid frame and without a connection is forgotten after this time [s]."""
+STRANGERS_WAITING: Final = 16
+"""Waiting messages of all sensors that have no seat yet; older ones are dropped."""
+STRANGERS_A_SECOND: Final = 200
+"""Messages of sensors without a seat that are examined in a second."""
+MOST_REFUSED_NODES: Final = 256
+"""Refused nodes that are remembered, so that each is reported once."""
+
+MOST_COMMANDS: Final = 64
+"""Commands that may wait for the tracker; further ones are refused."""
+MOST_COMMANDS_OF_A_CLIENT: Final = 16
+"""Commands of one client that may wait; further ones are refused."""
+MAX_COMMAND_BYTES: Final = 1024 * 1024
+"""Largest arguments of a command."""
+
+NOTICES_A_SECOND: Final = 5
+"""Notices about other programs that are shown in a second, in the long run; further ones are counted."""
+NOTICES_AT_ONCE: Final = 20
+"""Notices about other programs that are shown at once."""
+LONGEST_NOTICE: Final = 500
+"""Longest notice, in characters; longer ones are cut."""
