@@ -1,8 +1,9 @@
 """The server: receives frames and commands, publishes scenes; one thread tracks, the others only transfer.
 
 bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and their frames)
-          └───► recorder (record path)   ▲ commands, in the order of arrival
-housekeeping thread: silent sensors, status, missing frames of a take
+          └───► recorder                 ▲ commands, in the order of arrival
+record path thread: acknowledges frames to the nodes, and requests missing ones
+housekeeping thread: silent sensors, status
 clock thread: clock probes, which a node may not answer
 """
 
@@ -34,6 +35,7 @@ from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
 from mocapella.wire.clock import estimate_offset
+from mocapella.wire.delivery import check_number
 from mocapella.wire.keys import NodeKey, parse_node_id
 from mocapella.wire.node import JoinReply
 from mocapella.wire.server import ServerLink
@@ -116,6 +118,7 @@ class Server:
             self._session,
             self._link,
             self._on_recorded_frame,
+            self._connected,
             self._note,
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
@@ -133,6 +136,9 @@ class Server:
 
     def _on_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         if self._admit(node, arrived_ns):
+            recorder = self._recording.recorder
+            if recorder is not None:
+                recorder.frame(node, data, arrived_ns)
             self._inbox.put(ReceivedMessage(node, data, arrived_ns))
 
     def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
@@ -152,8 +158,8 @@ class Server:
             self._inbox.forget(node)
 
     def _on_command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
-        if verb == "join":
-            answer(msgspec.json.encode(self._join(arguments)))
+        if verb in ("join", "leave"):
+            answer(msgspec.json.encode(self._join(arguments, leaves=verb == "leave")))
             return
         self._commands.put((verb, arguments, answer))
         self._inbox.wake()
@@ -162,16 +168,23 @@ class Server:
         with self._lock:
             return self._registry.admit(node, now_ns) == ""
 
-    def _join(self, arguments: dict[str, Any]) -> JoinReply:
+    def _connected(self) -> list[NodeKey]:
+        with self._lock:
+            return self._registry.connected()
+
+    def _join(self, arguments: dict[str, Any], *, leaves: bool) -> JoinReply:
         try:
             sensor = check_sensor_name(str(arguments.get("sensor"))[:80])
             node = NodeKey(sensor, parse_node_id(str(arguments.get("node_id"))))
+            end = check_number(arguments.get("next")) if leaves else 0
         except (SettingsError, WireError) as error:
             return JoinReply(False, str(error))
         with self._lock:
             refusal = self._registry.admit(node, time.monotonic_ns())
             self._registry.set_local(node, arguments.get("machine") == platform.node())
-        return JoinReply(not refusal, refusal)
+        if leaves and not refusal:
+            self._recording.leaving(node, end)
+        return JoinReply(not refusal, refusal, self._recording.active)
 
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
@@ -208,7 +221,7 @@ class Server:
         self.summary.frames_in += 1
         recorder = self._recording.recorder
         if recorder is not None:  # here at the latest, so that a take has the frames of all its scenes
-            recorder.frame(message.node, message.data, message.arrived_ns)
+            recorder.frame(message.node, message.data, message.arrived_ns, frame.sequence)
         scene = self._session.step(Arrival(frame, at_ns))
         if scene is None:
             return
@@ -328,7 +341,6 @@ class Server:
 
     def _housekeeping(self) -> None:
         while not self._ended.wait(STATUS_EVERY_S):
-            self._recording.fetch_missing()
             with self._lock:
                 self._registry.notice_silence(time.monotonic_ns())
                 notices = self._registry.take_notices()

@@ -1,26 +1,27 @@
 """Write a take so that a kill loses at most the entries since the last flush, and nothing acknowledged.
 
-The writer has no thread and no clock. Its owner calls `TakeWriter.flush` at least every quarter of a second, on a
-thread that may wait for the disk.
+The writer has no thread and no clock. Its owner calls `TakeWriter.flush` several times a second, on a thread that may
+wait for the disk. Each node has an account (`mocapella.recording.ledger`), whose row is stored when it changes.
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import DiskFullError, InputError, RecordingError
-from mocapella.model.session import SessionStatus
+from mocapella.errors import DiskFullError, InputError, RecordingError, WireError
+from mocapella.model.session import SessionStatus, UnknownEnd
 from mocapella.recording import disk, merge, take
+from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.mcap_file import MAGIC
-from mocapella.recording.sequences import SequenceRanges
 from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
@@ -35,6 +36,8 @@ class TakeWriter:
 
     Attributes:
         path: the take.
+        take_id: identity of the take, also when it is resumed.
+        nodes: account of each node.
         scenes: number of stored scenes.
         duplicates: number of repeated frames, which are stored once.
         report: the result, once the take is closed.
@@ -55,10 +58,10 @@ class TakeWriter:
         self.report: TakeReport | None = None
         self._part, self._reserve = part, reserve_bytes
         earlier = earlier or TakeIndex()
-        self._nodes: dict[_Node, SequenceRanges] = earlier.nodes
-        self._stored = Counter(frame.sensor for frame in earlier.frames)
-        self._earlier = self._stored.copy()
-        self._pending: Counter[str] = Counter()
+        self.take_id = (earlier.runs[0].info.take_id if earlier.runs else "") or info.take_id
+        self.nodes: dict[_Node, NodeLedger] = earlier.nodes
+        self._changed: set[_Node] = set()
+        self._pending = 0
         self.scenes, self._pending_scenes = len(earlier.scenes), 0
         self._first_ns, self._last_ns = earlier.first_ns, earlier.last_ns
         self._next_run = earlier.runs[-1].number + 1 if earlier.runs else 0
@@ -75,7 +78,7 @@ class TakeWriter:
         except OSError as error:
             os.close(self._fd)
             file.unlink()
-            raise _as_ours(error, f"cannot record to {file}") from error
+            raise disk.as_ours(error, f"cannot record to {file}") from error
 
     @classmethod
     def create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
@@ -125,25 +128,33 @@ class TakeWriter:
     @property
     def stored(self) -> int:
         """Number of stored frames of the whole take."""
-        return self._stored.total()
+        return sum(ledger.stored for ledger in self.nodes.values())
 
     @property
     def frames(self) -> dict[str, int]:
         """Number of stored frames by sensor."""
-        return dict(self._stored)
+        return self._by_sensor({node: ledger.stored for node, ledger in list(self.nodes.items())})
 
     @property
     def pending(self) -> int:
         """Number of frames that wait for the next flush."""
-        return self._pending.total()
+        return self._pending
+
+    @property
+    def gaps(self) -> dict[str, int]:
+        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
+        return self._by_sensor({node: ledger.gap for node, ledger in list(self.nodes.items())})
 
     @property
     def lost(self) -> dict[str, int]:
-        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
-        lost: Counter[str] = Counter()
-        for (sensor, _), ranges in self._nodes.items():
-            lost[sensor] += ranges.lost
-        return dict(lost)
+        """Number of frames by sensor that belong to the take and are not on the disk: sent less stored."""
+        return self._by_sensor({node: ledger.lost for node, ledger in list(self.nodes.items())})
+
+    @property
+    def unknown(self) -> tuple[UnknownEnd, ...]:
+        """Nodes that have not said their last frame."""
+        afters = ((node, ledger.unknown_after) for node, ledger in sorted(self.nodes.items()))
+        return tuple(UnknownEnd(sensor, node_id, after) for (sensor, node_id), after in afters if after is not None)
 
     @property
     def size_bytes(self) -> int:
@@ -164,18 +175,28 @@ class TakeWriter:
         self.flush()
         self._begin_run(info)
 
+    def change_account(self, node: _Node, change: Callable[[NodeLedger], bool]) -> None:
+        """Change the account of a node; if ``change`` returns true, it is stored with the next flush."""
+        if change(self.nodes.setdefault(node, NodeLedger())):
+            self._changed.add(node)
+
+    def agree_on_all(self) -> None:
+        """Let the account of each node without an agreement, such as one that answers nothing, begin with what came."""
+        for node, ledger in self.nodes.items():
+            if not ledger.agreed and ledger.expect(ledger.first):
+                self._changed.add(node)
+
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
-        """Add a frame as received; return False if it is already stored."""
+        """Add a frame as received; return False if it is already stored, or does not belong to the take."""
         self._check_open()
-        node = (sensor, node_id)
-        ranges = self._nodes.get(node)
-        if ranges is None:
-            ranges = self._nodes[node] = SequenceRanges()
-        if not ranges.add(sequence):
-            self.duplicates += 1
+        ledger = self.nodes.get((sensor, node_id))
+        if ledger is None:
+            ledger = self.nodes[sensor, node_id] = NodeLedger()
+        if not ledger.receive(sequence):
+            self.duplicates += ledger.has(sequence)
             return False
         self._file.add(take.FRAMES + sensor, data, log_ns, sequence)
-        self._pending[sensor] += 1
+        self._pending += 1
         self._saw(log_ns)
         return True
 
@@ -206,15 +227,15 @@ class TakeWriter:
 
         Raises:
             DiskFullError: the disk is full, or less than the reserve is left.
-            RecordingError: the disk failed. In each case, the take is closed and stored entries stay readable. Or the
-                file was removed; then nothing is left.
+            RecordingError: the disk failed, or the file was removed or truncated. In each case, the take is closed,
+                and the report has what is readable.
         """
         self._check_open()
         try:
             self._store()
             free = disk.free_bytes(self.path.parent)
         except OSError as error:
-            raise self._stopped(_as_ours(error, f"recording to {self.path} stopped")) from error
+            raise self._stopped(disk.as_ours(error, f"recording to {self.path} stopped")) from error
         if free < self._reserve:
             why = f"recording to {self.path} stopped: {disk.too_little(free, self._reserve)}"
             raise self._stopped(DiskFullError(why))
@@ -230,11 +251,12 @@ class TakeWriter:
         """
         if self.report is not None:
             return self.report
+        self._changed.update(node for node, ledger in self.nodes.items() if ledger.unknown_after is not None)
         try:
             self._store()
             self._file.finish()
         except OSError as error:
-            raise self._stopped(_as_ours(error, f"{self.path} could not be closed")) from error
+            raise self._stopped(disk.as_ours(error, f"{self.path} could not be closed")) from error
         problem = ""
         if not disk.leads_to(disk.part_path(self.path, self._part), self._fd):
             problem = f"{self.path} was moved while it was recorded; the frames are in the file that was moved"
@@ -246,7 +268,7 @@ class TakeWriter:
         return self._finished(clean=not problem, problem=problem)
 
     def _begin_run(self, info: TakeInfo) -> None:
-        self._file.add_run(Run(self._next_run, self._part, info))
+        self._file.add_run(Run(self._next_run, self._part, replace(info, take_id=self.take_id)))
         self._next_run += 1
         self._saw(info.started_ns)
 
@@ -260,15 +282,42 @@ class TakeWriter:
         self._last_ns = max(self._last_ns, log_ns)
 
     def _store(self) -> None:
+        self._add_rows()
+        self._check_file()
         self._file.flush()
-        if disk.removed(self._fd):
-            self._pending += self._stored - self._earlier
-            self._stored, self.scenes = self._earlier, 0
-            raise self._stopped(RecordingError(f"{self.path} was removed while it was recorded; begin a new take"))
-        self._stored += self._pending
-        self._pending.clear()
+        self._check_file()
+        self._pending = 0
+        for ledger in self.nodes.values():
+            ledger.commit()
         self.scenes += self._pending_scenes
         self._pending_scenes = 0
+
+    def _add_rows(self) -> None:
+        """Add the rows of nodes whose account has changed; one without an agreement has none."""
+        for node in sorted(self._changed):
+            if self.nodes[node].agreed:
+                self._file.add(take.NODES, msgspec.json.encode(self.nodes[node].row(*node)), self._last_ns)
+        self._changed.clear()
+
+    def _check_file(self) -> None:
+        """Raise an error if another program has removed or truncated the file."""
+        if disk.removed(self._fd):
+            raise self._stopped(RecordingError(f"{self.path} was removed while it was recorded; begin a new take"))
+        if disk.size(self._fd) != self._file.size:
+            why = f"{self.path} was changed by another program while it was recorded; begin a new take"
+            raise self._stopped(RecordingError(why))
+
+    def _recount(self) -> None:
+        """Count what is readable on the disk, after the recording has failed."""
+        before = self.stored + self._pending
+        try:
+            parts = [part for part in disk.parts_of(self.path) if part.exists()]
+            index = index_take(parts) if parts else TakeIndex()
+        except (OSError, InputError, WireError):
+            index = TakeIndex()  # nothing can be read there
+        for node, ledger in self.nodes.items():
+            ledger.stored = index.nodes[node].stored if node in index.nodes else 0
+        self.scenes, self._pending = len(index.scenes), max(0, before - self.stored)
 
     def _check_open(self) -> None:
         if self.report is not None:
@@ -278,15 +327,26 @@ class TakeWriter:
     def _stopped(self, error: RecordingError) -> RecordingError:
         """Close the take as far as the disk allows; return the error with the stored contents."""
         clean = False
+        intact = not disk.removed(self._fd) and disk.size(self._fd) == self._file.size
         with suppress(OSError):  # the disk is full or failing: then the take has no end, and is readable
-            self._file.finish()
-            clean = self._lock_fd is None and not disk.removed(self._fd)
+            if intact:
+                self._file.finish()
+                clean = self._lock_fd is None
+        if not intact or disk.leads_to(disk.part_path(self.path, self._part), self._fd):
+            self._recount()
         report = self._finished(clean=clean, problem=str(error))
         unsaved = self.pending
         return type(error)(
-            f"{error}; {report.path.name} holds the {sum(report.frames.values())} frames before it"
+            f"{error}; {report.path.name} holds the {self.stored} frames before it"
             + (f", and {unsaved} are lost" if unsaved else "")
         )
+
+    @staticmethod
+    def _by_sensor(counts: Mapping[_Node, int]) -> dict[str, int]:
+        found: Counter[str] = Counter()
+        for (sensor, _), count in counts.items():
+            found[sensor] += count
+        return {sensor: count for sensor, count in found.items() if count}
 
     def _finished(self, *, clean: bool, problem: str) -> TakeReport:
         os.close(self._fd)
@@ -300,14 +360,15 @@ class TakeWriter:
         self.report = TakeReport(
             path=self.path,
             parts=parts,
-            frames=dict(self._stored),
-            lost=dict(Counter(self.lost) + self._pending),
+            frames=self.frames,
+            lost=self.lost,
             duplicates=self.duplicates,
             scenes=self.scenes,
             size_bytes=size,
             seconds=self.seconds,
-            clean=clean,
+            clean=clean and not self.unknown,
             problem=problem,
+            unknown=self.unknown,
         )
         return self.report
 
@@ -325,9 +386,3 @@ def _earlier_parts(path: Path) -> TakeIndex:
     if index.first_ns is not None and not index.runs:
         raise disk.name_taken(path, "it exists and is no take that can be gone on with")
     return index
-
-
-def _as_ours(error: OSError, what: str) -> RecordingError:
-    if disk.is_full(error):
-        return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
-    return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")

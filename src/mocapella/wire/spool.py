@@ -1,0 +1,75 @@
+"""Spooling of a node: moves the frames that a take needs from memory to the disk while the server does not store them.
+
+A kill of the node then costs at most the frames of the last seconds, and an outage of hours does not fill the memory.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final, Protocol
+
+from mocapella.wire.outbox import Outbox, Store
+
+SPILL_AFTER_S: Final = 2.0
+"""Frames that wait longer for an acknowledgement are moved to the disk [s]."""
+_EVERY_S: Final = 0.5
+
+
+class Spool(Store, Protocol):
+    """A node's place on the disk."""
+
+    def keep(self, take: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
+        """Write the available of the numbered frames into a file that can be merged into the take; return its path.
+
+        Raises:
+            RecordingError: the disk is full or failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Remove what is not needed any more."""
+        ...
+
+
+class Spooler:
+    """A thread that spills an `Outbox`, from `begin` to `close`.
+
+    Args:
+        outbox: of the node.
+        say: receives a message when frames are lost.
+    """
+
+    def __init__(self, outbox: Outbox, say: Callable[[str], None]) -> None:
+        self._outbox, self._say = outbox, say
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._dropped = 0
+
+    def begin(self) -> None:
+        """Start the thread if a take holds frames and it does not run."""
+        if self._thread is None and self._outbox.holds and not self._stop.is_set():
+            self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def update(self, now_ns: int) -> None:
+        """Spill once if it is due; without space, the oldest frames are dropped until it succeeds."""
+        outbox = self._outbox
+        if outbox.waiting_ns(now_ns) > SPILL_AFTER_S * 1e9:
+            while not outbox.spill() and outbox.crowded and outbox.spilled:
+                outbox.drop_oldest()
+        if outbox.dropped > self._dropped:
+            self._say(f"{outbox.dropped - self._dropped} frames of an open take are lost: memory and disk are full")
+            self._dropped = outbox.dropped
+
+    def _run(self) -> None:
+        while not self._stop.wait(_EVERY_S):
+            self.update(time.monotonic_ns())
