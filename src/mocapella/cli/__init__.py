@@ -70,6 +70,7 @@ def import_commands() -> None:
         replay,
         serve,
         silhouettes,
+        take,
         train,
         triangulate,
         tune,

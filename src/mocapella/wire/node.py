@@ -73,6 +73,7 @@ class NodeLink:
         node: identity on the bus.
         outbox: the frames that are kept.
         farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
+        on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
     """
 
     def __init__(
@@ -87,10 +88,11 @@ class NodeLink:
         self.node = keys.NodeKey(sensor, new_node_id())
         self.address = connect
         self.farewell_s = FAREWELL_S
+        self.on_published: Callable[[int, bytes, int], None] | None = None
         self._say = say
-        self._spool = None if spool is None else spool(self.node)
-        self.outbox = Outbox(history_frames, self._spool)
-        self._spooler = Spooler(self.outbox, lambda text: say(f"{sensor}: {text}"))
+        place = None if spool is None else spool(self.node)
+        self.outbox = Outbox(history_frames, place)
+        self._spooler = Spooler(self.outbox, place, lambda text: say(f"{sensor}: {text}"))
         self._ended = threading.Event()
         self._session = open_node(connect)
         self._live = self._session.declare_publisher(
@@ -125,6 +127,8 @@ class NodeLink:
         data = encode_frame(stamped)
         self.outbox.add(data, stamped.sent_ns)
         self._live.put(data)
+        if self.on_published is not None:
+            self.on_published(stamped.sequence, data, stamped.sent_ns)
         if truth is not None:
             stamped_truth = msgspec.structs.replace(truth, sensor=self.node.sensor, sequence=stamped.sequence)
             self._truth.put(encode_truth(stamped_truth))
@@ -172,9 +176,15 @@ class NodeLink:
             self.outbox.leave()
             self._say_farewell()
         finally:
-            self._spooler.close()
             self._session.close()  # type: ignore[no-untyped-call]
-        self._keep_unacknowledged()
+            self._spooler.close()
+        if self._spooler.missing:
+            kept = self._spooler.kept
+            where = f"they are in {', '.join(kept)}: mocapella take merge TAKE FILE adds them"
+            raise UnstoredFramesError(
+                f"{self.node.sensor}: {self._spooler.missing} frames are not stored by the server; "
+                + (where if kept else "they are lost")
+            )
 
     def _say_farewell(self) -> None:
         """Wait for the acknowledgement of the last frame, if a take is open; a server may come back meanwhile."""
@@ -189,23 +199,6 @@ class NodeLink:
             time.sleep(0.02)
             if not self.server_is_there():
                 answer = None  # one that is started again does not know the last number
-
-    def _keep_unacknowledged(self) -> None:
-        missing = {take: numbers for take, numbers in self.outbox.unacknowledged().items() if numbers}
-        kept: list[str] = []
-        if self._spool is not None:
-            try:
-                for take, numbers in missing.items():
-                    kept.append(str(self._spool.keep(take, self.outbox.frames(numbers), numbers)))
-                self._spool.close()
-            except RecordingError as error:
-                kept.append(f"the spool, as far as the disk allowed ({error})")
-        if missing:
-            count = sum(map(len, missing.values()))
-            where = "they are lost"
-            if kept:
-                where = f"they are in {', '.join(kept)}: mocapella take merge TAKE FILE adds them"
-            raise UnstoredFramesError(f"{self.node.sensor}: {count} frames are not stored by the server; {where}")
 
     def _tell(self, verb: str, timeout: float) -> JoinReply | None:
         """Send a command about this node; return the answer, None without a server."""

@@ -46,10 +46,21 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Hold:
-    """Claim of a take on frames: from ``stored`` to before ``end``, or all later ones if ``end`` is None."""
+    """Claim of a take on frames.
+
+    Attributes:
+        stored: number of the first frame that is not acknowledged.
+        end: number after the last frame; None while the take goes on.
+        closed: whether the take is closed, and lacks these frames.
+    """
 
     stored: int
     end: int | None = None
+    closed: bool = False
+
+    def numbers(self, after: int) -> range:
+        """Return the numbers of the frames; ``after`` is the number of the node's next frame."""
+        return range(self.stored, after if self.end is None else min(self.end, after))
 
 
 class _Sent(NamedTuple):
@@ -131,8 +142,8 @@ class Outbox:
         """Take over the state of a take, and return the node's."""
         with self._lock:
             first = self._since(now_ns - request.age_ns) if request.stored is None else request.stored
-            hold = Hold(first, request.end)
-            if request.closed or self._settled(hold):
+            hold = Hold(first, request.end, request.closed)
+            if self._settled(hold):
                 self._holds.pop(request.take, None)
             elif request.take in self._holds or len(self._holds) < MOST_TAKES:
                 self._holds[request.take] = hold
@@ -185,10 +196,13 @@ class Outbox:
     def unacknowledged(self) -> dict[str, range]:
         """Return by take the numbers of its frames that are not acknowledged."""
         with self._lock:
-            return {
-                take: range(hold.stored, self._next if hold.end is None else min(hold.end, self._next))
-                for take, hold in self._holds.items()
-            }
+            return {take: hold.numbers(self._next) for take, hold in self._holds.items()}
+
+    def release(self, take: str) -> None:
+        """Drop the claim of a take."""
+        with self._lock:
+            self._holds.pop(take, None)
+            self._forget()
 
     def waiting_ns(self, now_ns: int) -> int:
         """Return for how long the oldest frame in memory has waited for an acknowledgement; 0 without a take."""
@@ -239,11 +253,12 @@ class Outbox:
 
     def _count_dropped(self, first: int, last: int) -> None:
         for hold in self._holds.values():
-            end = self._next if hold.end is None else hold.end
-            self.dropped += max(0, min(last + 1, end) - max(first, hold.stored))
+            needed = hold.numbers(self._next)
+            self.dropped += max(0, min(last + 1, needed.stop) - max(first, needed.start))
 
     def _settled(self, hold: Hold) -> bool:
-        return hold.end is not None and hold.stored >= hold.end
+        known = hold.closed or hold.end is not None
+        return known and not hold.numbers(self._next) and (hold.end is None or hold.end <= self._next)
 
     def _forget(self) -> None:
         """Drop what no take needs any more, unless there is no open take: then the newest frames stay."""
