@@ -69,7 +69,7 @@ class Harness:
         self.bus = Bus()
         self.said: list[str] = []
         self.service = RecordingService(
-            Session(Setup()), self.bus, self.pulled, lambda: self.bus.connected, self.said.append, reserve_bytes=0
+            Session(Setup()), self.bus, lambda: self.bus.connected, self.said.append, reserve_bytes=0
         )
 
     @property
@@ -86,10 +86,6 @@ class Harness:
         """Frames of the live path arrive."""
         for k in sequences:
             self.recorder.frame(NODE, frame(k, sensor, node_id), time.monotonic_ns())
-
-    def pulled(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        if self.service.recorder is not None:
-            self.service.recorder.frame(node, data, arrived_ns)
 
 
 def frame(sequence: int, sensor: str = "front", node_id: int = 1) -> bytes:

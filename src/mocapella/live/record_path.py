@@ -86,7 +86,6 @@ class RecordPath:
         recorder: of the take.
         link: to the nodes.
         nodes: the connected nodes.
-        on_frame: receives the requested frames.
         first: number of the first frame of each node that belongs to the take, where it is known.
         fresh: whether the take is new; else nodes that it does not know are asked for all their frames.
     """
@@ -96,12 +95,11 @@ class RecordPath:
         recorder: Recorder,
         link: Requests,
         nodes: Callable[[], Iterable[NodeKey]],
-        on_frame: OnFrame,
         first: Mapping[NodeKey, int],
         *,
         fresh: bool,
     ) -> None:
-        self._recorder, self._link, self._nodes, self._on_frame = recorder, link, nodes, on_frame
+        self._recorder, self._link, self._nodes = recorder, link, nodes
         self._first, self._fresh = dict(first), fresh
         self._began_ns = time.monotonic_ns()
         self._contacts: dict[NodeKey, _Contact] = {}
@@ -141,7 +139,7 @@ class RecordPath:
     def _close_at(self, node: NodeKey, state: NodeState) -> threading.Event:
         ended = threading.Event()
         request = FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True)
-        self._link.request_frames(node, request, self._on_frame, lambda answer: None, ended.set)
+        self._link.request_frames(node, request, self._recorder.frame, lambda answer: None, ended.set)
         return ended
 
     def _run(self) -> None:
@@ -165,7 +163,7 @@ class RecordPath:
             return
         contact.under_way, contact.asked_s, contact.told = True, now_s, told
         answered = partial(self._answered, node, contact, agreed=told is not None, ends=ends)
-        self._link.request_frames(node, request, self._on_frame, answered, partial(self._ended, contact))
+        self._link.request_frames(node, request, self._recorder.frame, answered, partial(self._ended, contact))
 
     def _request(self, state: NodeState | None, contact: _Contact, node: NodeKey) -> FrameRequest:
         first = self._first.get(node)

@@ -22,7 +22,6 @@ from mocapella.recording.take_writer import TakeWriter
 from mocapella.registry import OURS, Table
 from mocapella.tracker import METHODS
 from mocapella.wire.keys import NodeKey
-from mocapella.wire.server import OnFrame
 
 
 def outcome(health: RecordingHealth) -> str:
@@ -60,7 +59,6 @@ class RecordingService:
         self,
         session: Session,
         link: Requests,
-        on_frame: OnFrame,
         nodes: Callable[[], Iterable[NodeKey]],
         say: Callable[[str], None],
         *,
@@ -68,7 +66,7 @@ class RecordingService:
         between_steps: AbstractContextManager[object] | None = None,
     ) -> None:
         self.recorder: Recorder | None = None
-        self._session, self._link, self._on_frame, self._nodes, self._say = session, link, on_frame, nodes, say
+        self._session, self._link, self._nodes, self._say = session, link, nodes, say
         self._reserve_bytes = reserve_bytes
         self._between_steps = between_steps or nullcontext()
         self._health: Callable[[], RecordingHealth] = RecordingHealth
@@ -112,7 +110,7 @@ class RecordingService:
         self._command(recorder, "restore", self._session.memory())
         if not self._session.running:
             self._command(recorder, "stop", {})
-        self._record_path = RecordPath(recorder, self._link, self._nodes, self._on_frame, first, fresh=fresh)
+        self._record_path = RecordPath(recorder, self._link, self._nodes, first, fresh=fresh)
         self.recorder, self._health = recorder, recorder.health
         return f"recording {path}"
 
@@ -143,20 +141,19 @@ class RecordingService:
     def finish(self) -> RecordingHealth:
         """Finish the take and return its result; missing frames are requested until they arrive or are given up."""
         with self._changing:
-            if self._record_path is not None:
-                self._record_path.finish()
             self._end()
             return self._health()
 
     def _end(self) -> None:
-        with self._between_steps:
+        with self._between_steps:  # from here on no scene and no frame of a later number belongs to the take
             recorder, self.recorder = self.recorder, None
-        if recorder is None:
+        record_path = self._record_path
+        if recorder is None or record_path is None:
             return
+        record_path.finish()
         ended = recorder.close()
-        record_path, self._record_path = self._record_path, None
-        if record_path is not None:
-            record_path.close()
+        self._record_path = None
+        record_path.close()
         self._health = lambda: ended
         self._say(outcome(ended))
 

@@ -117,7 +117,6 @@ class Server:
         self._recording = RecordingService(
             self._session,
             self._link,
-            self._on_recorded_frame,
             self._connected,
             self._note,
             reserve_bytes=settings.reserve_bytes,
@@ -140,11 +139,6 @@ class Server:
             if recorder is not None:
                 recorder.frame(node, data, arrived_ns)
             self._inbox.put(ReceivedMessage(node, data, arrived_ns))
-
-    def _on_recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        recorder = self._recording.recorder
-        if recorder is not None and self._admit(node, arrived_ns):
-            recorder.frame(node, data, arrived_ns)
 
     def _on_truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         recorder = self._recording.recorder
