@@ -78,7 +78,7 @@ class ServerSettings:
 class Server:
     """A session on the bus; it listens from the constructor on, until `close`.
 
-    ``say`` is called with each notice, on any thread.
+    ``say`` is called with each notice, on any thread. ``link`` is one that listens already; the server closes it.
 
     Attributes:
         summary: statistics of the run.
@@ -89,7 +89,9 @@ class Server:
         SettingsError: the setup or the method's settings are invalid.
     """
 
-    def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(
+        self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None, link: ServerLink | None = None
+    ) -> None:
         self._settings = settings
         self._say = say
         self._session = Session(
@@ -113,7 +115,8 @@ class Server:
         self.failed = threading.Event()
         self._began = time.monotonic()
         self.summary = RunSummary(began_ns=time.monotonic_ns())
-        self._link = ServerLink(settings.listen, on_nonsense=self._note)
+        self._link = link or ServerLink(settings.listen, on_nonsense=self._note)
+        self._link.on_nonsense = self._note
         self._recording = RecordingService(
             self._session,
             self._link,

@@ -31,13 +31,16 @@ _PROBES = 8
 class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
+    Attributes:
+        on_nonsense: is called with a description of each message that cannot be read.
+
     Raises:
         AddressInUseError, BusError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense) -> None:
         self._session = open_server(listen)
-        self._on_nonsense = on_nonsense
+        self.on_nonsense = on_nonsense
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
@@ -86,7 +89,7 @@ class ServerLink:
             try:
                 on_answer(read_answer(data))
             except WireError as error:
-                self._on_nonsense(f"{node.sensor}: {error}")
+                self.on_nonsense(f"{node.sensor}: {error}")
 
         try:
             self._session.get(
@@ -128,7 +131,7 @@ class ServerLink:
             try:
                 node = keys.node_of(str(sample.key_expr))
             except WireError as error:
-                self._on_nonsense(str(error))
+                self.on_nonsense(str(error))
                 return
             pass_on(node, sample.payload.to_bytes(), arrived)
 
@@ -139,7 +142,7 @@ class ServerLink:
             try:
                 node = keys.node_of(str(sample.key_expr))
             except WireError as error:
-                self._on_nonsense(str(error))
+                self.on_nonsense(str(error))
                 return
             on_alive(node, sample.kind == zenoh.SampleKind.PUT)
 
@@ -152,7 +155,7 @@ class ServerLink:
             try:
                 arguments = msgspec.json.decode(payload or b"{}", type=dict[str, Any])
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-                self._on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
+                self.on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
                 return
 
