@@ -4,6 +4,7 @@ they say."""
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import threading
 import time
@@ -77,6 +78,24 @@ class Harness:
         assert self.service.recorder is not None
         return self.service.recorder
 
+    def kill(self) -> Callable[[], None]:
+        """Forget the recorder, as a kill does; return what ends its threads, and writes nothing."""
+        recorder, path = self.recorder, self.service._record_path
+        assert path is not None
+        path.finish(0.0)
+        writer = recorder._writer
+        for fd in (writer._fd, writer._lock_fd):
+            if fd is not None:
+                fcntl.flock(fd, fcntl.LOCK_UN)
+        self.service.recorder = self.service._record_path = None
+        self.service._health = RecordingHealth
+
+        def end() -> None:
+            recorder._writer._file.finish = lambda: None  # type: ignore[method-assign]
+            recorder.close()
+
+        return end
+
     def send(self, count: int) -> None:
         """The node sends frames, which the live path loses."""
         for _ in range(count):
@@ -143,6 +162,29 @@ def test_what_is_not_on_the_disk_is_never_acknowledged_and_a_slow_disk_holds_nob
         assert (harness.bus.outbox.oldest, harness.service.health().frames) == (1, 1)
         may_sync.set()
         wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 6)
+
+
+@pytest.mark.parametrize("step_s", [-7200.0, -5.0, 5.0, 3600.0])
+def test_a_step_of_the_wall_clock_during_an_outage_changes_nothing(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    path = tmp_path / "a.mcap"
+    harness.service.begin(path)
+    harness.send(20)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 20)
+    killed = harness.kill()
+    harness.send(20)
+    real, real_ns = time.time, time.time_ns
+    monkeypatch.setattr(time, "time", lambda: real() + step_s)
+    monkeypatch.setattr(time, "time_ns", lambda: real_ns() + int(step_s * 1e9))
+    os.utime(path, (real() - step_s, real() - step_s))
+    harness.service.begin(path, resume=True)
+    harness.send(20)
+    assert harness.service.finish().lost == 0
+    killed()
+    take = read_take(path)
+    assert [(frames.first, frames.last, frames.lost) for frames in take.complete()] == [(0, 59, 0)]
+    assert len(take.interruptions) == 1
 
 
 def test_a_take_begins_after_the_newest_frame_also_if_the_next_was_lost(harness: Harness, tmp_path: Path) -> None:

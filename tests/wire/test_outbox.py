@@ -146,9 +146,7 @@ def test_frames_that_cannot_be_kept_leave_the_parts_on_the_disk() -> None:
 def test_the_first_frame_since_a_take_began_is_told_by_durations_only() -> None:
     outbox = filled(10, most=5)
     assert outbox.update(FrameRequest("take", age_ns=3), now_ns=10).first == 7
-    assert (
-        outbox.update(FrameRequest("old", age_ns=8), now_ns=10).first == 0
-    )  # some are gone, and count as lost
+    assert outbox.update(FrameRequest("old", age_ns=8), now_ns=10).first == 0  # some are gone, and count as lost
     assert outbox.update(FrameRequest("new", age_ns=0), now_ns=10).first == 10
 
 

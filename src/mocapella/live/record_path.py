@@ -115,12 +115,17 @@ class RecordPath:
         self._recorder.account(node, partial(_finish, first=self._first.get(node), end=end))
         self._wake.set()
 
-    def finish(self) -> None:
-        """Ask every connected node for its last frame, and wait until all frames are here or are given up."""
+    def finish(self, give_up_s: float | None = None) -> None:
+        """Ask every connected node for its last frame, and wait until all frames are here or are given up.
+
+        Args:
+            give_up_s: how long to wait without progress; `GIVE_UP_S` if None [s].
+        """
+        give_up_s = GIVE_UP_S if give_up_s is None else give_up_s
         self._finishing = True
         self._wake.set()
         before, since_s = self._progress(), time.monotonic()
-        while not self._whole() and time.monotonic() - since_s < GIVE_UP_S:
+        while not self._whole() and time.monotonic() - since_s < give_up_s:
             time.sleep(0.02)
             now = self._progress()
             if now != before:

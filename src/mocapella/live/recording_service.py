@@ -23,6 +23,9 @@ from mocapella.registry import OURS, Table
 from mocapella.tracker import METHODS
 from mocapella.wire.keys import NodeKey
 
+FAILED_S = 0.5
+"""How long a new take waits for the nodes' numbers at the end of one that has stopped by itself [s]; tracking waits."""
+
 
 def outcome(health: RecordingHealth) -> str:
     """Describe how a take ended, with the number of missing frames."""
@@ -101,7 +104,7 @@ class RecordingService:
             raise NotNowError(
                 f"already recording {health.path}; end that first (mocapella record --stop, or in the view)"
             )
-        self._end()
+        self._end(0.0 if self.recorder is None else FAILED_S)
         fresh = not (resume and path.exists())
         first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}
         create = TakeWriter.resume_or_create if resume else TakeWriter.create
@@ -144,13 +147,13 @@ class RecordingService:
             self._end()
             return self._health()
 
-    def _end(self) -> None:
+    def _end(self, give_up_s: float | None = None) -> None:
         with self._between_steps:  # from here on no scene and no frame of a later number belongs to the take
             recorder, self.recorder = self.recorder, None
         record_path = self._record_path
         if recorder is None or record_path is None:
             return
-        record_path.finish()
+        record_path.finish(give_up_s)
         ended = recorder.close()
         self._record_path = None
         record_path.close()
