@@ -73,7 +73,7 @@ class RecordPathModel(RuleBasedStateMachine):
 
     def begin_take(self, started_ns: int) -> None:
         self.writer = TakeWriter.resume_or_create(self.path, info=info(started_ns), reserve_bytes=0)
-        ledger = self.writer.nodes.get(NODE)
+        ledger = self.writer.accounts.nodes.get(NODE)
         self.state = None if ledger is None else state_of(ledger)
 
     @precondition(lambda self: self.alive)
@@ -104,8 +104,8 @@ class RecordPathModel(RuleBasedStateMachine):
     def commit(self) -> None:
         assert self.writer is not None
         self.writer.flush()
-        if NODE in self.writer.nodes:
-            self.state = state_of(self.writer.nodes[NODE])
+        if NODE in self.writer.accounts.nodes:
+            self.state = state_of(self.writer.accounts.nodes[NODE])
 
     def request(self) -> FrameRequest:
         assert self.writer is not None
@@ -119,7 +119,7 @@ class RecordPathModel(RuleBasedStateMachine):
         request = self.request()
         agreed = request.stored is not None
         if self.before is not None:
-            self.writer.change_account(NODE, lambda ledger: not ledger.agreed and ledger.expect(self.before or 0))
+            self.writer.accounts.change(NODE, lambda ledger: not ledger.agreed and ledger.expect(self.before or 0))
         answer = self.outbox.update(request, self.now_ns)
         self.acknowledged = max(self.acknowledged, request.stored or 0)
         for frame in list(self.outbox.wanted(request))[:arriving]:
@@ -127,7 +127,7 @@ class RecordPathModel(RuleBasedStateMachine):
         if answered:
             end = answer.next if ends and answer.leaving else None
             first = None if agreed else answer.first
-            self.writer.change_account(NODE, lambda ledger: hear_answer(ledger, answer=answer, first=first, end=end))
+            self.writer.accounts.change(NODE, lambda ledger: hear_answer(ledger, answer=answer, first=first, end=end))
 
     @precondition(lambda self: self.alive)
     @rule(full=st.booleans())
@@ -186,7 +186,7 @@ class RecordPathModel(RuleBasedStateMachine):
             for _ in range(60):
                 self.ask(1000, True, True)
                 self.commit()
-        writer.agree_on_all()
+        writer.accounts.agree_on_all()
         report = writer.close()
         there = read_numbers(self.path)
         stored, lost = len(there), sum(report.lost.values())

@@ -32,11 +32,11 @@ def spool(folder: Path, limits: SpoolLimits = LIMITS) -> DiskSpool:
 def take_without(path: Path, lacking: range, *, ends: bool) -> str:
     """Record the frames 5 to 19 of the node but for some, and return the take's identity."""
     writer = TakeWriter.create(path, info=replace(info(), take_id="0123456789abcdef"), reserve_bytes=0)
-    writer.change_account(NODE, lambda ledger: ledger.expect(5))
+    writer.accounts.change(NODE, lambda ledger: ledger.expect(5))
     for number in (number for number in range(5, 20) if number not in lacking):
         write_frame(writer, NODE[0], number, number, NODE[1])
     if ends:
-        writer.change_account(NODE, lambda ledger: ledger.finish(20))
+        writer.accounts.change(NODE, lambda ledger: ledger.finish(20))
     writer.close()
     return writer.take_id
 

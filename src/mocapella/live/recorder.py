@@ -120,7 +120,7 @@ class Recorder:
 
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
-        self._queue.put(partial(self._writer.change_account, node, change))
+        self._queue.put(partial(self._writer.accounts.change, node, change))
 
     def after_commit(self, call: Callable[[], None]) -> None:
         """Call a function on the recorder's thread after the next commit of all that was given until now."""
@@ -156,7 +156,7 @@ class Recorder:
         writer, counts = self._writer, self._health
         report = writer.report
         over = report is not None or bool(self._problem)
-        frames, lost = (writer.frames, writer.lost) if over else (counts.frames, counts.gaps)
+        frames, lost = (writer.accounts.frames, writer.accounts.lost) if over else (counts.frames, counts.gaps)
         return RecordingHealth(
             active=not over,
             path=str(writer.path),
@@ -166,7 +166,7 @@ class Recorder:
             size_bytes=counts.size_bytes if report is None else report.size_bytes,
             seconds=round(time.monotonic() - self._began, 2) if report is None else round(report.seconds, 2),
             problem=self._problem or (report.problem if report is not None else ""),
-            unknown=writer.unknown if self._ended else (),
+            unknown=writer.accounts.unknown if self._ended else (),
         )
 
     def stored_and_lost(self) -> tuple[dict[str, int], dict[str, int]]:
@@ -195,7 +195,7 @@ class Recorder:
         try:
             self._write_until_end()
             self._closing = True
-            self._writer.agree_on_all()
+            self._writer.accounts.agree_on_all()
             self._writer.close()
         except MocapellaError as error:
             self._stop(str(error))
@@ -227,7 +227,7 @@ class Recorder:
 
     def _commit(self) -> None:
         self._writer.flush()
-        self._health = _Counts(self._writer.frames, self._writer.gaps, self._writer.size_bytes)
+        self._health = _Counts(self._writer.accounts.frames, self._writer.accounts.gaps, self._writer.size_bytes)
         self._publish_states()
         self._call_waiting()
         self.committed()
@@ -247,7 +247,7 @@ class Recorder:
             work = self._queue.get()
 
     def _publish_states(self) -> None:
-        self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.nodes.items()}
+        self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
 
     def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None) -> None:
         if sequence is None:

@@ -1,14 +1,13 @@
 """Write a take so that a kill loses at most the entries since the last flush, and nothing acknowledged.
 
 The writer has no thread and no clock. Its owner calls `TakeWriter.flush` several times a second, on a thread that may
-wait for the disk. Each node has an account (`mocapella.recording.ledger`), whose row is stored when it changes.
+wait for the disk. Each node has an account (`mocapella.recording.accounts`), whose row is stored when it changes.
 """
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,15 +17,13 @@ import msgspec
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import DiskFullError, InputError, RecordingError, WireError
-from mocapella.model.session import SessionStatus, UnknownEnd
+from mocapella.model.session import SessionStatus
 from mocapella.recording import disk, merge, take
-from mocapella.recording.ledger import NodeLedger
+from mocapella.recording.accounts import Accounts
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
-
-_Node = tuple[str, int]
 
 
 class TakeWriter:
@@ -37,9 +34,8 @@ class TakeWriter:
     Attributes:
         path: the take.
         take_id: identity of the take, also when it is resumed.
-        nodes: account of each node.
+        accounts: of its nodes.
         scenes: number of stored scenes.
-        duplicates: number of repeated frames, which are stored once.
         report: the result, once the take is closed.
     """
 
@@ -54,14 +50,11 @@ class TakeWriter:
         earlier: TakeIndex | None = None,
     ) -> None:
         self.path = path
-        self.duplicates = 0
         self.report: TakeReport | None = None
         self._part, self._reserve = part, reserve_bytes
         earlier = earlier or TakeIndex()
         self.take_id = (earlier.runs[0].info.take_id if earlier.runs else "") or info.take_id
-        self.nodes: dict[_Node, NodeLedger] = earlier.nodes
-        self._changed: set[_Node] = set()
-        self._pending = 0
+        self.accounts = Accounts(earlier.nodes)
         self.scenes, self._pending_scenes = len(earlier.scenes), 0
         self._first_ns, self._last_ns = earlier.first_ns, earlier.last_ns
         self._next_run = earlier.runs[-1].number + 1 if earlier.runs else 0
@@ -126,37 +119,6 @@ class TakeWriter:
         return writer
 
     @property
-    def stored(self) -> int:
-        """Number of stored frames of the whole take."""
-        return sum(ledger.stored for ledger in self.nodes.values())
-
-    @property
-    def frames(self) -> dict[str, int]:
-        """Number of stored frames by sensor."""
-        return self._by_sensor({node: ledger.stored for node, ledger in list(self.nodes.items())})
-
-    @property
-    def pending(self) -> int:
-        """Number of frames that wait for the next flush."""
-        return self._pending
-
-    @property
-    def gaps(self) -> dict[str, int]:
-        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
-        return self._by_sensor({node: ledger.gap for node, ledger in list(self.nodes.items())})
-
-    @property
-    def lost(self) -> dict[str, int]:
-        """Number of frames by sensor that belong to the take and are not on the disk: sent less stored."""
-        return self._by_sensor({node: ledger.lost for node, ledger in list(self.nodes.items())})
-
-    @property
-    def unknown(self) -> tuple[UnknownEnd, ...]:
-        """Nodes that have not said their last frame."""
-        afters = ((node, ledger.unknown_after) for node, ledger in sorted(self.nodes.items()))
-        return tuple(UnknownEnd(sensor, node_id, after) for (sensor, node_id), after in afters if after is not None)
-
-    @property
     def size_bytes(self) -> int:
         """Size of the file being written."""
         return self._file.size
@@ -175,28 +137,12 @@ class TakeWriter:
         self.flush()
         self._begin_run(info)
 
-    def change_account(self, node: _Node, change: Callable[[NodeLedger], bool]) -> None:
-        """Change the account of a node; if ``change`` returns true, it is stored with the next flush."""
-        if change(self.nodes.setdefault(node, NodeLedger())):
-            self._changed.add(node)
-
-    def agree_on_all(self) -> None:
-        """Let the account of each node without an agreement, such as one that answers nothing, begin with what came."""
-        for node, ledger in self.nodes.items():
-            if not ledger.agreed and ledger.expect(ledger.first):
-                self._changed.add(node)
-
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
         """Add a frame as received; return False if it is already stored, or does not belong to the take."""
         self._check_open()
-        ledger = self.nodes.get((sensor, node_id))
-        if ledger is None:
-            ledger = self.nodes[sensor, node_id] = NodeLedger()
-        if not ledger.receive(sequence):
-            self.duplicates += ledger.has(sequence)
+        if not self.accounts.receive((sensor, node_id), sequence):
             return False
         self._file.add(take.FRAMES + sensor, data, log_ns, sequence)
-        self._pending += 1
         self._saw(log_ns)
         return True
 
@@ -251,9 +197,8 @@ class TakeWriter:
         """
         if self.report is not None:
             return self.report
-        self._changed.update(node for node, ledger in self.nodes.items() if ledger.unknown_after is not None)
         try:
-            self._store()
+            self._store(last=True)
             self._file.finish()
         except OSError as error:
             raise self._stopped(disk.as_ours(error, f"{self.path} could not be closed")) from error
@@ -281,23 +226,15 @@ class TakeWriter:
         self._first_ns = log_ns if self._first_ns is None else min(self._first_ns, log_ns)
         self._last_ns = max(self._last_ns, log_ns)
 
-    def _store(self) -> None:
-        self._add_rows()
+    def _store(self, *, last: bool = False) -> None:
+        for row in self.accounts.take_rows(last=last):
+            self._file.add(take.NODES, row, self._last_ns)
         self._check_file()
         self._file.flush()
         self._check_file()
-        self._pending = 0
-        for ledger in self.nodes.values():
-            ledger.commit()
+        self.accounts.commit()
         self.scenes += self._pending_scenes
         self._pending_scenes = 0
-
-    def _add_rows(self) -> None:
-        """Add the rows of nodes whose account has changed; one without an agreement has none."""
-        for node in sorted(self._changed):
-            if self.nodes[node].agreed:
-                self._file.add(take.NODES, msgspec.json.encode(self.nodes[node].row(*node)), self._last_ns)
-        self._changed.clear()
 
     def _check_file(self) -> None:
         """Raise an error if another program has removed or truncated the file."""
@@ -309,15 +246,13 @@ class TakeWriter:
 
     def _recount(self) -> None:
         """Count what is readable on the disk, after the recording has failed."""
-        before = self.stored + self._pending
         try:
             parts = [part for part in disk.parts_of(self.path) if part.exists()]
             index = index_take(parts) if parts else TakeIndex()
         except (OSError, InputError, WireError):
             index = TakeIndex()  # nothing can be read there
-        for node, ledger in self.nodes.items():
-            ledger.stored = index.nodes[node].stored if node in index.nodes else 0
-        self.scenes, self._pending = len(index.scenes), max(0, before - self.stored)
+        self.accounts.recount(index.nodes)
+        self.scenes = len(index.scenes)
 
     def _check_open(self) -> None:
         if self.report is not None:
@@ -335,18 +270,11 @@ class TakeWriter:
         if not intact or disk.leads_to(disk.part_path(self.path, self._part), self._fd):
             self._recount()
         report = self._finished(clean=clean, problem=str(error))
-        unsaved = self.pending
+        stored, unsaved = self.accounts.stored, self.accounts.pending
         return type(error)(
-            f"{error}; {report.path.name} holds the {self.stored} frames before it"
+            f"{error}; {report.path.name} holds the {stored} frames before it"
             + (f", and {unsaved} are lost" if unsaved else "")
         )
-
-    @staticmethod
-    def _by_sensor(counts: Mapping[_Node, int]) -> dict[str, int]:
-        found: Counter[str] = Counter()
-        for (sensor, _), count in counts.items():
-            found[sensor] += count
-        return {sensor: count for sensor, count in found.items() if count}
 
     def _finished(self, *, clean: bool, problem: str) -> TakeReport:
         os.close(self._fd)
@@ -360,15 +288,15 @@ class TakeWriter:
         self.report = TakeReport(
             path=self.path,
             parts=parts,
-            frames=self.frames,
-            lost=self.lost,
-            duplicates=self.duplicates,
+            frames=self.accounts.frames,
+            lost=self.accounts.lost,
+            duplicates=self.accounts.duplicates,
             scenes=self.scenes,
             size_bytes=size,
             seconds=self.seconds,
-            clean=clean and not self.unknown,
+            clean=clean and not self.accounts.unknown,
             problem=problem,
-            unknown=self.unknown,
+            unknown=self.accounts.unknown,
         )
         return self.report
 
