@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pytest
-from support.programs import free_port
+from support.programs import free_port, wait_until
+from support.take_making import frame
 
 from mocapella.errors import RecordingError, UnstoredFramesError, WireError
 from mocapella.wire.delivery import (
@@ -19,8 +21,10 @@ from mocapella.wire.delivery import (
     read_answer,
     read_request,
 )
+from mocapella.wire.keys import of_node
 from mocapella.wire.node import NodeLink
 from mocapella.wire.outbox import MOST_TAKES, Outbox
+from mocapella.wire.server import ServerLink
 from mocapella.wire.spool import SPILL_AFTER_S, Spooler
 
 OPEN = FrameRequest("take", 0)
@@ -87,6 +91,30 @@ def test_what_a_take_lacks_goes_to_the_disk_and_what_is_acknowledged_is_forgotte
     assert (sorted(shelf.parts), outbox.oldest) == ([3], 3)
     outbox.update(FrameRequest("take", 6, end=6), 0)
     assert (shelf.parts, outbox.holds, outbox.dropped) == ({}, {}, 0)
+
+
+def test_a_damaged_part_is_an_error_and_never_gives_a_frame_another_number() -> None:
+    shelf = Shelf()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    outbox.add(b"4", 4)
+    del shelf.parts[0][1]
+    with pytest.raises(RecordingError, match="frames 0 to 3 are damaged"):
+        outbox.frame(2)
+    assert list(outbox.frames(range(6))) == [(4, b"4")]
+    assert outbox.frame(5) is None
+
+
+def test_frames_that_were_spilled_are_found_by_the_time_since_a_take_began() -> None:
+    shelf = Shelf()
+    outbox = filled(2, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    outbox.add(b"2", 2)
+    outbox.spill()
+    assert outbox.update(FrameRequest("new", age_ns=8), now_ns=10).first == 2
+    assert outbox.update(FrameRequest("old", age_ns=10), now_ns=10).first == 0
 
 
 def test_without_room_the_oldest_are_dropped_and_counted() -> None:
@@ -204,3 +232,41 @@ def test_a_node_whose_server_never_comes_back_says_how_many_frames_it_keeps_and_
     with pytest.raises(UnstoredFramesError, match=r"front: 2 frames are not stored .*they are in take: mocapella take"):
         link.close()
     assert shelf.kept == {"take": [1, 2]}
+
+
+def test_an_error_of_the_run_is_not_hidden_by_frames_that_are_not_stored() -> None:
+    said: list[str] = []
+    link = NodeLink(f"tcp/127.0.0.1:{free_port()}", "front", say=said.append)
+    link.farewell_s = 0.0
+    link.outbox.add(b"0", time.monotonic_ns())
+    link.outbox.update(OPEN, 0)
+
+    def fails() -> None:
+        with link:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
+    assert said == ["front: 1 frames are not stored by the server; they are lost"]
+
+
+def test_a_request_that_is_nonsense_is_answered_with_an_error() -> None:
+    address, nonsense = f"tcp/127.0.0.1:{free_port()}", list[str]()
+    server = ServerLink(address, on_nonsense=nonsense.append)
+    try:
+        with NodeLink(address, "front") as link:
+            wait_until("it is connected", lambda: server.probe_clock(link.node) != [])
+            replies = list(server._session.get(of_node("record", link.node), payload=b"{}", timeout=10.0))
+            assert [reply.ok for reply in replies] == [None]
+            assert replies[0].err is not None
+            assert b"request for frames" in replies[0].err.payload.to_bytes()
+            link.publish(frame("front", 0))
+            got, answers, ended = list[bytes](), list[FrameAnswer](), threading.Event()
+            request = FrameRequest("take", 0, wanted=[(0, 9)])
+            server.request_frames(link.node, request, lambda *one: got.append(one[1]), answers.append, ended.set)
+            assert ended.wait(30.0)
+            assert (len(got), answers) == (1, [FrameAnswer(1, 0, 0)])
+            link.outbox.release("take")
+    finally:
+        server.close()
+    assert nonsense == []

@@ -178,10 +178,18 @@ class Outbox:
                 return None
             if place >= 0:
                 return self._memory[place].data
-            first = next(part.first for part in self._spilled if part.first <= number <= part.last)
-        if self._read[0] != first and self._store is not None:  # the disk is not waited for under the lock
-            self._read = first, self._store.read(first)
-        return self._read[1][number - first]
+            part = next(part for part in self._spilled if part.first <= number <= part.last)
+        return self._stored(part)[number - part.first]  # the disk is not waited for under the lock
+
+    def _stored(self, part: _Spilled) -> Sequence[bytes]:
+        """Read a part, or return it if it was the last one that was read."""
+        last = self._read
+        if last[0] != part.first:
+            assert self._store is not None
+            last = self._read = part.first, self._store.read(part.first)
+        if len(last[1]) != part.last - part.first + 1:
+            raise RecordingError(f"spooled frames {part.first} to {part.last} are damaged; they count as lost")
+        return last[1]
 
     def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
         """Yield number and bytes of the available frames; those that the store cannot give are left out."""
@@ -192,11 +200,6 @@ class Outbox:
                 continue
             if data is not None:
                 yield number, data
-
-    def unacknowledged(self) -> dict[str, range]:
-        """Return by take the numbers of its frames that are not acknowledged."""
-        with self._lock:
-            return {take: hold.numbers(self._next) for take, hold in self._holds.items()}
 
     def release(self, take: str) -> None:
         """Drop the claim of a take."""
