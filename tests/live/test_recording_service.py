@@ -42,7 +42,7 @@ class Bus:
     def __init__(self) -> None:
         self.outbox = Outbox(1000)
         self.connected: list[NodeKey] = [NODE]
-        self.requests: list[FrameRequest] = []
+        self.served = 0
         self.may_answer = threading.Event()
         self.may_answer.set()
 
@@ -54,11 +54,11 @@ class Bus:
         on_answer: Callable[[FrameAnswer], None],
         on_end: Callable[[], None],
     ) -> None:
-        self.requests.append(request)
         if self.may_answer.wait(30.0):
             answer = self.outbox.update(request, time.monotonic_ns())
             for data in self.outbox.wanted(request):
                 on_frame(node, data, time.monotonic_ns())
+                self.served += 1
             on_answer(answer)
         on_end()
 
@@ -138,6 +138,14 @@ def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they
     assert (frames.first, frames.last, frames.missing, frames.end_known) == (0, 11, (), True)
     assert take.clean
     assert harness.bus.outbox.holds == {}
+
+
+def test_a_missing_frame_is_sent_once(harness: Harness, tmp_path: Path) -> None:
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(50)
+    wait_until("all are stored", lambda: harness.service.health().frames == 50)
+    harness.service.finish()
+    assert harness.bus.served == 50
 
 
 def test_what_is_not_on_the_disk_is_never_acknowledged_and_a_slow_disk_holds_nobody_up(
@@ -362,6 +370,8 @@ def test_the_account_adds_up_after_a_recording_that_stopped_badly(
     assert acknowledged == 20
     readable = read_take(path).frame_count if path.exists() else 0
     assert (health.frames, health.lost, health.unknown) == (readable, 60 - readable, ())
+    (hold,) = harness.bus.outbox.holds.values()  # the node hears of it, and keeps what was never on the disk
+    assert (hold.closed, hold.numbers(60)) == (True, range(20, 60))
     harness.service.begin(tmp_path / "b.mcap")
     assert harness.service.health().active
 

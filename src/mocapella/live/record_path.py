@@ -54,7 +54,7 @@ class _Contact:
     """What is known of the requests to one node; times are monotonic [s].
 
     Attributes:
-        under_way: whether a request is not answered yet, or its answer is not committed yet.
+        under_way: whether a request is not answered yet.
         answered: whether the node has ever answered.
         mute: whether the node answers no requests, like a program that only publishes frames.
         asked_s: when the last request was sent.
@@ -189,7 +189,7 @@ class RecordPath:
 
     def _ended(self, contact: _Contact) -> None:
         contact.mute = not contact.answered and time.monotonic() - contact.asked_s < REQUEST_TIMEOUT_S / 2
-        self._recorder.after_commit(partial(setattr, contact, "under_way", False))
+        contact.under_way = False  # the next commit wakes the thread, with a state that has the frames of the answer
 
     def _state(self, node: NodeKey) -> NodeState | None:
         return self._recorder.states.get(node)

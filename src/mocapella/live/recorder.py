@@ -89,7 +89,6 @@ class Recorder:
         self._problem = ""
         self._refused: set[tuple[str, str]] = set()
         self._closing = self._ended = False
-        self._waiting: list[Callable[[], None]] = []
         self._health = _Counts({}, {}, 0)
         self.states: dict[NodeKey, NodeState] = {}
         self._publish_states()
@@ -121,10 +120,6 @@ class Recorder:
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
         self._queue.put(partial(self._writer.accounts.change, node, change))
-
-    def after_commit(self, call: Callable[[], None]) -> None:
-        """Call a function on the recorder's thread after the next commit of all that was given until now."""
-        self._queue.put(partial(self._waiting.append, call))
 
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write a scene."""
@@ -201,6 +196,7 @@ class Recorder:
             self._stop(str(error))
             if not self._closing:
                 self._account_until_end()
+                self._writer.accounts.agree_on_all()
         finally:
             self._ended = True
             if self._writer.report is None:  # an unexpected error, which the thread prints as it ends
@@ -229,22 +225,14 @@ class Recorder:
         self._writer.flush()
         self._health = _Counts(self._writer.accounts.frames, self._writer.accounts.gaps, self._writer.size_bytes)
         self._publish_states()
-        self._call_waiting()
         self.committed()
-
-    def _call_waiting(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        for call in waiting:
-            call()
 
     def _account_until_end(self) -> None:
         """After a failure, go on with the accounts, so that all lost frames are counted."""
-        work: Callable[[], None] | None = self._call_waiting
-        while work is not None:
+        self._publish_states()
+        while (work := self._queue.get()) is not None:
             work()
             self._publish_states()
-            self._call_waiting()
-            work = self._queue.get()
 
     def _publish_states(self) -> None:
         self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
