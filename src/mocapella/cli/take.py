@@ -1,4 +1,4 @@
-"""``mocapella take``: what is in a take, whether it is whole, and how to complete it."""
+"""The commands of ``mocapella take``, which inspect, check, recover and complete takes."""
 
 from __future__ import annotations
 

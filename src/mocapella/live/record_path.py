@@ -1,4 +1,4 @@
-"""The record path of a take: tells each node which of its frames are stored, and asks for those that are missing.
+"""The record path of a take: acknowledges stored frames to their nodes, and requests missing ones.
 
 One request to a node is under way at a time. It acknowledges what the last commit stored, and lists the gaps; the
 answer has those frames in order and the number of the node's next frame. So a take is complete once each node has said

@@ -24,7 +24,7 @@ class Store(Protocol):
     """A place on the disk for frames that do not fit into memory; its fake is a dictionary."""
 
     def write(self, first: int, frames: Sequence[bytes]) -> None:
-        """Store consecutive frames of which ``first`` is the number of the first.
+        """Store consecutive frames; ``first`` is the first one's number.
 
         Raises:
             RecordingError: there is no space, or the disk failed; nothing is stored.
