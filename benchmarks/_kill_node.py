@@ -1,6 +1,7 @@
 """A sensor for the benchmark of kills: python -m benchmarks._kill_node …. It logs each acknowledged frame.
 
-A line of the log is ``number sent_ns acknowledged_ns``, on the monotonic clock of the machine; ``end number`` at last.
+A line of the log is ``sent number``, or ``number sent_ns acknowledged_ns``, on the monotonic clock of the machine;
+``end number`` at last.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ class Acknowledgements:
         self._next = -1
 
     def sent(self, sent_ns: int) -> None:
+        print("sent", len(self._times), file=self._log)
         self._times.append(sent_ns)
 
     def look(self) -> None:

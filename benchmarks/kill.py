@@ -25,23 +25,26 @@ from mocapella.recording.take import NodeFrames
 from mocapella.recording.take_reader import Take, read_take
 
 SEED = 23
+KILLS = 1000
+QUICK_KILLS = 12
 SENSORS = ("front", "side")
 READY = "waiting for sensors at"
-BEFORE_A_KILL_S = 0.3
-"""Frames sent this long before a kill may wait for the next server: their lag is the outage's."""
+QUIET_S = 5.0
+"""Time without kills before the first and after the last, in which the lag is measured: else it is the outages'."""
 
 
 @dataclass
 class Log:
-    """What a node logged: number, and times of sending and acknowledgement [ns]; and how many it sent, if it ended."""
+    """What a node logged: number, and times of sending and acknowledgement [ns]; how many it sent, and so at its end."""
 
     node_id: int
     acknowledged: list[tuple[int, int, int]] = field(default_factory=list)
     sent: int | None = None
+    published: int = 0
 
 
 def run(quick: bool = False) -> list[Row]:
-    kills = 12 if quick else 1000
+    kills = QUICK_KILLS if quick else KILLS
     with tempfile.TemporaryDirectory(prefix="mocapella-kills-") as folder:
         session = Session(Path(folder))
         try:
@@ -57,19 +60,19 @@ def run(quick: bool = False) -> list[Row]:
 
 
 class Session:
-    """The processes, and when the server was not there."""
+    """The processes, and when nothing was killed."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._port = folder, free_port()
         self._random = random.Random(SEED)
         self.listening_s: list[float] = []
-        self.outages_ns: list[tuple[float, float]] = []
+        self.quiet_ns: list[tuple[int, int]] = []
         self._nodes = [self._node(sensor) for sensor in SENSORS]
         self._server = self._start_server()
 
     def run(self, kills: int) -> None:
         """Kill and start again, and end all properly."""
-        time.sleep(2.0)
+        self._rest()
         for _ in range(kills):
             what = self._random.choice(("server", "node", "both"))
             if what != "server":
@@ -77,12 +80,20 @@ class Session:
             if what != "node":
                 self._kill_server()
             time.sleep(self._random.uniform(0.2, 1.5))
+        self._rest()
         for node in self._nodes:
             node.send_signal(signal.SIGTERM)
         for node in self._nodes:
             node.wait(60)
         self._server.send_signal(signal.SIGINT)
         self._server.wait(120)
+
+    def _rest(self) -> None:
+        """Wait until all is as before a kill, and then for a while."""
+        time.sleep(4.0)
+        began_ns = time.monotonic_ns()
+        time.sleep(QUIET_S)
+        self.quiet_ns.append((began_ns, time.monotonic_ns() - round(0.5 * 1e9)))
 
     def kill_all(self) -> None:
         """End what still runs."""
@@ -97,12 +108,10 @@ class Session:
         self._nodes[place] = self._node(SENSORS[place])
 
     def _kill_server(self) -> None:
-        began = time.monotonic()
         self._server.kill()
         self._server.wait()
         time.sleep(self._random.uniform(0.0, 1.0))
         self._server = self._start_server()
-        self.outages_ns.append(((began - BEFORE_A_KILL_S) * 1e9, (time.monotonic() + 1.0) * 1e9))
 
     def _node(self, sensor: str) -> subprocess.Popen[bytes]:
         words = ["--connect", f"tcp/127.0.0.1:{self._port}", "--sensor", sensor, "--folder", str(self._folder)]
@@ -133,9 +142,10 @@ def _rows(kills: int, session: Session, logs: list[Log], take: Take) -> list[Row
     gone = sum(len({number for number, *_ in log.acknowledged} - stored.get(log.node_id, set())) for log in logs)
     ended = [(log.sent, nodes[log.node_id]) for log in logs if log.sent is not None and log.node_id in nodes]
     unsaid = [log for log in logs if log.sent is None and log.node_id in nodes and nodes[log.node_id].end_known]
-    lags = sorted(_lags_ms(logs, session.outages_ns))
+    lags = sorted(_lags_ms(logs, session.quiet_ns))
     label = f"kill: {kills} kills:"
     return [
+        measured(f"{label} frames sent", sum(log.published for log in logs), "frames"),
         measured(f"{label} frames acknowledged", sum(len(log.acknowledged) for log in logs), "frames"),
         measured(f"{label} frames stored", take.frame_count, "frames"),
         measured(f"{label} frames reported lost", sum(node.lost for node in nodes.values()), "frames"),
@@ -153,13 +163,13 @@ def _wrong(ended: list[tuple[int, NodeFrames]]) -> int:
     return sum(sent - node.first != node.stored + node.lost or not node.end_known for sent, node in ended)
 
 
-def _lags_ms(logs: list[Log], outages_ns: list[tuple[float, float]]) -> list[float]:
-    """Return the lags of frames that were sent while the server was there, and after the node's first was stored."""
+def _lags_ms(logs: list[Log], quiet_ns: list[tuple[int, int]]) -> list[float]:
+    """Return the lags of the frames that were sent while nothing was killed."""
     return [
         (acknowledged - sent) / 1e6
         for log in logs
         for _, sent, acknowledged in log.acknowledged
-        if sent > log.acknowledged[0][2] and not any(begin <= sent <= end for begin, end in outages_ns)
+        if any(begin <= sent <= end for begin, end in quiet_ns)
     ]
 
 
@@ -171,6 +181,8 @@ def _read_log(path: Path) -> Log:
             break
         if first == "node":
             log.node_id = int(rest[0], 16)
+        elif first == "sent":
+            log.published = int(rest[0]) + 1
         elif first == "end":
             log.sent = int(rest[0])
         elif first.isdigit() and len(rest) == 2:
