@@ -35,7 +35,7 @@ QUIET_S = 5.0
 
 @dataclass
 class Log:
-    """What a node logged: number, and times of sending and acknowledgement [ns]; how many it sent, and so at its end."""
+    """What a node logged: number, and times of sending and acknowledgement [ns]; and its last number, if it ended."""
 
     node_id: int
     acknowledged: list[tuple[int, int, int]] = field(default_factory=list)
