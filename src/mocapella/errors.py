@@ -13,7 +13,8 @@ MocapellaError                base class; the message says what would have worke
 │   └── NoServerError         no server answers at that address
 ├── RecordingError            a take could not be started or went wrong
 │   ├── TakeExistsError       the name is in use; takes are never overwritten
-│   └── DiskFullError         less free space than the reserve
+│   ├── DiskFullError         less free space than the reserve
+│   └── UnstoredFramesError   a node ended before all its frames were stored
 ├── CalibrationError          observations do not determine the cameras' poses or lenses
 ├── EvaluationError           a method's result cannot be scored
 └── NotNowError               a command that cannot be used in the present state
@@ -100,6 +101,10 @@ class TakeExistsError(RecordingError):
 
 class DiskFullError(RecordingError):
     """There is less free space than the reserve."""
+
+
+class UnstoredFramesError(RecordingError):
+    """A node ended before all frames of an open take were acknowledged; says how many, and where they are kept."""
 
 
 class CalibrationError(MocapellaError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support.programs import Program, free_port, result, result_here, run, wait_until
+from support.programs import Program, free_port, result, result_here, run, run_here, wait_until
 
 from mocapella.errors import NoServerError
 from mocapella.model.session import SensorHealth, SessionStatus
@@ -25,12 +26,12 @@ from mocapella.wire.session import open_reader
 class Served:
     """A server in a process of its own, and a way to ask it how it is."""
 
-    def __init__(self, folder: Path, *options: str) -> None:
-        self.port = free_port()
+    def __init__(self, folder: Path, *options: str, port: int | None = None, name: str = "server") -> None:
+        self.port = port or free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"
         self.program = Program(
             folder,
-            "server",
+            name,
             "serve",
             "--port",
             str(self.port),
@@ -152,6 +153,48 @@ def test_a_server_that_stood_still_has_every_frame_afterwards(served: Served, tm
     (frames,) = take.complete()
     assert frames.missing == ()
     assert frames.last == json.loads((tmp_path / "front.json").read_text())["published"] - 1
+
+
+def test_no_end_of_a_node_that_the_server_has_not_heard_is_called_clean(tmp_path: Path) -> None:
+    """One node is killed while the server stands still, one while it is gone; one ends then, and keeps its frames."""
+    port = free_port()
+    words = ["--no-view", "--record", "./take.mcap", "--set", f"takes={tmp_path}"]
+    with ExitStack() as stack:
+        first = Served(tmp_path, *words, port=port)
+        stack.callback(first.close)
+        nodes = {
+            name: stack.enter_context(simulate(tmp_path, first.address, "1", "--name", name, "--set", "farewell=1"))
+            for name in "abc"
+        }
+        wait_until("frames", lambda: all(seen(first, name, 15) for name in "abc"), timeout=60.0)
+        os.kill(first.program.process.pid, signal.SIGSTOP)
+        nodes["a"].process.kill()
+        time.sleep(1.0)
+        os.kill(first.program.process.pid, signal.SIGCONT)
+        wait_until("it is gone", lambda: (row := first.sensor("a")) is not None and not row.connected, timeout=60.0)
+        first.program.process.kill()
+        first.program.process.wait()
+        time.sleep(1.0)
+        nodes["b"].process.kill()
+        assert nodes["c"].end(signal.SIGTERM) == 1  # after a while, in which no server came
+        last = Served(tmp_path, *words, port=port, name="again")
+        stack.callback(last.close)
+        last.session.close()
+        assert last.program.end() == 0
+    take = read_take(tmp_path / "take.mcap")
+    assert not take.clean
+    assert [frames.end_known for frames in take.complete()] == [False, False, False]
+    assert sum("unknown after frame" in problem for problem in take.problems) == 3
+    summary = json.loads((tmp_path / "server.json").read_text())
+    assert sorted(end["sensor"] for end in summary["recording"]["unknown"]) == ["a", "b", "c"]
+    (kept,) = (tmp_path / "spool").glob("c-*.mcap")
+    assert str(kept.relative_to(tmp_path)) in nodes["c"].output
+    done = run_here(tmp_path, "take", "merge", "take.mcap", *(str(path) for path in (tmp_path / "spool").iterdir()))
+    assert done.returncode == 0, done.stderr
+    frames = {frames.sensor: frames for frames in read_take(tmp_path / "take.mcap").complete()}
+    assert {name: one.end_known for name, one in frames.items()} == {"a": False, "b": False, "c": True}
+    (said,) = re.findall(r"c: (\d+) frames published", nodes["c"].output)
+    assert (frames["c"].stored + frames["c"].first, frames["c"].lost) == (int(said), 0)
 
 
 def test_ending_the_server_closes_the_take_and_exits_with_0(tmp_path: Path) -> None:

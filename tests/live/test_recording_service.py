@@ -1,11 +1,14 @@
-"""Takes begun and ended from several threads, gaps that are mended, and bytes that are not what they say."""
+"""Takes begun and ended from several threads, gaps that are mended, accounts that add up, and bytes that are not what
+they say."""
 
 from __future__ import annotations
 
-import math
+import errno
+import fcntl
+import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +16,20 @@ import pytest
 from support.programs import wait_until
 
 from mocapella.errors import NotNowError
-from mocapella.live import refetch
+from mocapella.live import record_path
 from mocapella.live.recorder import Recorder
 from mocapella.live.recording_service import RecordingService
 from mocapella.live.session import Session
 from mocapella.model.observations import body_frame
-from mocapella.model.session import Setup
+from mocapella.model.session import RecordingHealth, Setup
 from mocapella.model.topology import topology
+from mocapella.recording import disk
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame
+from mocapella.wire.delivery import FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
+from mocapella.wire.outbox import Outbox
 from mocapella.wire.server import OnFrame
 
 NODE = NodeKey("front", 1)
@@ -31,153 +37,264 @@ POSITIONS = np.random.default_rng(0).normal(size=(1, 25, 3)).astype(np.float32)
 
 
 class Bus:
-    """In place of the bus: remembers how far back was asked; may be slow to end the record path."""
+    """In place of the bus and of one node: hands requests to the node's outbox while the node is connected."""
 
     def __init__(self) -> None:
-        self.fetched: list[float] = []
-        self.open = 0
-        self.may_end = threading.Event()
-        self.may_end.set()
+        self.outbox = Outbox(1000)
+        self.connected: list[NodeKey] = [NODE]
+        self.served = 0
+        self.may_answer = threading.Event()
+        self.may_answer.set()
 
-    def start_record_path(self, _on_frame: OnFrame) -> None:
-        self.open = 1
-
-    def fetch_history(self, _on_frame: OnFrame, history_s: float) -> None:
-        self.fetched.append(history_s)
-
-    def stop_record_path(self) -> None:
-        assert self.may_end.wait(30.0)
-        self.open -= 1
+    def request_frames(
+        self,
+        node: NodeKey,
+        request: FrameRequest,
+        on_frame: OnFrame,
+        on_answer: Callable[[FrameAnswer], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        if self.may_answer.wait(30.0):
+            answer = self.outbox.update(request, time.monotonic_ns())
+            for data in self.outbox.wanted(request):
+                on_frame(node, data, time.monotonic_ns())
+                self.served += 1
+            on_answer(answer)
+        on_end()
 
 
 class Harness:
     """A harness, and what it was heard to say."""
 
     def __init__(self) -> None:
-        self.bus, self.said = Bus(), []  # type: ignore[var-annotated]
-        link: object = self.bus
-        self.service = RecordingService(Session(Setup()), link, _ignore, self.said.append, reserve_bytes=0)  # type: ignore[arg-type]
+        self.bus = Bus()
+        self.said: list[str] = []
+        self.service = RecordingService(
+            Session(Setup()), self.bus, lambda: self.bus.connected, self.said.append, reserve_bytes=0
+        )
 
     @property
     def recorder(self) -> Recorder:
         assert self.service.recorder is not None
         return self.service.recorder
 
+    def kill(self) -> Callable[[], None]:
+        """Forget the recorder, as a kill does; return what ends its threads, and writes nothing."""
+        recorder, path = self.recorder, self.service._record_path
+        assert path is not None
+        path.finish(0.0)
+        writer = recorder._writer
+        for fd in (writer._fd, writer._lock_fd):
+            if fd is not None:
+                fcntl.flock(fd, fcntl.LOCK_UN)
+        self.service.recorder = self.service._record_path = None
+        self.service._health = RecordingHealth
+
+        def end() -> None:
+            recorder._writer._file.finish = lambda: None  # type: ignore[method-assign]
+            recorder.close()
+
+        return end
+
+    def send(self, count: int) -> None:
+        """The node sends frames, which the live path loses."""
+        for _ in range(count):
+            self.bus.outbox.add(frame(self.bus.outbox.next), time.monotonic_ns())
+
     def record(self, *sequences: int, sensor: str = "front", node_id: int = 1) -> None:
-        """Frames that were sent a second apart and all arrive now."""
+        """Frames of the live path arrive."""
         for k in sequences:
-            frame = body_frame(
-                sensor,
-                topology("kinect_v2"),
-                time_ns=k,
-                positions=POSITIONS,
-                node_id=node_id,
-                sequence=k,
-                sent_ns=k * 1_000_000_000,
-            )
-            self.recorder.frame(NODE, encode_frame(frame), time.monotonic_ns())
+            self.recorder.frame(NODE, frame(k, sensor, node_id), time.monotonic_ns())
 
 
-def _ignore(_node: NodeKey, _data: bytes, _arrived_ns: int) -> None:
-    """Frames come from the test, not from the bus."""
+def frame(sequence: int, sensor: str = "front", node_id: int = 1) -> bytes:
+    kind = topology("kinect_v2")
+    made = body_frame(sensor, kind, time_ns=sequence, positions=POSITIONS, node_id=node_id, sequence=sequence)
+    return encode_frame(made)
 
 
 @pytest.fixture
 def harness(monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness]:
+    monkeypatch.setattr(record_path, "ON_THE_WAY_S", 0.0)
+    monkeypatch.setattr(record_path, "GIVE_UP_S", 1.0)
     made = Harness()
     yield made
-    made.bus.may_end.set()
-    monkeypatch.setattr("mocapella.live.recording_service.CATCH_UP_S", 0.0)  # nobody sends what is still missing
+    made.bus.may_answer.set()
     made.service.finish()
 
 
-def test_a_gap_that_the_bus_left_is_asked_for_again_and_mended(
-    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they_are_stored(
+    harness: Harness, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(refetch, "ASK_AFTER_S", 0.0)
     harness.service.begin(tmp_path / "a.mcap")
+    harness.send(10)
     harness.record(0, 1, 2, 8, 9)
-    wait_until("the gap is known", lambda: harness.recorder.missing == 5)
-    harness.service.fetch_missing()
-    assert len(harness.bus.fetched) == 1
-    assert any("5 missing frames" in text for text in harness.said)
-    harness.record(*range(10))
+    wait_until("all are stored", lambda: harness.service.health().frames == 10)
+    wait_until("all are acknowledged", lambda: harness.bus.outbox.oldest == 10)
+    harness.send(2)
     assert harness.service.finish().lost == 0
-    (frames,) = read_take(tmp_path / "a.mcap").complete()
-    assert (frames.first, frames.last, frames.missing) == (0, 9, ())
+    take = read_take(tmp_path / "a.mcap")
+    (frames,) = take.complete()
+    assert (frames.first, frames.last, frames.missing, frames.end_known) == (0, 11, (), True)
+    assert take.clean
+    assert harness.bus.outbox.holds == {}
 
 
-def test_a_take_begins_after_the_newest_frame_and_newcomers_are_asked_for_once(
+def test_a_missing_frame_is_sent_once(harness: Harness, tmp_path: Path) -> None:
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(50)
+    wait_until("all are stored", lambda: harness.service.health().frames == 50)
+    harness.service.finish()
+    assert harness.bus.served == 50
+
+
+def test_what_is_not_on_the_disk_is_never_acknowledged_and_a_slow_disk_holds_nobody_up(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refetch, "ASK_AFTER_S", 0.0)
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(1)
+    wait_until("it is acknowledged", lambda: harness.bus.outbox.oldest == 1)
+    real, syncing, may_sync = disk._data_sync, threading.Event(), threading.Event()
+
+    def slow(fd: int) -> None:
+        syncing.set()
+        assert may_sync.wait(30.0)
+        real(fd)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "_data_sync", slow)
+        harness.send(5)
+        harness.record(1, 2, 3, 4, 5)
+        assert syncing.wait(30.0)
+        harness.record(*range(1, 6))  # returns at once, though the disk is waited for
+        assert (harness.bus.outbox.oldest, harness.service.health().frames) == (1, 1)
+        may_sync.set()
+        wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 6)
+
+
+@pytest.mark.parametrize("step_s", [-7200.0, -5.0, 5.0, 3600.0])
+def test_a_step_of_the_wall_clock_during_an_outage_changes_nothing(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    path = tmp_path / "a.mcap"
+    harness.service.begin(path)
+    harness.send(20)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 20)
+    killed = harness.kill()
+    harness.send(20)
+    real, real_ns = time.time, time.time_ns
+    monkeypatch.setattr(time, "time", lambda: real() + step_s)
+    monkeypatch.setattr(time, "time_ns", lambda: real_ns() + int(step_s * 1e9))
+    os.utime(path, (real() - step_s, real() - step_s))
+    harness.service.begin(path, resume=True)
+    harness.send(20)
+    assert harness.service.finish().lost == 0
+    killed()
+    take = read_take(path)
+    assert [(frames.first, frames.last, frames.lost) for frames in take.complete()] == [(0, 59, 0)]
+    assert len(take.interruptions) == 1
+
+
+def test_a_take_begins_after_the_newest_frame_also_if_the_next_was_lost(harness: Harness, tmp_path: Path) -> None:
+    harness.send(5)
     harness.service.begin(tmp_path / "a.mcap", newest={NODE: 4})
-    harness.record(3, 4, 5, 6)
-    wait_until("they are there", lambda: harness.recorder.health().frames == 2)
-    harness.service.fetch_missing()
-    assert harness.bus.fetched == []
+    harness.send(3)
+    harness.record(3, 4, 6)  # 5 and 7 were lost on the way
+    wait_until("they are there", lambda: harness.recorder.health().frames == 3)
     harness.service.finish()
-    harness.service.begin(tmp_path / "b.mcap", newest={NODE: 4})
-    harness.record(6, 7)  # 5 was lost on the way, and no frame before it tells
-    wait_until("they are there", lambda: harness.recorder.health().frames == 2)
-    harness.service.fetch_missing()
-    harness.service.fetch_missing()
-    assert len(harness.bus.fetched) == 1
-    harness.record(5)
+    (frames,) = read_take(tmp_path / "a.mcap").complete()
+    assert (frames.first, frames.last, frames.missing) == (5, 7, ())
+
+
+def test_a_node_that_the_server_meets_later_gives_what_it_sent_since_the_take_began(
+    harness: Harness, tmp_path: Path
+) -> None:
+    harness.bus.connected.clear()
+    harness.send(5)
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(3)
+    harness.bus.connected.append(NODE)
+    wait_until("they are there", lambda: harness.recorder.health().frames == 3)
     harness.service.finish()
-    assert [frames.first for take in "ab" for frames in read_take(tmp_path / f"{take}.mcap").complete()] == [5, 5]
+    (frames,) = read_take(tmp_path / "a.mcap").complete()
+    assert (frames.first, frames.last, frames.missing) == (5, 7, ())
 
 
-def test_frames_that_were_held_up_are_asked_for_back_to_when_they_were_sent(
-    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As after a server that stood still: what was on the way arrives late, and just before what was sent after it."""
-    monkeypatch.setattr(refetch, "ASK_AFTER_S", 0.0)
-    harness.service.begin(tmp_path / "a.mcap")
-    monkeypatch.setattr(harness.recorder, "_not_before", -math.inf)
-    harness.record(0, 1, 2, 32)
-    wait_until("the gap is known", lambda: harness.recorder.missing == 29)
-    harness.service.fetch_missing()
-    assert 30.0 < harness.bus.fetched[-1] < 60.0
-
-
-def test_the_end_of_a_take_asks_for_what_is_missing_and_says_what_does_not_come(
-    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(refetch, "ASK_AFTER_S", 0.0)
-    monkeypatch.setattr("mocapella.live.recording_service.CATCH_UP_S", 0.5)
-    harness.service.begin(tmp_path / "a.mcap")
-    harness.record(0, 1, 2, 8, 9)
+def test_frames_that_the_node_has_no_longer_are_counted_as_lost(harness: Harness, tmp_path: Path) -> None:
+    harness.bus.outbox = Outbox(3)
+    harness.service.begin(tmp_path / "a.mcap", newest={NODE: -1})
+    harness.bus.connected.clear()  # before the node hears of the take
+    harness.send(10)
+    harness.record(0, 1)
+    harness.bus.connected.append(NODE)
     health = harness.service.finish()
-    assert health.lost == 5
-    assert len(harness.bus.fetched) == refetch.MOST_ASKS
-    assert harness.bus.open == 0
+    assert (health.frames, health.lost, health.unknown) == (5, 5, ())
     assert harness.said[-1].endswith("a.mcap; 5 frames are missing")
+    (frames,) = read_take(tmp_path / "a.mcap").complete()
+    assert (frames.first, frames.last, frames.lost, frames.missing) == (0, 9, 5, ((2, 6),))
 
 
-def test_a_take_that_is_being_closed_is_waited_for_and_none_begins_meanwhile(harness: Harness, tmp_path: Path) -> None:
+def test_an_end_that_no_node_has_said_is_unknown_and_the_take_is_not_clean(harness: Harness, tmp_path: Path) -> None:
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(4)
+    harness.record(0, 1, 2)
+    wait_until("all are stored", lambda: harness.service.health().frames == 4)
+    harness.bus.connected.clear()  # killed: without a word
+    health = harness.service.finish()
+    assert [(end.sensor, end.after) for end in health.unknown] == [("front", 3)]
+    assert "front: unknown after frame 3" in harness.said[-1]
+    take = read_take(tmp_path / "a.mcap")
+    assert not take.clean
+    assert any("front: unknown after frame 3" in problem for problem in take.problems)
+    assert not take.complete()[0].end_known
+
+
+def test_a_node_that_leaves_says_its_end(harness: Harness, tmp_path: Path) -> None:
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(4)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
+    harness.service.leaving(NODE, 4)
+    wait_until("it hears that all is stored", lambda: harness.bus.outbox.holds == {})
+    harness.bus.connected.clear()
+    health = harness.service.finish()
+    assert (health.frames, health.lost, health.unknown) == (4, 0, ())
+    assert read_take(tmp_path / "a.mcap").clean
+
+
+def test_a_program_that_only_publishes_is_recorded_and_its_end_is_unknown(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Bus, "request_frames", lambda *rest: rest[-1]())  # ended at once, without an answer
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.record(3, 4)
+    began = time.monotonic()
+    health = harness.service.finish()
+    assert time.monotonic() - began < 0.9 * record_path.GIVE_UP_S + 1.0
+    assert (health.frames, health.lost, health.unknown[0].after) == (2, 0, 4)
+
+
+def test_a_take_that_is_being_ended_is_waited_for_and_none_begins_meanwhile(harness: Harness, tmp_path: Path) -> None:
     harness.service.begin(tmp_path / "a.mcap")
     harness.record(0)
-    harness.bus.may_end.clear()
-    results = []
+    wait_until("it is stored", lambda: harness.service.health().frames == 1)
+    harness.bus.may_answer.clear()
+    results: list[RecordingHealth] = []
     ends = [threading.Thread(target=lambda: results.append(harness.service.finish())) for _ in range(3)]
     for thread in ends:
         thread.start()
-    wait_until("one of them closes it", lambda: harness.service.recorder is None)
+    wait_until("one of them ends it", harness.service._changing.locked)
     with pytest.raises(NotNowError, match="being closed"):
         harness.service.begin(tmp_path / "b.mcap")
     closing = harness.service.health()  # a client that asks now hears of this take, not of the one before or of none
     assert closing.active
     assert closing.path == str(tmp_path / "a.mcap")
-    harness.service.fetch_missing()
-    harness.bus.may_end.set()
+    harness.bus.may_answer.set()
     for thread in ends:
         thread.join()
     assert [health.frames for health in results] == [1, 1, 1]
     assert not harness.service.health().active
-    assert harness.bus.open == 0
     harness.service.begin(tmp_path / "b.mcap")
-    assert harness.bus.open == 1
+    assert harness.service.health().active
 
 
 def test_a_frame_under_another_nodes_key_does_not_get_into_a_take(harness: Harness, tmp_path: Path) -> None:
@@ -198,18 +315,63 @@ def test_a_frame_under_another_nodes_key_does_not_get_into_a_take(harness: Harne
     ]
 
 
-def test_a_take_that_is_removed_while_it_is_recorded_stops_loudly_and_another_can_begin(
-    harness: Harness, tmp_path: Path
+def _unlink(path: Path, _patch: pytest.MonkeyPatch) -> None:
+    path.unlink()
+
+
+def _truncate(path: Path, _patch: pytest.MonkeyPatch) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def _fail(_path: Path, patch: pytest.MonkeyPatch) -> None:
+    def fails(_fd: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    patch.setattr(disk, "_data_sync", fails)
+
+
+def _fill(_path: Path, patch: pytest.MonkeyPatch) -> None:
+    def fails(_fd: int, _data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    patch.setattr(disk, "write_all", fails)
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (_unlink, "was removed while it was recorded"),
+        (_truncate, "was changed by another program while it was recorded"),
+        (_fail, "the disk failed"),
+        (_fill, "the disk is full"),
+    ],
+)
+def test_the_account_adds_up_after_a_recording_that_stopped_badly(
+    harness: Harness,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    harm: Callable[[Path, pytest.MonkeyPatch], None],
+    says: str,
 ) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
-    harness.record(0, 1)
-    wait_until("it is stored", lambda: harness.service.health().frames == 2)
-    (tmp_path / "a.mcap").unlink()
-    wait_until("it is noticed", lambda: not harness.service.health().active)
-    health = harness.service.finish()
-    assert "was removed while it was recorded" in health.problem
-    assert (health.frames, health.lost) == (0, 2)
+    """The node goes on sending; what is readable afterwards and what is reported as lost is all that it sent."""
+    path = tmp_path / "a.mcap"
+    harness.service.begin(path)
+    harness.send(20)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 20)
+    with monkeypatch.context() as patch:
+        harm(path, patch)
+        harness.send(20)
+        wait_until("it is noticed", lambda: not harness.service.health().active)
+        acknowledged = harness.bus.outbox.oldest
+        harness.send(20)
+        health = harness.service.finish()
+    assert says in health.problem
     assert any("RECORDING STOPPED" in text for text in harness.said)
+    assert acknowledged == 20
+    readable = read_take(path).frame_count if path.exists() else 0
+    assert (health.frames, health.lost, health.unknown) == (readable, 60 - readable, ())
+    (hold,) = harness.bus.outbox.holds.values()  # the node hears of it, and keeps what was never on the disk
+    assert (hold.closed, hold.numbers(60)) == (True, range(20, 60))
     harness.service.begin(tmp_path / "b.mcap")
     assert harness.service.health().active
 

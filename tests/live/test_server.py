@@ -15,15 +15,13 @@ from support.programs import free_port, wait_until
 from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.state_notices import CONDITION_AGAIN_S
-from mocapella.model.observations import Arrival, BodyFrame, body_frame
+from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, Setup
 from mocapella.model.topology import topology
 from mocapella.recording.take_reader import read_take
-from mocapella.schema import decode_frame
 from mocapella.wire import keys
 from mocapella.wire.node import NodeLink
 from mocapella.wire.reader import Newest, send_command
-from mocapella.wire.server import ServerLink
 from mocapella.wire.session import open_node, open_reader
 
 SETUP = Setup("stand-still")
@@ -385,50 +383,6 @@ def test_a_new_take_begins_with_the_first_frame_that_is_tracked_after_it_was_ask
     (frames,) = read_take(tmp_path / "takes" / "fresh.mcap").complete()
     assert (frames.first, frames.last) == (begin, begin + 29)
     assert frames.missing == ()
-
-
-class _Nowhere:
-    """In place of a publisher: a path on which everything is lost."""
-
-    def put(self, _data: bytes) -> None:
-        pass
-
-    def undeclare(self) -> None:
-        pass
-
-
-def test_a_take_has_what_was_tracked_though_the_record_path_brings_nothing(
-    server: Server, reader: zenoh.Session, address: str, tmp_path: Path
-) -> None:
-    with NodeLink(address, "front") as link:
-        link._record = _Nowhere()  # type: ignore[assignment]
-        wait_until("it joins", link.join)
-        assert send_command(reader, "record", {"name": "tracked"}).ok
-        until("enough is tracked", [link], lambda: server.status().recording.scenes >= 40)
-        assert send_command(reader, "record-stop", timeout=30).ok
-    take = read_take(tmp_path / "takes" / "tracked.mcap")
-    stored = {event.frame.sequence for event in take.replay() if isinstance(event, Arrival)}
-    assert {scene.sequence for _, scene in take.scenes()} == stored
-    assert len(stored) >= 40
-
-
-def test_the_record_path_begins_with_what_is_published_from_now_on(address: str) -> None:
-    """Although the node has kept much, and its heartbeats tell of it before its first sample comes."""
-    got: list[int] = []
-    server = ServerLink(address, on_nonsense=lambda text: None)
-    try:
-        with NodeLink(address, "front") as link:
-            wait_until("it is connected", lambda: server.probe_clock(link.node) != [])
-            publish(link, 300, every=0.0)
-            server.start_record_path(lambda node, data, arrived: got.append(decode_frame(data).sequence))
-            time.sleep(1.0)  # some heartbeats
-            for k in range(300, 310):
-                link.publish(frame(k))
-                time.sleep(0.02)
-            wait_until("they come", lambda: bool(got) and got[-1] == 309)
-    finally:
-        server.close()
-    assert got == list(range(300, 310))
 
 
 def test_what_a_halted_server_says_is_what_its_take_has_though_frames_go_on_coming(

@@ -91,6 +91,20 @@ def test_a_disk_that_fills_to_the_reserve_stops_with_everything_stored(
     assert read_take(report.path).clean
 
 
+def test_a_frame_counts_as_stored_only_after_the_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = started(tmp_path / "a.mcap")
+    real, counts = disk._data_sync, list[int]()
+
+    def sync(fd: int) -> None:
+        counts.append(writer.accounts.stored)
+        real(fd)
+
+    monkeypatch.setattr(disk, "_data_sync", sync)
+    writer.flush()
+    assert (counts, writer.accounts.stored) == ([8], 10)
+    writer.close()
+
+
 def test_a_disk_that_fails_at_the_end_is_said_and_the_frames_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

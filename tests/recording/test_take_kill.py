@@ -88,7 +88,7 @@ def test_two_kills_and_a_proper_end_make_one_clean_take(tmp_path: Path) -> None:
 def test_what_is_stored_is_not_stored_again(tmp_path: Path) -> None:
     path = unclosed_take(tmp_path / "walk.mcap", 12)
     writer = TakeWriter.resume_or_create(path, info=info(SECOND), reserve_bytes=0)
-    assert (writer.stored, writer.scenes) == (24, 24)
+    assert (writer.accounts.stored, writer.scenes) == (24, 24)
     assert not write_frame(writer, "front", 11, SECOND)
     assert write_frame(writer, "front", 12, SECOND)
     assert write_frame(writer, "front", 11, SECOND, node_id=2)

@@ -109,11 +109,11 @@ def test_an_empty_take_is_a_whole_mcap_file(tmp_path: Path) -> None:
 def test_what_is_flushed_is_in_the_file_before_it_is_closed(tmp_path: Path) -> None:
     writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
     record(writer, 0, 4, per_flush=4)
-    assert (writer.stored, writer.pending) == (8, 0)
+    assert (writer.accounts.stored, writer.accounts.pending) == (8, 0)
     record(writer, 4, 3, step=8, per_flush=99)
-    assert (writer.stored, writer.pending) == (8, 6)
+    assert (writer.accounts.stored, writer.accounts.pending) == (8, 6)
     assert read_take(writer.path).frame_count == 8
     writer.flush()
-    assert (writer.stored, writer.pending) == (14, 0)
+    assert (writer.accounts.stored, writer.accounts.pending) == (14, 0)
     assert read_take(writer.path).frame_count == 14
     writer.close()

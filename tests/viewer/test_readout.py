@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.walkers import Room, health, status
 
 from mocapella.model.scene import Phase, SensorPlace
-from mocapella.model.session import RecordingHealth, ServerHealth, Setup
+from mocapella.model.session import RecordingHealth, ServerHealth, Setup, UnknownEnd
 from mocapella.viewer.palette import AMBER, BLUE, SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
@@ -307,6 +307,8 @@ def test_the_recording_shows_its_name_its_size_and_its_losses():
     assert "Last: walk-3.mcap" in Reader(recording_html(dataclasses.replace(take, active=False))).text
     assert "no space" in Reader(recording_html(RecordingHealth(problem="no space"))).text
     assert "Not recording." in Reader(recording_html(RecordingHealth())).text
+    unsaid = dataclasses.replace(take, active=False, unknown=(UnknownEnd("<front>", 7, 203),))
+    assert "<front>: unknown after frame 203" in Reader(recording_html(unsaid)).text
 
 
 def test_the_newest_notice_is_first_and_old_ones_go():

@@ -74,6 +74,7 @@ def import_commands() -> None:
         serve,
         silhouettes,
         status,
+        take,
         train,
         triangulate,
         tune,

@@ -75,6 +75,13 @@ export_app = typer.Typer(
     Example:  mocapella export csv walk-1
     """,
 )
+take_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Inspect, check, recover and complete takes.
+
+    Example:  mocapella take check walk-1
+    """,
+)
 lab_app = typer.Typer(
     no_args_is_help=True,
     help="""Evaluate, train and tune tracking methods, and study depth images.
@@ -94,6 +101,7 @@ depth_app = typer.Typer(no_args_is_help=True, help="Extract body lines from dept
 tune_app = typer.Typer(no_args_is_help=True, help="Tune filter settings on recordings, step by step.")
 app.add_typer(node_app, name="node", rich_help_panel=LIVE)
 app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
+app.add_typer(take_app, name="take", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
 app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)

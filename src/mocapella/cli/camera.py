@@ -9,14 +9,14 @@ import typer
 
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
-from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, read_epoch
+from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, NodeKeys, read_epoch
 from mocapella.cli.pictures import EXPOSURE, FOURCC, GAIN, WHITE_BALANCE, Fps, Size, tell_state, wishes
 
 FORMATS = ("jpeg", "png")
 
 
 @dataclass(frozen=True)
-class CameraNodeKeys:
+class CameraNodeKeys(NodeKeys):
     """Settings of `node camera`."""
 
     fourcc: Annotated[str | None, FOURCC] = None
@@ -57,13 +57,13 @@ def camera(
     from mocapella.live.camera_service import CameraService
     from mocapella.live.image_node import run_image_node
     from mocapella.live.image_work import ImageSettings, ImageWork
+    from mocapella.live.node_disk import open_link
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.observations import check_sensor_name
     from mocapella.sensing.colour_profile import CameraControls
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.open_pictures import open_pictures
-    from mocapella.wire.node import NodeLink
 
     keys = read_keys(CameraNodeKeys, settings_file, settings)
     sent = ImageSettings(cast(Literal["jpeg", "png"], keys.format), keys.quality, keys.delay_ms / 1e3)
@@ -79,7 +79,7 @@ def camera(
         with (
             stop_on_signals() as stop,
             CameraService(work, say=say) as service,
-            NodeLink(connect, sensor, history_frames=kept) as link,
+            open_link(connect, sensor, keys.disk(), history_frames=kept, say=say) as link,
         ):
             summary = run_image_node(
                 link, acquisition, work, service, CameraNodeSettings(report_s=keys.report),

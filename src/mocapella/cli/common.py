@@ -261,6 +261,7 @@ def recording_row(take: RecordingHealth) -> dict[str, Any] | None:
         "size_bytes": take.size_bytes,
         "seconds": take.seconds,
         "problem": take.problem,
+        "unknown": [dataclasses.asdict(end) for end in take.unknown],
     }
 
 

@@ -22,7 +22,7 @@ from mocapella.cli.common import (
     say,
     write_json,
 )
-from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, REPORT, Epoch, EpochFromInput, SensorName, read_epoch
+from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, REPORT, Epoch, EpochFromInput, NodeKeys, SensorName, read_epoch
 from mocapella.cli.pictures import (
     CameraKeys,
     Fps,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class MarkerKeys(CameraKeys):
+class MarkerKeys(CameraKeys, NodeKeys):
     """Settings of `node markers`."""
 
     loop: Annotated[bool, LOOP] = False
@@ -91,11 +91,11 @@ def markers(
     from mocapella.live.camera_service import CameraService
     from mocapella.live.marker_node import run_marker_node
     from mocapella.live.marker_work import MarkerWork
+    from mocapella.live.node_disk import open_link
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.stage_times import StageTimes
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.open_pictures import RENDERED, open_pictures
-    from mocapella.wire.node import NodeLink
 
     known = _profile(profile)
     keys = read_keys(MarkerKeys, settings_file, settings)
@@ -123,7 +123,7 @@ def markers(
         with (
             stop_on_signals() as stop,
             CameraService(work, profile, say=say) as service,
-            NodeLink(connect, sensor) as link,
+            open_link(connect, sensor, keys.disk(), say=say) as link,
         ):
             summary = run_marker_node(
                 link, acquisition, work, service, node_settings,

@@ -37,6 +37,7 @@ from mocapella.cli.nodes import (
     Epoch,
     EpochFromInput,
     Listen,
+    NodeKeys,
     SensorName,
     read_epoch,
     serve_frames,
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ReplayKeys:
+class ReplayKeys(NodeKeys):
     """Settings of `node replay`."""
 
     linger: Annotated[float, LINGER] = 2.0
@@ -85,6 +86,8 @@ def simulate(
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
     name: SensorName = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(NodeKeys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Serve a sensor of a simulated room. Waits for the server, which may be started before or after.
@@ -96,6 +99,7 @@ def simulate(
     from mocapella.live.node import DueFrame
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
+    disk = read_keys(NodeKeys, settings_file, settings).disk()
     room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
@@ -106,7 +110,7 @@ def simulate(
         stop_s = None if seconds is None else start_s + seconds
         return (DueFrame(f.due_s, f.frame, f.truth) for f in source.frames(start_s=start_s, stop_s=stop_s))
 
-    serve_frames(frames, name or source.name, connect, zero, json, wait=not epoch_from_input)
+    serve_frames(frames, name or source.name, connect, zero, json, wait=not epoch_from_input, disk=disk)
 
 
 def replay(
@@ -128,7 +132,7 @@ def replay(
     from mocapella.cli.recordings import open_recording
     from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of
 
-    linger_s = read_keys(ReplayKeys, settings_file, settings).linger
+    keys = read_keys(ReplayKeys, settings_file, settings)
     recording = open_recording(file, placement)
     frames = recording.due_frames(sensor)
     first = next(frames, None)
@@ -137,7 +141,15 @@ def replay(
     kept = HISTORY_FRAMES if kind is None else kind.history_frames
     zero = read_epoch() if epoch_from_input else epoch
     serve_frames(
-        lambda: whole, name or sensor, connect, zero, json, wait=zero is None, linger_s=linger_s, history_frames=kept
+        lambda: whole,
+        name or sensor,
+        connect,
+        zero,
+        json,
+        wait=zero is None,
+        linger_s=keys.linger,
+        history_frames=kept,
+        disk=keys.disk(),
     )
 
 
@@ -222,13 +234,13 @@ def osc(
 
     Example:  mocapella node osc --listen 127.0.0.1:9000 --space vr
     """
+    from mocapella.live.node_disk import open_link
     from mocapella.live.poses import run_osc
     from mocapella.live.signals import stop_on_signals
-    from mocapella.wire.node import NodeLink
 
     host, port = _parted(listen, ":", "--listen", "127.0.0.1:9000")
     warn_if_open("the OSC input is", host, port)
-    with stop_on_signals() as stop, NodeLink(connect, name) as link:
+    with stop_on_signals() as stop, open_link(connect, name, say=say) as link:
         summary = run_osc(link, (host, port), _space(space), stop, say)
     say(
         f"{name}: {summary['poses']} poses of {summary['datagrams']} datagrams; {summary['bad']} were no OSC, "
@@ -248,14 +260,18 @@ def openvr(
 
     Example:  mocapella node openvr --space vr
     """
+    from mocapella.live.node_disk import open_link
     from mocapella.live.poses import run_openvr
     from mocapella.live.signals import stop_on_signals
     from mocapella.sources.openvr_poses import OpenVrPoses
-    from mocapella.wire.node import NodeLink
 
     rate_hz = 90.0 if fps is None else fps
     check(1 <= rate_hz <= 1000, "--fps", rate_hz, "1 to 1000")
-    with stop_on_signals() as stop, OpenVrPoses(name, _space(space)) as source, NodeLink(connect, name) as link:
+    with (
+        stop_on_signals() as stop,
+        OpenVrPoses(name, _space(space)) as source,
+        open_link(connect, name, say=say) as link,
+    ):
         summary = run_openvr(link, source, rate_hz, stop, say)
     write_json(json, summary)
 

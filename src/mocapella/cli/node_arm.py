@@ -20,7 +20,7 @@ from mocapella.cli.common import (
     telling_of_compiling,
     write_json,
 )
-from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, read_epoch
+from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, NodeKeys, read_epoch
 from mocapella.cli.pictures import Fps, Size
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ArmNodeKeys:
+class ArmNodeKeys(NodeKeys):
     """Settings of `node arm`."""
 
     publish_depth: Annotated[
@@ -74,6 +74,7 @@ def node_arm(
     from mocapella.live.arm_node import run_arm_node
     from mocapella.live.arm_work import ArmWork
     from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.node_disk import NodeDisk, open_link
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.depth import IMAGES_SUFFIX
     from mocapella.model.frame_types import FRAME_TYPES
@@ -82,7 +83,6 @@ def node_arm(
     from mocapella.sources.acquisition import Acquisition
     from mocapella.sources.depth_options import complete
     from mocapella.sources.open_depth import open_depth
-    from mocapella.wire.node import NodeLink
 
     keys, detector_settings = read_settings(ArmNodeKeys, settings_file, settings)
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
@@ -99,10 +99,12 @@ def node_arm(
         zero = read_epoch() if epoch_from_input else epoch
         wait = not (images.live or zero is not None)
         # From here on standard input is watched for the end of who started this process.
-        with stop_on_signals() as stop, NodeLink(connect, name) as link, ExitStack() as depth:
+        with stop_on_signals() as stop, ExitStack() as links:
+            link = links.enter_context(open_link(connect, name, keys.disk(), say=say))
             depth_link, kept = None, FRAME_TYPES["depth"].history_frames
             if keys.publish_depth:
-                depth_link = depth.enter_context(NodeLink(connect, depth_name, history_frames=kept))
+                own = NodeDisk(keys.spool)  # a take of the node has its arms
+                depth_link = links.enter_context(open_link(connect, depth_name, own, history_frames=kept, say=say))
             summary = run_arm_node(
                 link, acquisition, work, node_settings, depth_link=depth_link, epoch=zero, stop=stop, wait=wait, say=say
             )  # fmt: skip

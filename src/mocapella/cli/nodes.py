@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from mocapella.cli.command_settings import KeySpec
-from mocapella.cli.common import say, write_json
+from mocapella.cli.common import record_file, say, write_json
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
+    from mocapella.live.node_disk import NodeDisk
 
 REPORT: Final = KeySpec("Interval between status lines; 0: problems only.", "s", least=0)
 LOOP: Final = KeySpec("Restart a recording when it ends.")
@@ -22,6 +24,32 @@ DROP_AFTER_MS: Final = KeySpec("Drop results older than this after their image w
 DELAY_MS: Final = KeySpec("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
 """Printed by a node when it waits for its epoch on standard input."""
+NODE_TAKE: Final = "NAME"
+
+
+@dataclass(frozen=True)
+class NodeKeys:
+    """Settings of every node: what it writes to its own disk."""
+
+    spool: Annotated[
+        Path, KeySpec("Folder of frames that the server has not stored: merge them with `take merge`.", "folder")
+    ] = Path("spool")
+    record: Annotated[str | None, KeySpec("Record this sensor's frames on this machine, too.", NODE_TAKE)] = None
+    reserve_gib: Annotated[float, KeySpec("Free disk space that spool and take leave.", "GiB", least=0)] = 1.0
+
+    farewell: Annotated[
+        float, KeySpec("Longest wait at the end until the server has stored all frames of a take.", "s", least=0)
+    ] = 10.0
+
+    def disk(self) -> NodeDisk:
+        """Return what the node writes to its disk."""
+        from mocapella.live.node_disk import NodeDisk
+        from mocapella.recording.disk import GIB
+
+        take = None if self.record is None else record_file(self.record)
+        return NodeDisk(self.spool, take, round(self.reserve_gib * GIB), self.farewell)
+
+
 Epoch = Annotated[
     float | None,
     typer.Option(
@@ -60,6 +88,7 @@ def serve_frames(
     wait: bool,
     linger_s: float = 0.0,
     history_frames: int | None = None,
+    disk: NodeDisk | None = None,
 ) -> None:
     """Serve a sensor's frames, each at its due time, until they end or Ctrl-C; report the result at the end.
 
@@ -71,19 +100,21 @@ def serve_frames(
         json: target of the summary, as for ``--json``.
         wait: whether the run begins only once a server is running.
         linger_s: time to keep running after the last frame, so that a take can fetch missed frames [s].
-        history_frames: number of frames that are stored for a server that missed them.
+        history_frames: number of frames that are kept in memory for a server that missed them.
+        disk: what the node writes to its own disk; by default its spool.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: no server was found during the whole run.
+        UnstoredFramesError: frames of an open take are not stored.
     """
     from mocapella.live.node import run_node
+    from mocapella.live.node_disk import open_link
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.frame_types import HISTORY_FRAMES
-    from mocapella.wire.node import NodeLink
 
     kept = HISTORY_FRAMES if history_frames is None else history_frames
-    with stop_on_signals() as stop, NodeLink(connect, sensor, history_frames=kept) as link:
+    with stop_on_signals() as stop, open_link(connect, sensor, disk, history_frames=kept, say=say) as link:
         summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
         if summary.served:
             say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
+    from mocapella.wire.server import ServerLink
 
 
 VIEW_HOST = "127.0.0.1"
@@ -117,6 +118,7 @@ def live_session(
     on_url: Callable[[str], None] = say_url,
     view_words: Sequence[str] = (),
     track_at_once: bool = False,
+    link: ServerLink | None = None,
 ) -> Iterator[LiveSession]:
     """Run a server and its view (unless ``view_port`` is None) within this context, and close them at its end.
 
@@ -130,6 +132,7 @@ def live_session(
         on_url: is called with the view's URL.
         view_words: further options of ``mocapella view``.
         track_at_once: compile before the server listens, so that every frame is tracked.
+        link: one that listens already.
     """
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children, check_port_free
@@ -141,7 +144,7 @@ def live_session(
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
     host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
-    if ":" not in host:  # IPv6: the server says it, a little later
+    if link is None and ":" not in host:  # IPv6: the server says it, a little later
         check_port_free(host, int(port), "--port")
     Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     compiled = is_compiled(settings.setup.method)
@@ -157,7 +160,7 @@ def live_session(
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
             settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
-        server = Server(replace(settings, log=log_in_use()), say=show)  # it logs its notices itself
+        server = Server(replace(settings, log=log_in_use()), say=show, link=link)  # it logs its notices itself
         stack.callback(server.close)
         view = stack.enter_context(Children())
         shown = threading.Event()
@@ -292,39 +295,51 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
-    from mocapella.live.server import ServerSettings
+    from mocapella.live.launch import check_port_free
     from mocapella.live.signals import stop_on_signals
-    from mocapella.model.session import Setup
-    from mocapella.recording.disk import GIB
+    from mocapella.wire.server import ServerLink
 
-    keys, method_settings = read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
-    keys.check(method)
-    files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
-    take = None if record is None else record_file(record, keys.takes)
-    warn_if_open("sensors, results and commands are", host, port)
-    server_settings = ServerSettings(
-        listen=f"tcp/{host}:{port}",
-        takes=keys.takes,
-        setup=Setup(method=method, sensors_expected=sensors),
-        running=not keys.wait,
-        method_settings=merged(method_settings, settings_of_files(method, files)),
-        reserve_bytes=round(keys.reserve_gib * GIB),
-        layout=None if keys.layout is None else load_layout_option(keys.layout),
-    )
-    with stop_on_signals() as stop:
-        with live_session(server_settings, stop, view_port=keys.view_port if view else None) as session:
+    address = f"tcp/{host}:{port}"
+    if ":" not in host:  # IPv6: the link says it
+        check_port_free(host, port, "--port")
+    # It listens before the tracker is imported, which takes seconds: the nodes of a killed server connect meanwhile.
+    with stop_on_signals() as stop, closing(ServerLink(address, on_nonsense=say)) as link:
+        from mocapella.live.server import ServerSettings
+        from mocapella.model.session import Setup
+        from mocapella.recording.disk import GIB
+
+        keys, method_settings = read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
+        keys.check(method)
+        files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
+        take = None if record is None else record_file(record, keys.takes)
+        warn_if_open("sensors, results and commands are", host, port)
+        server_settings = ServerSettings(
+            listen=address,
+            takes=keys.takes,
+            setup=Setup(method=method, sensors_expected=sensors),
+            running=not keys.wait,
+            method_settings=merged(method_settings, settings_of_files(method, files)),
+            reserve_bytes=round(keys.reserve_gib * GIB),
+            layout=None if keys.layout is None else load_layout_option(keys.layout),
+        )
+        view_port = keys.view_port if view else None
+        with live_session(server_settings, stop, view_port=view_port, link=link) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            if keys.save_layout is None:
-                wait_while(session, keys.seconds)
-            else:
-                keeper = LayoutKeeper(session.server, keys.save_layout)
-                wait_while(session, keys.seconds, until=keeper.watch)
-                keeper.save()
-            summary = finish(session.server)
+            summary = _run_until_end(session, keys)
         write_json(json, summary)
     exit_by(summary["recording"])
+
+
+def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:
+    if keys.save_layout is None:
+        wait_while(session, keys.seconds)
+        return finish(session.server)
+    keeper = LayoutKeeper(session.server, keys.save_layout)
+    wait_while(session, keys.seconds, until=keeper.watch)
+    keeper.save()
+    return finish(session.server)
 
 
 def load_layout_option(path: Path) -> SensorLayout:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any
 
+from mocapella.errors import UnstoredFramesError
 from mocapella.live.node import Membership
+from mocapella.live.node_disk import open_link
 from mocapella.model.observations import BodyFrame
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.sources.bridge import Bridge, BridgeSettings
-from mocapella.wire.node import NodeLink
 
 
 class ServedSensor:
@@ -19,7 +21,10 @@ class ServedSensor:
 
     def __init__(self, connect: str, sensor: str, say: Callable[[str], None]) -> None:
         self.ended = threading.Event()
-        self.link = NodeLink(connect, sensor)
+        self._stack = ExitStack()
+        self._say = say
+        self.link = self._stack.enter_context(open_link(connect, sensor, say=say))
+        self.unstored = ""
         self.membership = Membership(self.link, self.ended, say)
 
     def publish(self, frame: SensorFrame) -> None:
@@ -33,10 +38,14 @@ class ServedSensor:
             raise self.membership.refusal
 
     def close(self) -> None:
-        """Leave the bus; a refusal is not raised again."""
+        """Leave the bus; a refusal is not raised again, and frames that are not stored are only reported."""
         self.ended.set()
         self.membership.wait()
-        self.link.close()
+        try:
+            self._stack.close()
+        except UnstoredFramesError as error:
+            self.unstored = str(error)
+            self._say(self.unstored)
 
 
 def run_bridge(
@@ -46,8 +55,10 @@ def run_bridge(
 
     Raises:
         AddressInUseError: the bridge's port is in use.
+        UnstoredFramesError: frames of an open take are not stored.
     """
     serving: dict[str, ServedSensor] = {}
+    unstored: list[str] = []
 
     def on_frame(sensor: str, frame: BodyFrame, _data: bytes) -> None:
         if sensor not in serving:
@@ -60,6 +71,7 @@ def run_bridge(
             nowhere = "" if left.membership.served.is_set() else f", which no server at {connect} received"
             say(f"{sensor}: its program left after {left.link.published} frames{nowhere}")
             left.close()
+            unstored.extend(filter(None, [left.unstored]))
 
     bridge = Bridge(on_frame, settings, on_disconnect, say)
     bridge.start()
@@ -71,4 +83,6 @@ def run_bridge(
         bridge.stop()
         for sensor in list(serving):
             on_disconnect(sensor)
+    if unstored:
+        raise UnstoredFramesError(unstored[-1])
     return asdict(bridge.report)

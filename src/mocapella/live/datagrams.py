@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Final
 
+from mocapella.errors import UnstoredFramesError
 from mocapella.live.bridging import ServedSensor
 from mocapella.sources.datagram_settings import DatagramSettings
 from mocapella.sources.marker_datagrams import MarkerDatagrams
@@ -25,6 +26,7 @@ def run_datagrams(
         AddressInUseError: a port is in use.
         BusError: this machine does not have the address.
         NameTakenError: another node serves a camera of one of the names.
+        UnstoredFramesError: frames of an open take are not stored.
     """
     began_s, busy_s = time.monotonic(), time.process_time()
     with MarkerDatagrams(settings, say) as source:
@@ -45,9 +47,12 @@ def run_datagrams(
         finally:
             for sensor in serving.values():
                 sensor.close()
+        unstored = [sensor.unstored for sensor in serving.values() if sensor.unstored]
         for name, report in source.report.items():
             served = serving[name].membership.served.is_set()
             say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}" + _nowhere(served, connect))
+        if unstored:
+            raise UnstoredFramesError(unstored[-1])
         return {
             "cameras": {
                 name: {"port": source.addresses[name][1], "served": serving[name].membership.served.is_set()}

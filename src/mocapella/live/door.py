@@ -13,10 +13,11 @@ import msgspec
 from mocapella.errors import SettingsError, WireError
 from mocapella.live.command_queue import Answer, CommandQueue
 from mocapella.live.inbox import Inbox, ReceivedMessage
-from mocapella.live.recorder import Recorder
+from mocapella.live.recording_service import RecordingService
 from mocapella.live.sensor_registry import NodeStanding, SensorRegistry
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.session import CommandReply
+from mocapella.wire.delivery import check_number
 from mocapella.wire.keys import NodeKey, parse_node_id
 from mocapella.wire.node import JoinReply
 
@@ -31,7 +32,7 @@ class Door:
         lock: of the registry.
         inbox: of the tracker's thread.
         commands: of the tracker's thread.
-        recorder: returns that of the present take, or None.
+        recording: returns the service that records takes.
     """
 
     def __init__(
@@ -40,27 +41,24 @@ class Door:
         lock: threading.RLock,
         inbox: Inbox,
         commands: CommandQueue,
-        recorder: Callable[[], Recorder | None],
+        recording: Callable[[], RecordingService],
     ) -> None:
         self._registry, self._lock, self._inbox, self._commands = registry, lock, inbox, commands
-        self._recorder = recorder
+        self._recording = recording
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Pass a live frame to the tracker."""
+        """Pass a live frame to the recorder and to the tracker."""
         with self._lock:
             standing = self._registry.standing(node, arrived_ns)
+        recorder = self._recording().recorder
+        if recorder is not None and standing is NodeStanding.SEATED:
+            recorder.frame(node, data, arrived_ns)
         if standing is not NodeStanding.REFUSED:
             self._inbox.put(ReceivedMessage(node, data, arrived_ns, standing is NodeStanding.STRANGER))
 
-    def recorded_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Pass a frame of the record path to the recorder."""
-        recorder = self._recorder()
-        if recorder is not None and self._is_seated(node):
-            recorder.frame(node, data, arrived_ns)
-
     def truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         """Pass a simulation's ground truth to the recorder."""
-        recorder = self._recorder()
+        recorder = self._recording().recorder
         if recorder is not None and self._is_seated(node):
             recorder.truth(node.sensor, data, arrived_ns)
 
@@ -72,9 +70,9 @@ class Door:
             self._inbox.forget(node)
 
     def command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
-        """Answer a join at once; pass any other command to the tracker, or refuse it if too many wait."""
-        if verb == "join":
-            answer(msgspec.json.encode(self._join(arguments)))
+        """Answer a join or a leave at once; pass any other command to the tracker, or refuse it if too many wait."""
+        if verb in ("join", "leave"):
+            answer(msgspec.json.encode(self._join(arguments, leaves=verb == "leave")))
             return
         refusal = self._commands.put(verb, arguments, answer)
         if refusal:
@@ -86,13 +84,17 @@ class Door:
         with self._lock:
             return self._registry.holds(node)
 
-    def _join(self, arguments: dict[str, Any]) -> JoinReply:
+    def _join(self, arguments: dict[str, Any], *, leaves: bool) -> JoinReply:
         try:
             sensor = check_sensor_name(str(arguments.get("sensor"))[:80])
             node = NodeKey(sensor, parse_node_id(str(arguments.get("node_id"))))
+            end = check_number(arguments.get("next")) if leaves else 0
         except (SettingsError, WireError) as error:
             return JoinReply(False, str(error))
         with self._lock:
             refusal = self._registry.join(node, time.monotonic_ns())
             self._registry.set_local(node, arguments.get("machine") == platform.node())
-        return JoinReply(not refusal, refusal)
+        recording = self._recording()
+        if leaves and not refusal:
+            recording.leaving(node, end)
+        return JoinReply(not refusal, refusal, recording.active)

@@ -1,6 +1,7 @@
-"""The recording thread: writes messages to a take and flushes them several times a second.
+"""The recording thread: writes messages to a take, and commits them to the disk ten times a second.
 
-Only this thread writes to the take, so neither the tracker nor the bus waits for a disk.
+Only this thread writes to the take, so neither the tracker nor the bus waits for a disk. A frame is acknowledged to its
+node only after the commit that holds it (`mocapella.live.record_path`).
 """
 
 from __future__ import annotations
@@ -8,95 +9,117 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from itertools import islice
+from typing import Any, Final, NamedTuple
 
 from mocapella.errors import MocapellaError, WireError
 from mocapella.model.session import RecordingHealth, SessionStatus
+from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import decode_frame, decode_truth
+from mocapella.wire.delivery import MOST_GAPS
 from mocapella.wire.keys import NodeKey
 
-FLUSH_EVERY_S = 0.25
-_QUEUE_BYTES = 512 * 1024 * 1024
+COMMIT_EVERY_S: Final = 0.08
+"""Longest time from a frame's arrival to the write that makes it durable [s]."""
+_QUEUE_BYTES: Final = 512 * 1024 * 1024
+_CROWDED_BYTES: Final = 64 * 1024 * 1024
 
 
-def begin_take(path: Path, info: TakeInfo, *, reserve_bytes: int, resume: bool = False) -> tuple[TakeWriter, float]:
-    """Return a writer for ``path``, and how far back to fetch frames [s] if an interrupted take goes on; else 0.
+class NodeState(NamedTuple):
+    """State of a node's frames at the last commit.
 
-    Raises:
-        TakeExistsError, DiskFullError, RecordingError: before anything is created.
+    Attributes:
+        agreed: whether the first number is known.
+        stored: every frame below this number that belongs to the take and exists is on the disk.
+        after: number after the last frame known to exist.
+        end: number after the last frame that belongs to the take; None if it is not known yet.
+        gaps: (first, last) of the missing frames that the node may still have; at most `MOST_GAPS`.
     """
-    cut_off = resume and path.exists()
-    history_s = time.time() - path.stat().st_mtime + 5.0 if cut_off else 0.0
-    create = TakeWriter.resume_or_create if resume else TakeWriter.create
-    return create(path, info=info, reserve_bytes=reserve_bytes), history_s
+
+    agreed: bool
+    stored: int
+    after: int
+    end: int | None
+    gaps: tuple[tuple[int, int], ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether the end is known and nothing before it is missing."""
+        return self.end is not None and self.stored >= self.end
 
 
 class _Counts(NamedTuple):
-    """Flushed and lost frames by sensor, and the file size; written on the recorder's thread, read on any."""
+    """Committed and missing frames by sensor, and the file size; written on the recorder's thread, read on any."""
 
     frames: dict[str, int]
-    lost: dict[str, int]
+    gaps: dict[str, int]
     size_bytes: int
-
-
-class _Newest(NamedTuple):
-    """A node's frame with the highest sequence number; ``sent_s`` is on the node's clock, ``arrived_s`` on ours."""
-
-    sequence: int
-    sent_s: float
-    arrived_s: float
 
 
 class Recorder:
     """Records one take on a thread of its own.
 
-    It receives every tracked frame from the tracker, and all frames again by the record path, including those that
-    were not tracked because the tracker fell behind or the live path dropped them.
+    It receives every frame as it arrives, again from the tracker with its scene, and missing frames on request.
 
     ``say`` is called with a message for the user, for example about a full disk. ``first`` has the sequence number of
-    each node's first frame that belongs to the take.
+    each node's first frame that belongs to the take. ``committed`` is called on the recorder's thread after a commit.
 
     Attributes:
-        missing: number of frames known to be missing from the take now.
-        gaps: for each detected gap, a time [s] after which its frames were sent. The reader removes them.
-        newcomers: the same for nodes whose first recorded frame has a sequence number above 0: earlier ones may exist.
+        states: of each node at the last commit.
     """
 
     def __init__(
         self,
         writer: TakeWriter,
         say: Callable[[str], None],
-        history_s: float = 0.0,
         first: Mapping[NodeKey, int] | None = None,
+        committed: Callable[[], None] = lambda: None,
     ) -> None:
         self._writer = writer
         self._first = dict(first or {})
         self._say = say
+        self.committed = committed
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
-        self._overrun = 0
         self._began = time.monotonic()
         self._problem = ""
-        self._newest: dict[NodeKey, _Newest] = {}
-        self._not_before = self._began - history_s
-        self.gaps: deque[float] = deque()
-        self.newcomers: deque[float] = deque()
         self._refused: set[tuple[str, str]] = set()
-        self.missing = 0
+        self._closing = self._ended = False
         self._health = _Counts({}, {}, 0)
+        self.states: dict[NodeKey, NodeState] = {}
+        self._publish_states()
         self._thread = threading.Thread(target=self._run, name="recorder")
         self._thread.start()
 
-    def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Write a frame; repeated frames are stored once."""
-        if not self._put(len(data), partial(self._write_frame, node, data, arrived_ns)):
-            self._overrun += 1
+    @property
+    def take_id(self) -> str:
+        """Identity of the take."""
+        return self._writer.take_id
+
+    @property
+    def failed(self) -> bool:
+        """Whether the recording has stopped by itself."""
+        return bool(self._problem)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether so much waits for the disk that no more should be requested."""
+        return self._waiting_bytes > _CROWDED_BYTES
+
+    def frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None = None) -> None:
+        """Write a frame, which has this number if it was decoded before; repeated frames are stored once."""
+        self._put(len(data), partial(self._write_frame, node, data, arrived_ns, sequence))
+
+    def account(self, node: NodeKey, change: Callable[[NodeLedger], bool]) -> None:
+        """Change a node's account, also after the recording has stopped by itself.
+
+        ``change`` is called on the recorder's thread, and returns whether the take must store the account.
+        """
+        self._queue.put(partial(self._writer.accounts.change, node, change))
 
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write a scene."""
@@ -124,37 +147,26 @@ class Recorder:
         self._put(0, partial(self._writer.write_command, command, at_ns, before_step=before_step))
 
     def health(self) -> RecordingHealth:
-        """Return the state at the last flush, or the result once the take has ended."""
-        health, report = self._health, self._writer.report
-        if report is not None:
-            frames, lost, size = report.frames, report.lost, report.size_bytes
-        else:
-            frames, lost, size = health.frames, health.lost, health.size_bytes
+        """Return the state at the last commit, or the result once the take has ended."""
+        writer, counts = self._writer, self._health
+        report = writer.report
+        over = report is not None or bool(self._problem)
+        frames, lost = (writer.accounts.frames, writer.accounts.lost) if over else (counts.frames, counts.gaps)
         return RecordingHealth(
-            active=report is None and not self._problem,
-            path=str(self._writer.path),
+            active=not over,
+            path=str(writer.path),
             frames=sum(frames.values()),
-            scenes=self._writer.scenes,
-            lost=sum(lost.values()) + self._overrun,
-            size_bytes=size,
+            scenes=writer.scenes,
+            lost=sum(lost.values()),
+            size_bytes=counts.size_bytes if report is None else report.size_bytes,
             seconds=round(time.monotonic() - self._began, 2) if report is None else round(report.seconds, 2),
             problem=self._problem or (report.problem if report is not None else ""),
+            unknown=writer.accounts.unknown if self._ended else (),
         )
 
     def stored_and_lost(self) -> tuple[dict[str, int], dict[str, int]]:
-        """Return by sensor the number of flushed frames, and of frames known to be missing."""
-        return self._health.frames, self._health.lost
-
-    def wait_for(self, missing: int, timeout: float) -> bool:
-        """Wait until all messages are written and at most ``missing`` frames are missing; return False at timeout."""
-        deadline = time.monotonic() + timeout
-        written = threading.Event()
-        self._queue.put(written.set)
-        while time.monotonic() < deadline and self._thread.is_alive():
-            if written.is_set() and self.missing <= missing:
-                return True
-            time.sleep(0.02)
-        return False
+        """Return by sensor the number of committed frames, and of frames known to be missing."""
+        return self._health.frames, self._health.gaps
 
     def close(self) -> RecordingHealth:
         """Write all waiting messages, finish the take, and return its result."""
@@ -171,64 +183,73 @@ class Recorder:
 
     def _take_out(self, size: int, write: Callable[[], None]) -> None:
         self._waiting_bytes -= size
-        write()
+        if not self._problem:
+            write()
 
     def _run(self) -> None:
         try:
             self._write_until_end()
+            self._closing = True
+            self._writer.accounts.agree_on_all()
             self._writer.close()
         except MocapellaError as error:
             self._stop(str(error))
+            if not self._closing:
+                self._account_until_end()
+                self._writer.accounts.agree_on_all()
         finally:
+            self._ended = True
             if self._writer.report is None:  # an unexpected error, which the thread prints as it ends
-                self._stop(f"recording to {self._writer.path} failed (see above); what was flushed is safe")
+                self._stop(f"recording to {self._writer.path} failed (see above); what was committed is safe")
+            self._publish_states()
 
     def _stop(self, problem: str) -> None:
         self._problem = problem
         self._say(f"RECORDING STOPPED: {problem}")
 
     def _write_until_end(self) -> None:
-        flush_at = time.monotonic() + FLUSH_EVERY_S
+        commit_at = time.monotonic() + COMMIT_EVERY_S
         while True:
             try:
-                write = self._queue.get(timeout=max(0.001, flush_at - time.monotonic()))
-                if write is None:
+                work = self._queue.get(timeout=max(0.001, commit_at - time.monotonic()))
+                if work is None:
                     return
-                write()
+                work()
             except queue.Empty:
                 pass
-            if time.monotonic() >= flush_at:
-                self._writer.flush()
-                self._health = _Counts(self._writer.frames, self._writer.lost, self._writer.size_bytes)
-                flush_at = time.monotonic() + FLUSH_EVERY_S
+            if time.monotonic() >= commit_at:
+                self._commit()
+                commit_at = time.monotonic() + COMMIT_EVERY_S
 
-    def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        try:
-            frame = decode_frame(data)
-            if frame.key[:2] != node:
-                raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
-        except WireError as error:
-            self._refuse(node.sensor, "frames", str(error))
-            return
-        if frame.sequence < self._first.get(node, 0):  # from before the take began
-            return
-        if node not in self._newest and frame.sequence > self._first.get(node, 0):
-            self.newcomers.append(self._not_before)
-        self._writer.write_frame(
-            data, sensor=node.sensor, node_id=node.node_id, sequence=frame.sequence, log_ns=arrived_ns
-        )
-        newest = _Newest(frame.sequence, frame.sent_ns / 1e9, arrived_ns / 1e9)
-        before, self.missing = self.missing, sum(self._writer.lost.values())  # missing before this newest frame
-        if self.missing > before:
-            self.gaps.append(self._gap_since(newest, self._newest.get(node)))
-        self._newest[node] = max(newest, self._newest.get(node, newest))
+    def _commit(self) -> None:
+        self._writer.flush()
+        self._health = _Counts(self._writer.accounts.frames, self._writer.accounts.gaps, self._writer.size_bytes)
+        self._publish_states()
+        self.committed()
 
-    def _gap_since(self, after: _Newest, before: _Newest | None) -> float:
-        """Return when the frame before a gap was sent, on our clock; not just its arrival, which may have been late."""
-        if before is None:
-            return self._not_before
-        apart_s = max(after.sent_s - before.sent_s, after.arrived_s - before.arrived_s)
-        return max(after.arrived_s - apart_s, self._not_before)
+    def _account_until_end(self) -> None:
+        """After a failure, go on with the accounts, so that all lost frames are counted."""
+        self._publish_states()
+        while (work := self._queue.get()) is not None:
+            work()
+            self._publish_states()
+
+    def _publish_states(self) -> None:
+        self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
+
+    def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None) -> None:
+        if sequence is None:
+            try:
+                frame = decode_frame(data)
+                if frame.key[:2] != node:
+                    raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
+            except WireError as error:
+                self._refuse(node.sensor, "frames", str(error))
+                return
+            sequence = frame.sequence
+        if sequence < self._first.get(node, 0):  # from before the take began
+            return
+        self._writer.write_frame(data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns)
 
     def _refuse(self, sensor: str, what: str, why: str) -> None:
         if (sensor, what) not in self._refused:
@@ -242,3 +263,9 @@ class Recorder:
             self._refuse(sensor, "truths", str(error))
             return
         self._writer.write_truth(data, sensor=sensor, log_ns=arrived_ns)
+
+
+def state_of(ledger: NodeLedger) -> NodeState:
+    """Return the state of a node's frames; call it after a commit."""
+    gaps = tuple(islice(ledger.obtainable(ledger.after), MOST_GAPS))
+    return NodeState(ledger.agreed, ledger.acknowledged, ledger.after, ledger.end, gaps)

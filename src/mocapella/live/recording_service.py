@@ -11,28 +11,27 @@ from typing import Any
 
 from mocapella import __version__
 from mocapella.errors import NotNowError
-from mocapella.live.recorder import Recorder, begin_take
-from mocapella.live.refetch import Refetch
+from mocapella.live.record_path import RecordPath, Requests
+from mocapella.live.recorder import Recorder
 from mocapella.live.session import Session
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.session import RecordingHealth
-from mocapella.recording.take import TakeInfo
+from mocapella.recording.take import TakeInfo, new_take_id
+from mocapella.recording.take_writer import TakeWriter
 from mocapella.registry import OURS, Table
 from mocapella.tracker import METHODS
 from mocapella.wire.keys import NodeKey
-from mocapella.wire.server import OnFrame, ServerLink
 
-STRAGGLERS_S = 0.2
-"""How long frames already on their way are still recorded when a take ends [s]."""
-CATCH_UP_S = 2.0
-"""How long the end of a take waits for missing frames before requesting them again [s]."""
+FAILED_S = 0.5
+"""How long a new take waits for the nodes' numbers at the end of one that has stopped by itself [s]; tracking waits."""
 
 
 def outcome(health: RecordingHealth) -> str:
     """Describe how a take ended, with the number of missing frames."""
     lost = f"; {health.lost} frames are missing" if health.lost else ""
-    return health.problem or f"recorded {health.frames} frames in {health.path}{lost}"
+    unknown = "".join(f"; {end}" for end in health.unknown)
+    return (health.problem or f"recorded {health.frames} frames in {health.path}") + lost + unknown
 
 
 def packages_of(method: str) -> dict[str, str]:
@@ -62,20 +61,20 @@ class RecordingService:
     def __init__(
         self,
         session: Session,
-        link: ServerLink,
-        on_frame: OnFrame,
+        link: Requests,
+        nodes: Callable[[], Iterable[NodeKey]],
         say: Callable[[str], None],
         *,
         reserve_bytes: int,
         between_steps: AbstractContextManager[object] | None = None,
     ) -> None:
         self.recorder: Recorder | None = None
-        self._session, self._link, self._on_frame, self._say = session, link, on_frame, say
+        self._session, self._link, self._nodes, self._say = session, link, nodes, say
         self._reserve_bytes = reserve_bytes
         self._between_steps = between_steps or nullcontext()
         self._health: Callable[[], RecordingHealth] = RecordingHealth
         self._changing = threading.Lock()
-        self._refetch = Refetch()
+        self._record_path: RecordPath | None = None
 
     def health(self) -> RecordingHealth:
         """Return the state of the present take, or the result of the last one."""
@@ -105,22 +104,31 @@ class RecordingService:
             raise NotNowError(
                 f"already recording {health.path}; end that first (mocapella record --stop, or in the view)"
             )
-        self._end()
+        self._end(0.0 if self.recorder is None else FAILED_S)
         memory = self._session.memory()  # before the take exists, in case it cannot be made
         fresh = not (resume and path.exists())
         first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}
-        writer, history_s = begin_take(path, self._info(), reserve_bytes=self._reserve_bytes, resume=resume)
-        recorder = Recorder(writer, self._say, history_s, first)
+        create = TakeWriter.resume_or_create if resume else TakeWriter.create
+        writer = create(path, info=self._info(), reserve_bytes=self._reserve_bytes)
+        recorder = Recorder(writer, self._say, first)
         self._command(recorder, "restore", memory)
         if not self._session.running:
             self._command(recorder, "stop", {})
-        now_s = time.monotonic()
-        self._refetch = Refetch()
-        if not fresh:  # a sensor may have started meanwhile
-            self._refetch.newcomer(now_s - history_s, now_s)
+        self._record_path = RecordPath(recorder, self._link, self._nodes, first, fresh=fresh)
         self.recorder, self._health = recorder, recorder.health
-        self._link.start_record_path(self._on_frame)
         return f"recording {path}"
+
+    @property
+    def active(self) -> bool:
+        """Whether frames are being recorded now."""
+        recorder = self.recorder
+        return recorder is not None and not recorder.failed
+
+    def leaving(self, node: NodeKey, end: int) -> None:
+        """Note that a node leaves, and the number after its last frame."""
+        record_path = self._record_path
+        if record_path is not None:
+            record_path.leaving(node, end)
 
     def record_command(self, verb: str, arguments: Mapping[str, Any]) -> None:
         """Record a command that was carried out, for the replay."""
@@ -140,43 +148,19 @@ class RecordingService:
         ``at_once`` waits for none of them.
         """
         with self._changing:
-            recorder, given_up = self.recorder, self._refetch.given_up
-            if recorder is not None and not at_once:
-                time.sleep(STRAGGLERS_S)
-                while not recorder.wait_for(given_up, CATCH_UP_S) and self._ask_again(recorder, at_once=True):
-                    pass
-            self._end()
+            self._end(0.0 if at_once else None)
             return self._health()
 
-    def fetch_missing(self) -> None:
-        """Request missing frames from the nodes again, if due; called several times a second."""
-        if self._changing.acquire(blocking=False):
-            try:
-                if self.recorder is not None:
-                    self._ask_again(self.recorder)
-            finally:
-                self._changing.release()
-
-    def _ask_again(self, recorder: Recorder, *, at_once: bool = False) -> bool:
-        while recorder.gaps:
-            self._refetch.opened(recorder.gaps.popleft())
-        while recorder.newcomers:
-            self._refetch.newcomer(recorder.newcomers.popleft(), time.monotonic())
-        missing = recorder.missing  # read after the gaps: the recorder writes it before them
-        back_s = self._refetch.update(missing, time.monotonic(), at_once=at_once)
-        if back_s is not None:
-            if missing:
-                self._say(f"asking the nodes again for {missing} missing frames")
-            self._link.fetch_history(self._on_frame, back_s)
-        return back_s is not None
-
-    def _end(self) -> None:
-        with self._between_steps:
+    def _end(self, give_up_s: float | None = None) -> None:
+        with self._between_steps:  # from here on no scene and no frame of a later number belongs to the take
             recorder, self.recorder = self.recorder, None
-        if recorder is None:
+        record_path = self._record_path
+        if recorder is None or record_path is None:
             return
-        self._link.stop_record_path()
+        record_path.finish(give_up_s)
         ended = recorder.close()
+        self._record_path = None
+        record_path.close()
         self._health = lambda: ended
         self._say(outcome(ended))
 
@@ -190,4 +174,5 @@ class RecordingService:
             started_ns=time.monotonic_ns(),
             method_settings=self._session.method_settings,
             packages=packages_of(self._session.setup.method),
+            take_id=new_take_id(),
         )

@@ -247,6 +247,10 @@ class SensorRegistry:
         entries = self._entries.values()
         return {entry.node: entry.last_frame.sequence for entry in entries if entry.last_frame is not None}
 
+    def connected(self) -> list[NodeKey]:
+        """Return the nodes whose liveliness token is present."""
+        return [entry.node for entry in self._entries.values() if entry.connected]
+
     def nodes(self) -> list[NodeKey]:
         """Return the nodes that are connected and not silent: those that would answer."""
         return [entry.node for entry in self._entries.values() if entry.connected and not entry.silent]

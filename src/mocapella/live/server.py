@@ -1,8 +1,9 @@
 """The server: receives frames and commands, publishes scenes; one thread tracks, the others only transfer.
 
 bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and their frames)
-          └───► recorder (record path)   ▲ commands, in the order of arrival
-housekeeping thread: silent sensors, status, missing frames of a take
+          └───► recorder                 ▲ commands, in the order of arrival
+record path thread: acknowledges frames to the nodes, and requests missing ones
+housekeeping thread: silent sensors, status
 clock thread: clock probes, which a node may not answer
 notices thread: the terminal, which may not take them
 
@@ -40,6 +41,7 @@ from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth,
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
 from mocapella.supervision import Boundary
+from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import ServerLink
 
 STATUS_EVERY_S = 0.2
@@ -77,7 +79,8 @@ class ServerSettings:
 class Server:
     """A session on the bus; it listens from the constructor on, until `close`.
 
-    ``say`` is called with each notice, on a thread of its own.
+    ``say`` is called with each notice, on a thread of its own. ``link`` is one that listens already; the server
+    closes it.
 
     Attributes:
         summary: statistics of the run.
@@ -88,7 +91,9 @@ class Server:
         SettingsError: the setup or the method's settings are invalid.
     """
 
-    def __init__(self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(
+        self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None, link: ServerLink | None = None
+    ) -> None:
         self._settings = settings
         self._session = Session(
             settings.setup,
@@ -111,12 +116,13 @@ class Server:
         self._notices = Notices(say)
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
-        self._link = ServerLink(settings.listen, on_nonsense=self._on_nonsense, errors=self._errors)
-        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording.recorder)
+        self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
+        self._link.on_nonsense, self._link.errors = self._on_nonsense, self._errors
+        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
         self._recording = RecordingService(
             self._session,
             self._link,
-            door.recorded_frame,
+            self._connected,
             self._note,
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
@@ -130,6 +136,10 @@ class Server:
         self._threads = [threading.Thread(target=self._guarded, args=(run,), name=name) for name, run in loops.items()]
         for thread in self._threads:
             thread.start()
+
+    def _connected(self) -> list[NodeKey]:
+        with self._lock:
+            return self._registry.connected()
 
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
@@ -192,7 +202,7 @@ class Server:
         self.summary.frames_in += 1
         recorder = self._recording.recorder
         if recorder is not None:  # here at the latest, so that a take has the frames of all its scenes
-            recorder.frame(message.node, message.data, message.arrived_ns)
+            recorder.frame(message.node, message.data, message.arrived_ns, frame.sequence)
         scene = self._session.step(Arrival(frame, at_ns))
         if scene is None:
             return
@@ -304,7 +314,6 @@ class Server:
             self._errors.run("housekeeping", self._keep_house)
 
     def _keep_house(self) -> None:
-        self._recording.fetch_missing()
         with self._lock:
             self._registry.notice_silence(time.monotonic_ns())
             notices = self._registry.take_notices()

@@ -159,6 +159,21 @@ class SensorHealth:
 
 
 @dataclass(frozen=True)
+class UnknownEnd:
+    """A node that never said which frame was its last: nothing is known of frames after number ``after``.
+
+    ``after`` is −1 if not even one frame is known.
+    """
+
+    sensor: str
+    node_id: int
+    after: int
+
+    def __str__(self) -> str:
+        return f"{self.sensor}: unknown after frame {self.after}, because its node ended without saying its last one"
+
+
+@dataclass(frozen=True)
 class RecordingHealth:
     """State of the present recording, or of the last one.
 
@@ -170,6 +185,7 @@ class RecordingHealth:
         size_bytes: of the file.
         seconds: duration so far, or of the take [s].
         problem: why it stopped by itself; empty if it did not.
+        unknown: nodes of the ended take whose last frame is not known.
     """
 
     active: bool = False
@@ -180,6 +196,7 @@ class RecordingHealth:
     size_bytes: int = 0
     seconds: float = 0.0
     problem: str = ""
+    unknown: tuple[UnknownEnd, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -180,6 +180,13 @@ def is_full(error: OSError) -> bool:
     return error.errno in _FULL
 
 
+def as_ours(error: OSError, what: str) -> RecordingError:
+    """Return our error for one of the disk."""
+    if is_full(error):
+        return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
+    return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")
+
+
 def create_new(path: Path) -> int:
     """Create a new file; return its descriptor.
 
@@ -213,6 +220,11 @@ def lock(fd: int) -> bool:
 def removed(fd: int) -> bool:
     """Whether the open file was removed: its bytes are gone when it is closed."""
     return os.fstat(fd).st_nlink == 0
+
+
+def size(fd: int) -> int:
+    """Return the size of the open file."""
+    return os.fstat(fd).st_size
 
 
 def leads_to(path: Path, fd: int) -> bool:

@@ -1,4 +1,4 @@
-"""Merge the parts of an interrupted take: copy, compare, and only then replace.
+"""Merge the parts of an interrupted take, or frames from other files into it: copy, compare, and only then replace.
 
 A recording whose server was killed continues in ``NAME.part2.mcap``, and so on. The parts are copied to
 ``NAME.merging.mcap``; after a check that it holds everything, it replaces ``NAME.mcap`` in one step, and the other
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -18,8 +19,10 @@ import msgspec
 from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, DiskFullError, InputError, RecordingError
 from mocapella.recording import disk, take
+from mocapella.recording.found_frames import FoundFrames, found_frames
 from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, is_closed, scan
 from mocapella.recording.take_file import TakeFile
+from mocapella.recording.take_index import index_take
 
 _FLUSH_BYTES: Final = 1 << 20
 
@@ -47,6 +50,14 @@ def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
         DamagedTakeError: a part is damaged; all parts are kept.
     """
     path = Path(path)
+    with _locked(path):
+        if not closed(path):
+            merge_locked(path, reserve_bytes)
+        remove_leftovers(path)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
     try:
         fd = os.open(path, os.O_RDWR)
     except OSError as error:
@@ -54,29 +65,48 @@ def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
     try:
         if not disk.lock(fd):
             raise RecordingError(f"{path} is being recorded; stop the recording first")
-        if not closed(path):
-            merge_locked(path, reserve_bytes)
-        remove_leftovers(path)
+        yield
     finally:
         os.close(fd)
 
 
-def merge_locked(path: Path, reserve_bytes: int) -> None:
-    """Merge as `merge_parts` does; the caller holds the take's lock."""
+def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int = disk.GIB) -> dict[str, int]:
+    """Add the frames that a take lacks and other files have, such as nodes' spools; return their number by sensor.
+
+    Only frames that belong to the take are added. The parts of an interrupted take are merged, too.
+
+    Raises:
+        InputError: the take or a file cannot be read.
+        RecordingError: the take is being recorded, or the copy differs from the parts.
+        DiskFullError: there is no space for the copy.
+        DamagedTakeError: a part or a file is damaged; everything is kept.
+    """
+    path = Path(path)
+    merge_parts(path, reserve_bytes=reserve_bytes)
+    found = found_frames(index_take([path]), [(other, index_take([other])) for other in others])
+    if found.frames or found.rows:
+        with _locked(path):
+            merge_locked(path, reserve_bytes, found)
+    return dict(found.counts)
+
+
+def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = None) -> None:
+    """Merge as `merge_parts` does, with further frames; the caller holds the take's lock."""
     scratch = disk.merging_path(path)
+    added = [] if found is None else found.sources
     try:
         parts = disk.parts_of(path)
-        needed = sum(part.stat().st_size for part in parts) + reserve_bytes
+        needed = sum(part.stat().st_size for part in (*parts, *added)) + reserve_bytes
         free = disk.free_bytes(path.parent)
         if free < needed:
             raise DiskFullError(f"cannot put the parts of {path} together: {disk.too_little(free, needed)}")
         scratch.unlink(missing_ok=True)  # what a kill during an earlier merging left
         fd = disk.create_new(scratch)
         try:
-            _copy(parts, fd)
+            _copy(parts, fd, found)
         finally:
             os.close(fd)
-        _compare(parts, scratch)
+        _compare(parts, scratch, found)
         scratch.replace(path)
         disk.sync_folder(path.parent)
     except OSError as error:
@@ -113,7 +143,7 @@ def _metadata(path: Path) -> Iterator[MetadataRead]:
         yield from (e for e in scan(file, path.stat().st_size, str(path)) if isinstance(e, MetadataRead))
 
 
-def _copy(parts: Sequence[Path], fd: int) -> None:
+def _copy(parts: Sequence[Path], fd: int, found: FoundFrames | None) -> None:
     file = TakeFile(fd)
     for entry in _entries(parts):
         if entry.values is not None:
@@ -123,17 +153,32 @@ def _copy(parts: Sequence[Path], fd: int) -> None:
         file.add(entry.topic, entry.data, entry.log_ns, entry.sequence, entry.publish_ns)
         if file.pending_bytes > _FLUSH_BYTES:
             file.flush(durable=False)
+    if found is not None:
+        _add_found(file, found)
     names = msgspec.json.encode([part.name for part in parts]).decode()
     file.add_metadata(take.MERGED_METADATA, {"parts": names})
     file.finish()
 
 
-def _compare(parts: Sequence[Path], copy: Path) -> None:
+def _add_found(file: TakeFile, found: FoundFrames) -> None:
+    for topic, data, sequence in found.read():
+        file.add(topic, data, found.log_ns, sequence)
+        if file.pending_bytes > _FLUSH_BYTES:
+            file.flush(durable=False)
+    for row in found.rows:
+        file.add(take.NODES, msgspec.json.encode(row), found.log_ns)
+
+
+def _compare(parts: Sequence[Path], copy: Path, found: FoundFrames | None) -> None:
+    left = 0 if found is None else sum(found.counts.values()) + len(found.rows)
     for original, copied in zip_longest(_entries(parts), _entries([copy])):
+        if original is None and left > 0:
+            left -= 1
+            continue
         if original != copied:
             what = original or copied
             raise RecordingError(f"{copy} is not equal to the parts it was made of, at {what.topic}; they are kept")
-    if not closed(copy):
+    if left or not closed(copy):
         raise RecordingError(f"{copy} has no end; the parts it was made of are kept")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 
 
 class SequenceRanges:
@@ -55,11 +56,20 @@ class SequenceRanges:
         """The greatest number; the set must not be empty."""
         return self._lasts[-1]
 
-    def missing(self) -> tuple[tuple[int, int], ...]:
-        """The gaps between the first and the last number, each as (first, last) missing."""
-        return tuple((a + 1, b - 1) for a, b in zip(self._lasts, self._firsts[1:], strict=False))
+    def gaps(self, begin: int, end: int) -> Iterator[tuple[int, int]]:
+        """Yield the gaps from ``begin`` to before ``end``, each as (first, last) missing."""
+        i = bisect_right(self._firsts, begin)
+        at = begin if i == 0 else max(begin, self._lasts[i - 1] + 1)
+        while at < end:
+            following = self._firsts[i] if i < len(self._firsts) else end
+            if at < following:
+                yield at, min(following, end) - 1
+            if i == len(self._firsts):
+                return
+            at = self._lasts[i] + 1
+            i += 1
 
-    @property
-    def lost(self) -> int:
-        """How many numbers are missing between the first and the last."""
-        return self.last - self.first + 1 - self._count if self._count else 0
+    def first_missing(self, begin: int) -> int:
+        """The smallest number from ``begin`` on that is not present."""
+        i = bisect_right(self._firsts, begin)
+        return begin if i == 0 else max(begin, self._lasts[i - 1] + 1)

@@ -5,6 +5,7 @@ A take is one MCAP file. `mocapella.recording.take_writer` writes it, `mocapella
 
 from __future__ import annotations
 
+import secrets
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ from mocapella import __version__
 from mocapella.decoding import convert, decode_json
 from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.session import Setup
+from mocapella.model.session import Setup, UnknownEnd
 from mocapella.schema import SCHEMA_VERSION
 
 RUNS: Final = "/runs"
@@ -24,6 +25,7 @@ SCENES: Final = "/scenes"
 COMMANDS: Final = "/commands"
 STATUS: Final = "/status"
 CLOCK: Final = "/clock"
+NODES: Final = "/nodes"
 FRAMES: Final = "/frames/"
 TRUTH: Final = "/truth/"
 RUN_METADATA: Final = "mocapella.run"
@@ -43,6 +45,7 @@ class TakeInfo:
         schema_version: of the messages.
         packages: descriptors of other packages that the run used, such as ``tracking method heat``, and each package
             with its version; empty in older takes.
+        take_id: random identity of the take, the same in all its runs and parts; empty in older takes.
     """
 
     setup: Setup
@@ -52,6 +55,7 @@ class TakeInfo:
     version: str = __version__
     schema_version: int = SCHEMA_VERSION
     packages: dict[str, str] = field(default_factory=dict)
+    take_id: str = ""
 
     @property
     def method(self) -> str:
@@ -93,7 +97,15 @@ class StoredFrame(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class NodeFrames:
-    """Frames of one node in the take; ``missing`` has (first, last) of each gap."""
+    """Frames of one node in the take.
+
+    Attributes:
+        sensor, node_id: the node.
+        first, last: numbers of the first and the last frame that belong to the take, as far as known.
+        stored: number of its frames in the take.
+        missing: (first, last) of each gap.
+        end_known: whether the node said which frame was its last; true for older takes, which do not ask.
+    """
 
     sensor: str
     node_id: int
@@ -101,10 +113,11 @@ class NodeFrames:
     last: int
     stored: int
     missing: tuple[tuple[int, int], ...]
+    end_known: bool = True
 
     @property
     def lost(self) -> int:
-        """Number of missing frames between the first and the last."""
+        """Number of frames that belong to the take and are missing."""
         return self.last - self.first + 1 - self.stored
 
 
@@ -125,10 +138,11 @@ class TakeReport:
         parts: its files: only the take itself, unless the parts of an interrupted one could not be merged.
         frames: number of stored frames by sensor.
         lost: number of missing frames by sensor.
+        unknown: ends that no node has said.
         duplicates: number of repeated frames, which are stored once.
         scenes: number of stored scenes.
         size_bytes, seconds: of the whole take.
-        clean: whether it was closed properly, in one file.
+        clean: whether it was closed properly, in one file, and the last frame of every node is known.
         problem: why not, or why the recording stopped; empty if there was none.
     """
 
@@ -142,6 +156,12 @@ class TakeReport:
     seconds: float
     clean: bool
     problem: str = ""
+    unknown: tuple[UnknownEnd, ...] = ()
+
+
+def new_take_id() -> str:
+    """Return a random identity for a take."""
+    return secrets.token_hex(16)
 
 
 def encode_run(run: Run) -> bytes:

@@ -52,5 +52,11 @@ def channel_format(topic: str, data: bytes) -> MessageFormat:
         return protobuf_format("Truth")
     if topic == take.SCENES:
         return protobuf_format("Scene")
-    names = {take.RUNS: "Run", take.COMMANDS: "Command", take.STATUS: "SessionStatus", take.CLOCK: "ClockProbes"}
+    names = {
+        take.RUNS: "Run",
+        take.COMMANDS: "Command",
+        take.STATUS: "SessionStatus",
+        take.CLOCK: "ClockProbes",
+        take.NODES: "NodeLedger",
+    }
     return MessageFormat("json", f"mocapella.{names[topic]}", "jsonschema", b'{"type":"object"}')

@@ -13,10 +13,12 @@ import msgspec
 from google.protobuf.message import DecodeError
 
 from mocapella.conventions import NS_PER_S
+from mocapella.decoding import decode_json
 from mocapella.errors import InputError
+from mocapella.model.session import UnknownEnd
 from mocapella.recording import take
+from mocapella.recording.ledger import LedgerRow, NodeLedger
 from mocapella.recording.mcap_scan import Damage, End, Event, MessageRead, MetadataRead, scan
-from mocapella.recording.sequences import SequenceRanges
 from mocapella.recording.take import Interruption, Run
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
@@ -67,7 +69,7 @@ class TakeIndex:
         self.scenes: list[SceneRef] = []
         self.commands: list[tuple[int, Ref]] = []
         self.others: dict[str, list[Ref]] = {}
-        self.nodes: dict[tuple[str, int], SequenceRanges] = {}
+        self.nodes: dict[tuple[str, int], NodeLedger] = {}
         self.parts: Counter[str] = Counter()
         self.first_ns: int | None = None
         self.last_ns = 0
@@ -156,11 +158,14 @@ class TakeIndex:
                 self._add_scene(pb.Scene.FromString(m.data), ref)
             elif m.topic == take.RUNS:
                 self._begin_run(take.decode_run(m.data, str(path)))
+            elif m.topic == take.NODES:
+                row = decode_json(m.data, LedgerRow, what="account of a node")
+                self._ledger(row.sensor, row.node_id).read(row)
             elif m.topic == take.COMMANDS:
                 self.commands.append((self._run_number(), ref))
             else:
                 self.others.setdefault(m.topic, []).append(ref)
-        except DecodeError:
+        except (DecodeError, InputError):
             self.clean = False
             self.problems.append(f"{path.name}: the message of {m.topic} at byte {m.offset} is none of ours")
             return
@@ -169,10 +174,20 @@ class TakeIndex:
 
     def _add_frame(self, frame: pb.BodyFrame, ref: Ref) -> None:
         sensor = sys.intern(frame.sensor)
-        ranges = self.nodes.setdefault((sensor, frame.node_id), SequenceRanges())
-        if ranges.add(frame.sequence):
+        if self._ledger(sensor, frame.node_id).put_back(frame.sequence):
             self._by_key[sensor, frame.node_id, frame.sequence] = len(self.frames)
             self.frames.append(FrameRef(ref, sensor, frame.node_id, frame.sequence))
+
+    def _ledger(self, sensor: str, node_id: int) -> NodeLedger:
+        return self.nodes.setdefault((sensor, node_id), NodeLedger())
+
+    def close_accounts(self) -> None:
+        """Complete the nodes' accounts after the last file; report the ends that no node has said."""
+        for (sensor, node_id), ledger in self.nodes.items():
+            ledger.commit()
+            if ledger.unknown_after is not None:
+                self.clean = False
+                self.problems.append(str(UnknownEnd(sensor, node_id, ledger.unknown_after)))
 
     def _add_scene(self, scene: pb.Scene, ref: Ref) -> None:
         run, before = self._run_number(), self.scenes[-1] if self.scenes else None
@@ -202,4 +217,5 @@ def index_take(parts: Sequence[Path]) -> TakeIndex:
         except OSError as error:
             raise InputError(f"cannot be read ({error.strerror})", file=path) from error
     index.find_orphans()
+    index.close_accounts()
     return index

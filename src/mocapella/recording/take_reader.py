@@ -75,6 +75,11 @@ class Take:
         return tuple(self._index.runs)
 
     @property
+    def take_id(self) -> str:
+        """Random identity of the take; empty in older takes, and if it cannot be read."""
+        return self._index.runs[0].info.take_id if self._index.runs else ""
+
+    @property
     def interruptions(self) -> tuple[Interruption, ...]:
         """The interruptions by killed servers."""
         return tuple(self._index.interruptions)
@@ -93,7 +98,7 @@ class Take:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors with frames, sorted."""
-        return tuple(sorted({sensor for sensor, _ in self._index.nodes}))
+        return tuple(sorted({sensor for (sensor, _), ledger in self._index.nodes.items() if len(ledger)}))
 
     @property
     def frame_count(self) -> int:
@@ -187,8 +192,16 @@ class Take:
     def complete(self) -> tuple[NodeFrames, ...]:
         """Return the stored and missing frames of each node, by sensor and node."""
         return tuple(
-            NodeFrames(sensor, node, ranges.first, ranges.last, len(ranges), ranges.missing())
-            for (sensor, node), ranges in sorted(self._index.nodes.items())
+            NodeFrames(
+                sensor,
+                node,
+                ledger.first,
+                ledger.after - 1,
+                ledger.stored,
+                tuple(ledger.missing()),
+                ledger.unknown_after is None,
+            )
+            for (sensor, node), ledger in sorted(self._index.nodes.items())
         )
 
     def _frames(self, refs: Iterable[FrameRef]) -> Iterator[StoredFrame]:

@@ -1,31 +1,29 @@
 """Write a take so that a kill loses at most the entries since the last flush, and nothing acknowledged.
 
-The writer has no thread and no clock. Its owner calls `TakeWriter.flush` at least every quarter of a second, on a
-thread that may wait for the disk.
+The writer has no thread and no clock. Its owner calls `TakeWriter.flush` several times a second, on a thread that may
+wait for the disk. Each node has an account (`mocapella.recording.accounts`), whose row is stored when it changes.
 """
 
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import DiskFullError, InputError, RecordingError
+from mocapella.errors import DiskFullError, InputError, RecordingError, WireError
 from mocapella.model.session import SessionStatus
 from mocapella.recording import disk, merge, take
+from mocapella.recording.accounts import Accounts
 from mocapella.recording.mcap_file import MAGIC
-from mocapella.recording.sequences import SequenceRanges
 from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
-
-_Node = tuple[str, int]
 
 
 class TakeWriter:
@@ -35,8 +33,9 @@ class TakeWriter:
 
     Attributes:
         path: the take.
+        take_id: identity of the take, also when it is resumed.
+        accounts: of its nodes.
         scenes: number of stored scenes.
-        duplicates: number of repeated frames, which are stored once.
         report: the result, once the take is closed.
     """
 
@@ -51,14 +50,11 @@ class TakeWriter:
         earlier: TakeIndex | None = None,
     ) -> None:
         self.path = path
-        self.duplicates = 0
         self.report: TakeReport | None = None
         self._part, self._reserve = part, reserve_bytes
         earlier = earlier or TakeIndex()
-        self._nodes: dict[_Node, SequenceRanges] = earlier.nodes
-        self._stored = Counter(frame.sensor for frame in earlier.frames)
-        self._earlier = self._stored.copy()
-        self._pending: Counter[str] = Counter()
+        self.take_id = (earlier.runs[0].info.take_id if earlier.runs else "") or info.take_id
+        self.accounts = Accounts(earlier.nodes)
         self.scenes, self._pending_scenes = len(earlier.scenes), 0
         self._first_ns, self._last_ns = earlier.first_ns, earlier.last_ns
         self._next_run = earlier.runs[-1].number + 1 if earlier.runs else 0
@@ -75,7 +71,7 @@ class TakeWriter:
         except OSError as error:
             os.close(self._fd)
             file.unlink()
-            raise _as_ours(error, f"cannot record to {file}") from error
+            raise disk.as_ours(error, f"cannot record to {file}") from error
 
     @classmethod
     def create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
@@ -123,29 +119,6 @@ class TakeWriter:
         return writer
 
     @property
-    def stored(self) -> int:
-        """Number of stored frames of the whole take."""
-        return self._stored.total()
-
-    @property
-    def frames(self) -> dict[str, int]:
-        """Number of stored frames by sensor."""
-        return dict(self._stored)
-
-    @property
-    def pending(self) -> int:
-        """Number of frames that wait for the next flush."""
-        return self._pending.total()
-
-    @property
-    def lost(self) -> dict[str, int]:
-        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
-        lost: Counter[str] = Counter()
-        for (sensor, _), ranges in self._nodes.items():
-            lost[sensor] += ranges.lost
-        return dict(lost)
-
-    @property
     def size_bytes(self) -> int:
         """Size of the file being written."""
         return self._file.size
@@ -165,17 +138,11 @@ class TakeWriter:
         self._begin_run(info)
 
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
-        """Add a frame as received; return False if it is already stored."""
+        """Add a frame as received; return False if it is already stored, or does not belong to the take."""
         self._check_open()
-        node = (sensor, node_id)
-        ranges = self._nodes.get(node)
-        if ranges is None:
-            ranges = self._nodes[node] = SequenceRanges()
-        if not ranges.add(sequence):
-            self.duplicates += 1
+        if not self.accounts.receive((sensor, node_id), sequence):
             return False
         self._file.add(take.FRAMES + sensor, data, log_ns, sequence)
-        self._pending[sensor] += 1
         self._saw(log_ns)
         return True
 
@@ -206,15 +173,15 @@ class TakeWriter:
 
         Raises:
             DiskFullError: the disk is full, or less than the reserve is left.
-            RecordingError: the disk failed. In each case, the take is closed and stored entries stay readable. Or the
-                file was removed; then nothing is left.
+            RecordingError: the disk failed, or the file was removed or truncated. In each case, the take is closed,
+                and the report has what is readable.
         """
         self._check_open()
         try:
             self._store()
             free = disk.free_bytes(self.path.parent)
         except OSError as error:
-            raise self._stopped(_as_ours(error, f"recording to {self.path} stopped")) from error
+            raise self._stopped(disk.as_ours(error, f"recording to {self.path} stopped")) from error
         if free < self._reserve:
             why = f"recording to {self.path} stopped: {disk.too_little(free, self._reserve)}"
             raise self._stopped(DiskFullError(why))
@@ -231,10 +198,10 @@ class TakeWriter:
         if self.report is not None:
             return self.report
         try:
-            self._store()
+            self._store(last=True)
             self._file.finish()
         except OSError as error:
-            raise self._stopped(_as_ours(error, f"{self.path} could not be closed")) from error
+            raise self._stopped(disk.as_ours(error, f"{self.path} could not be closed")) from error
         problem = ""
         if not disk.leads_to(disk.part_path(self.path, self._part), self._fd):
             problem = f"{self.path} was moved while it was recorded; the frames are in the file that was moved"
@@ -246,7 +213,7 @@ class TakeWriter:
         return self._finished(clean=not problem, problem=problem)
 
     def _begin_run(self, info: TakeInfo) -> None:
-        self._file.add_run(Run(self._next_run, self._part, info))
+        self._file.add_run(Run(self._next_run, self._part, replace(info, take_id=self.take_id)))
         self._next_run += 1
         self._saw(info.started_ns)
 
@@ -259,16 +226,33 @@ class TakeWriter:
         self._first_ns = log_ns if self._first_ns is None else min(self._first_ns, log_ns)
         self._last_ns = max(self._last_ns, log_ns)
 
-    def _store(self) -> None:
+    def _store(self, *, last: bool = False) -> None:
+        for row in self.accounts.take_rows(last=last):
+            self._file.add(take.NODES, row, self._last_ns)
+        self._check_file()
         self._file.flush()
-        if disk.removed(self._fd):
-            self._pending += self._stored - self._earlier
-            self._stored, self.scenes = self._earlier, 0
-            raise self._stopped(RecordingError(f"{self.path} was removed while it was recorded; begin a new take"))
-        self._stored += self._pending
-        self._pending.clear()
+        self._check_file()
+        self.accounts.commit()
         self.scenes += self._pending_scenes
         self._pending_scenes = 0
+
+    def _check_file(self) -> None:
+        """Raise an error if another program has removed or truncated the file."""
+        if disk.removed(self._fd):
+            raise self._stopped(RecordingError(f"{self.path} was removed while it was recorded; begin a new take"))
+        if disk.size(self._fd) != self._file.size:
+            why = f"{self.path} was changed by another program while it was recorded; begin a new take"
+            raise self._stopped(RecordingError(why))
+
+    def _recount(self) -> None:
+        """Count what is readable on the disk, after the recording has failed."""
+        try:
+            parts = [part for part in disk.parts_of(self.path) if part.exists()]
+            index = index_take(parts) if parts else TakeIndex()
+        except (OSError, InputError, WireError):
+            index = TakeIndex()  # nothing can be read there
+        self.accounts.recount(index.nodes)
+        self.scenes = len(index.scenes)
 
     def _check_open(self) -> None:
         if self.report is not None:
@@ -278,13 +262,17 @@ class TakeWriter:
     def _stopped(self, error: RecordingError) -> RecordingError:
         """Close the take as far as the disk allows; return the error with the stored contents."""
         clean = False
+        intact = not disk.removed(self._fd) and disk.size(self._fd) == self._file.size
         with suppress(OSError):  # the disk is full or failing: then the take has no end, and is readable
-            self._file.finish()
-            clean = self._lock_fd is None and not disk.removed(self._fd)
+            if intact:
+                self._file.finish()
+                clean = self._lock_fd is None
+        if not intact or disk.leads_to(disk.part_path(self.path, self._part), self._fd):
+            self._recount()
         report = self._finished(clean=clean, problem=str(error))
-        unsaved = self.pending
+        stored, unsaved = self.accounts.stored, self.accounts.pending
         return type(error)(
-            f"{error}; {report.path.name} holds the {sum(report.frames.values())} frames before it"
+            f"{error}; {report.path.name} holds the {stored} frames before it"
             + (f", and {unsaved} are lost" if unsaved else "")
         )
 
@@ -300,14 +288,15 @@ class TakeWriter:
         self.report = TakeReport(
             path=self.path,
             parts=parts,
-            frames=dict(self._stored),
-            lost=dict(Counter(self.lost) + self._pending),
-            duplicates=self.duplicates,
+            frames=self.accounts.frames,
+            lost=self.accounts.lost,
+            duplicates=self.accounts.duplicates,
             scenes=self.scenes,
             size_bytes=size,
             seconds=self.seconds,
-            clean=clean,
+            clean=clean and not self.accounts.unknown,
             problem=problem,
+            unknown=self.accounts.unknown,
         )
         return self.report
 
@@ -325,9 +314,3 @@ def _earlier_parts(path: Path) -> TakeIndex:
     if index.first_ns is not None and not index.runs:
         raise disk.name_taken(path, "it exists and is no take that can be gone on with")
     return index
-
-
-def _as_ours(error: OSError, what: str) -> RecordingError:
-    if disk.is_full(error):
-        return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
-    return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")

@@ -95,7 +95,7 @@ class FakeServer:
             self._changed.notify_all()
 
     def _command(self, verb: str, arguments: dict[str, Any], answer: Callable[[bytes], None]) -> None:
-        if verb == "join":
+        if verb in ("join", "leave"):
             answer(msgspec.json.encode(JoinReply(True)))
             return
         answer(msgspec.json.encode(self._obey(verb, arguments)))

@@ -148,7 +148,8 @@ def recording_html(recording: RecordingHealth | None) -> str:
     )
     lost = f'<span style="color:{_RED if recording.lost else _GREEN}">{recording.lost} lost</span>'
     headline = f'<span style="color:{_RED}">●</span> Recording <b>{name}</b>' if recording.active else f"Last: {name}"
-    problem = f'<div style="color:{_RED}">{escape(recording.problem)}</div>' if recording.problem else ""
+    faults = filter(None, (recording.problem, *map(str, recording.unknown)))
+    problem = "".join(f'<div style="color:{_RED}">{escape(fault)}</div>' for fault in faults)
     return _note(f"<div>{headline}</div><div>{facts} · {lost}</div>{problem}", "inherit")
 
 

@@ -1,10 +1,8 @@
-"""A sensor node's link to the bus: frames on two paths, clock probes, queries, and a liveliness token.
+"""A sensor node's link to the bus: frames, what a take lacks of them, clock probes, queries, and a liveliness token.
 
-Live path: best effort, newest wins. Record path: the advanced publisher keeps the last minutes in its cache, from which
-a recording server fetches missed frames. Both drop frames when the link is full, because dropped frames of the record
-path are fetched again; the *replies* must not be dropped, or the frames are lost (measured: with a blocking publisher
-and dropping replies, a server that stood still for two seconds lost frames and delayed the sensor; see
-docs/decisions/0004-two-paths.md).
+Live path: best effort, newest wins. Record path: a queryable, which a recording server asks for the frames that it
+lacks, by number, and with which it acknowledges the frames that are on its disk
+(docs/decisions/0021-acknowledged-frames.md).
 """
 
 from __future__ import annotations
@@ -13,23 +11,30 @@ import contextlib
 import json
 import platform
 import secrets
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Final
 
 import msgspec
 import zenoh
-from zenoh import ext
 
 from mocapella.decoding import decode_json
-from mocapella.errors import NameTakenError
+from mocapella.errors import InputError, NameTakenError, RecordingError, UnstoredFramesError, WireError
 from mocapella.model.frame_types import HISTORY_FRAMES
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
+from mocapella.wire.delivery import read_request
+from mocapella.wire.outbox import Outbox
 from mocapella.wire.session import open_node
+from mocapella.wire.spool import Spool, Spooler
+
+FAREWELL_S: Final = 10.0
+"""How long a node that ends waits until its frames are acknowledged [s]."""
 
 OnQuestion = Callable[[bytes, Callable[[bytes], None]], None]
 """Called with a query and the function that answers it once."""
@@ -42,30 +47,54 @@ def new_node_id() -> int:
 
 @dataclass(frozen=True)
 class JoinReply:
-    """The server's answer to a node that asks to serve a sensor."""
+    """The server's answer to a node that asks to serve a sensor, or that leaves.
+
+    Attributes:
+        accepted: whether the node serves the sensor.
+        message: why not.
+        recording: whether a take is being recorded.
+    """
 
     accepted: bool
     message: str = ""
+    recording: bool = False
 
 
 class NodeLink:
-    """A sensor's link to the bus. A context manager: leaving it notifies the server at once.
+    """A sensor's link to the bus. A context manager: leaving it tells the server the last frame's number.
 
     Args:
         connect: address of the server.
         sensor: name of the sensor.
-        history_frames: number of frames to keep for a recording server.
+        history_frames: number of frames to keep in memory for a recording server.
+        spool: makes the place on the disk for further frames of an open take; None drops them.
+        say: receives messages about frames that are not stored.
 
     Attributes:
         node: identity on the bus.
-        published: number of published frames.
+        outbox: the frames that are kept.
+        farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
+        on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
     """
 
-    def __init__(self, connect: str, sensor: str, *, history_frames: int = HISTORY_FRAMES):
+    def __init__(
+        self,
+        connect: str,
+        sensor: str,
+        *,
+        history_frames: int = HISTORY_FRAMES,
+        spool: Callable[[keys.NodeKey], Spool] | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ):
         self.node = keys.NodeKey(sensor, new_node_id())
         self.address = connect
-        self.published = 0
-        alive = keys.of_node("alive/sensor", self.node)
+        self.farewell_s = FAREWELL_S
+        self.on_published: Callable[[int, bytes, int], None] | None = None
+        self._say = say
+        place = None if spool is None else spool(self.node)
+        self.outbox = Outbox(history_frames, place)
+        self._spooler = Spooler(self.outbox, place, lambda text: say(f"{sensor}: {text}"))
+        self._ended = threading.Event()
         self._session = open_node(connect)
         self._live = self._session.declare_publisher(
             keys.of_node("live", self.node),
@@ -73,27 +102,22 @@ class NodeLink:
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
         )
-        self._record = ext.declare_advanced_publisher(
-            self._session,
-            keys.of_node("record", self.node),
-            cache=ext.CacheConfig(
-                max_samples=history_frames,
-                replies_config=ext.RepliesConfig(congestion_control=zenoh.CongestionControl.BLOCK),
-            ),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.2, sporadic_heartbeat=None),
-            publisher_detection=True,
-            reliability=zenoh.Reliability.RELIABLE,
-            congestion_control=zenoh.CongestionControl.DROP,
-        )
+        self._record_key = keys.of_node("record", self.node)
+        self._record = self._session.declare_queryable(self._record_key, self._deliver)
         self._truth = self._session.declare_publisher(keys.of_node("truth", self.node))
         clock_key = keys.of_node("clock", self.node)
         self._clock = self._session.declare_queryable(
             clock_key, lambda query: query.reply(clock_key, str(time.monotonic_ns()).encode())
         )
-        self._alive = self._session.liveliness().declare_token(alive)
+        self._alive = self._session.liveliness().declare_token(keys.of_node("alive/sensor", self.node))
+
+    @property
+    def published(self) -> int:
+        """Number of published frames."""
+        return self.outbox.next
 
     def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
-        """Number, stamp and publish a frame on both paths, with a simulation's ground truth."""
+        """Number, stamp, keep and publish a frame, with a simulation's ground truth."""
         stamped = msgspec.structs.replace(
             frame,
             sensor=self.node.sensor,
@@ -102,9 +126,10 @@ class NodeLink:
             sent_ns=time.monotonic_ns(),
         )
         data = encode_frame(stamped)
+        self.outbox.add(data, stamped.sent_ns)
         self._live.put(data)
-        self._record.put(data)
-        self.published += 1
+        if self.on_published is not None:
+            self.on_published(stamped.sequence, data, stamped.sent_ns)
         if truth is not None:
             stamped_truth = msgspec.structs.replace(truth, sensor=self.node.sensor, sequence=stamped.sequence)
             self._truth.put(encode_truth(stamped_truth))
@@ -130,23 +155,85 @@ class NodeLink:
         Raises:
             NameTakenError: another connected node serves a sensor of this name.
         """
-        who = {"sensor": self.node.sensor, "node_id": f"{self.node.node_id:016x}", "machine": platform.node()}
-        for reply in self._session.get(keys.of_command("join"), payload=json.dumps(who), timeout=timeout):
-            if reply.ok is None:
-                continue
-            answer = decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")
-            if not answer.accepted:
-                raise NameTakenError(answer.message)
-            return True
-        return False
+        answer = self._tell("join", timeout)
+        if answer is not None and not answer.accepted:
+            raise NameTakenError(answer.message)
+        return answer is not None
 
     def server_is_there(self) -> bool:
         """Whether a server is connected now."""
         return any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
 
     def close(self) -> None:
-        """Leave the bus."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        """Tell the server the last frame's number, wait until all frames are acknowledged, and leave the bus.
+
+        Only frames of an open take are waited for, and at most `farewell_s`.
+
+        Raises:
+            UnstoredFramesError: frames of an open take are not acknowledged; names the files that keep them.
+        """
+        try:
+            self._ended.clear()
+            self.outbox.leave()
+            self._say_farewell()
+        finally:
+            self._session.close()  # type: ignore[no-untyped-call]
+            self._spooler.close()
+        if self._spooler.missing:
+            kept = self._spooler.kept
+            where = f"they are in {', '.join(kept)}: mocapella take merge TAKE FILE adds them"
+            raise UnstoredFramesError(
+                f"{self.node.sensor}: {self._spooler.missing} frames are not stored by the server; "
+                + (where if kept else "they are lost")
+            )
+
+    def _say_farewell(self) -> None:
+        """Wait for the acknowledgement of the last frame, if a take is open; a server may come back meanwhile."""
+        deadline = time.monotonic() + self.farewell_s
+        answer: JoinReply | None = None
+        while True:
+            if answer is None:
+                answer = self._tell("leave", min(0.5, self.farewell_s))
+            recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
+            if not (recording or self.outbox.holds) or time.monotonic() >= deadline:
+                return
+            time.sleep(0.02)
+            if not self.server_is_there():
+                answer = None  # one that is started again does not know the last number
+
+    def _tell(self, verb: str, timeout: float) -> JoinReply | None:
+        """Send a command about this node; return the answer, None without a server."""
+        who = {
+            "sensor": self.node.sensor,
+            "node_id": f"{self.node.node_id:016x}",
+            "machine": platform.node(),
+            "next": self.outbox.next,
+        }
+        for reply in self._session.get(keys.of_command(verb), payload=json.dumps(who), timeout=timeout):
+            if reply.ok is not None:
+                with contextlib.suppress(InputError):  # of an older server, which does not know the verb
+                    return decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")
+        return None
+
+    def _deliver(self, query: zenoh.Query) -> None:
+        """Answer a recording server: the frames that it lacks, and then this node's state."""
+        with contextlib.suppress(zenoh.ZError):  # the other side has left, or this node is closing
+            try:
+                request = read_request(query.payload.to_bytes() if query.payload is not None else b"")
+            except WireError as error:
+                query.reply_err(str(error).encode())
+                return
+            answer = self.outbox.update(request, time.monotonic_ns())
+            self._spooler.begin()
+            try:
+                for data in self.outbox.wanted(request):
+                    query.reply(self._record_key, data)
+            except RecordingError as error:
+                self._say(f"{self.node.sensor}: {error}")
+            query.reply(self._record_key, msgspec.json.encode(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
+            query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
+            if request.end is not None or request.closed:
+                self._ended.set()
 
     def __enter__(self) -> NodeLink:
         return self
@@ -154,4 +241,9 @@ class NodeLink:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except UnstoredFramesError as unstored:
+            if error is None:
+                raise
+            self._say(str(unstored))

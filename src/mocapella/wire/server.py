@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from datetime import timedelta
 from typing import Any
 
 import msgspec
 import zenoh
-from zenoh import ext
 
 from mocapella.decoding import decode_json
 from mocapella.errors import InputError, WireError
@@ -18,6 +16,7 @@ from mocapella.model.session import CommandReply
 from mocapella.supervision import Boundary
 from mocapella.wire import keys
 from mocapella.wire.clock import ClockProbe, read_clock
+from mocapella.wire.delivery import FrameAnswer, FrameRequest, read_answer
 from mocapella.wire.session import open_server
 
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
@@ -27,13 +26,11 @@ OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
 """Called with the verb, its arguments, and the function that answers it, an `Answer`."""
 OnNonsense = Callable[[str], None]
 
-_CACHES = "@adv/pub/**"
-"""Suffix of the key under which an advanced publisher's cache answers."""
-_HISTORY_TIMEOUT_S = 30.0
+REQUEST_TIMEOUT_S = 2.0
+"""How long a node may take to answer a request for frames [s]."""
 _PROBES = 8
 _MAX_CLIENT = 32
 """Bytes of a client's name that are read."""
-_RECOVER_EVERY = timedelta(seconds=0.5)
 
 
 class Answer:
@@ -56,20 +53,21 @@ class Answer:
 class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
-    ``errors`` catches unexpected errors of callbacks.
+    Attributes:
+        on_nonsense: is called with a description of each message that cannot be read.
+        errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
         AddressInUseError, BusError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
-        self._errors = errors or Boundary()
+        self.errors = errors or Boundary()
         self._session = open_server(listen)
-        self._on_nonsense = on_nonsense
+        self.on_nonsense = on_nonsense
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
-        self._record: Any = None
         self._serving: list[Any] = []
 
     def serve(self, *, on_frame: OnFrame, on_truth: OnFrame, on_alive: OnAlive, on_command: OnCommand) -> None:
@@ -91,42 +89,43 @@ class ServerLink:
         """Publish the session's status."""
         self._status.put(data)
 
-    def start_record_path(self, on_frame: OnFrame) -> None:
-        """Begin to receive the record path; frames lost from now on are fetched from the node's cache.
+    def request_frames(
+        self,
+        node: keys.NodeKey,
+        request: FrameRequest,
+        on_frame: OnFrame,
+        on_answer: Callable[[FrameAnswer], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Tell a node which of its frames are stored, and ask for those that are missing; return at once.
 
-        Earlier frames are not fetched: with a history, or with heartbeats to detect losses, the bus may fetch all that
-        a node keeps (measured; docs/decisions/0004-two-paths.md). `fetch_history` requests earlier frames.
+        ``on_frame`` is called with each frame in order, then ``on_answer`` with the node's state, if it answers within
+        `REQUEST_TIMEOUT_S`, and in any case ``on_end`` at last.
         """
-        self._record = ext.declare_advanced_subscriber(
-            self._session,
-            keys.ALL_RECORD,
-            self._forwarding(on_frame),
-            recovery=ext.RecoveryConfig(
-                periodic_queries=_RECOVER_EVERY,  # type: ignore[arg-type]  # a timedelta, whatever zenoh's stub says
-                heartbeat=None,
-            ),
-            subscriber_detection=True,
-        )
 
-    def fetch_history(self, on_frame: OnFrame, history_s: float) -> None:
-        """Request the frames of the last ``history_s`` seconds from the caches of all connected nodes.
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is None:
+                return
+            data, arrived = reply.ok.payload.to_bytes(), time.monotonic_ns()
+            if reply.ok.encoding != zenoh.Encoding.APPLICATION_JSON:
+                on_frame(node, data, arrived)
+                return
+            try:
+                on_answer(read_answer(data))
+            except WireError as error:
+                self.on_nonsense(f"{node.sensor}: {error}")
 
-        Returns at once; the frames arrive like those of the record path, also frames received before.
-        """
-        pass_on = self._forwarding(on_frame)
-        self._session.get(
-            f"{keys.ALL_RECORD}/{_CACHES}?_anyke;_time=[now(-{history_s:.3f}s)..]",
-            lambda reply: None if reply.ok is None else pass_on(reply.ok),
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_HISTORY_TIMEOUT_S,
-        )
-
-    def stop_record_path(self) -> None:
-        """Stop receiving the record path."""
-        if self._record is not None:
-            self._record.undeclare()
-            self._record = None
+        try:
+            self._session.get(
+                keys.of_node("record", node),
+                zenoh.handlers.Callback(on_reply, on_end),
+                payload=msgspec.json.encode(request),
+                congestion_control=zenoh.CongestionControl.BLOCK,  # of the replies, too
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=REQUEST_TIMEOUT_S,
+            )
+        except zenoh.ZError:  # this server is closing
+            on_end()
 
     def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
         """Query the node's monotonic clock several times in sequence, until it leaves a query unanswered.
@@ -156,38 +155,38 @@ class ServerLink:
             try:
                 node = keys.node_of(str(sample.key_expr))
             except WireError as error:
-                self._on_nonsense(str(error))
+                self.on_nonsense(str(error))
                 return
             pass_on(node, sample.payload.to_bytes(), arrived)
 
-        return self._errors.wrap("message of the bus", callback)
+        return self.errors.wrap("message of the bus", callback)
 
     def _watching(self, on_alive: OnAlive) -> Callable[[zenoh.Sample], None]:
         def callback(sample: zenoh.Sample) -> None:
             try:
                 node = keys.node_of(str(sample.key_expr))
             except WireError as error:
-                self._on_nonsense(str(error))
+                self.on_nonsense(str(error))
                 return
             on_alive(node, sample.kind == zenoh.SampleKind.PUT)
 
-        return self._errors.wrap("token of the bus", callback)
+        return self.errors.wrap("token of the bus", callback)
 
     def _answering(self, on_command: OnCommand) -> Callable[[zenoh.Query], None]:
         def callback(query: zenoh.Query) -> None:
             verb = str(query.key_expr).rpartition("/")[2]
             if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
-                self._on_nonsense(f"command {verb}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
+                self.on_nonsense(f"command {verb}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are too long")))
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b"{}"
             try:
                 arguments = decode_json(payload or b"{}", dict[str, Any], what="JSON object")
             except InputError as error:
-                self._on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
+                self.on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
                 return
 
             on_command(verb, arguments, Answer(query))
 
-        return self._errors.wrap("command of the bus", callback)
+        return self.errors.wrap("command of the bus", callback)

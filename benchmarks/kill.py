@@ -1,0 +1,198 @@
+"""Random ``kill -9`` of a recording server, of its nodes, and of both: what is stored, acknowledged, and lost.
+
+Two nodes of 60 Hz send to a server that records; every second or so one of the processes is killed and started again,
+the server with the same command. At the end the nodes end, then the server. Each node has logged which frames were
+acknowledged, and when. ``--quick`` kills 12 times, the full run 1,000 times, which takes an hour.
+"""
+
+from __future__ import annotations
+
+import random
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from benchmarks.harness import Row, at_most, measured
+from mocapella.live.launch import free_port
+from mocapella.recording.merge import merge_frames
+from mocapella.recording.take import NodeFrames
+from mocapella.recording.take_reader import Take, read_take
+
+SEED = 23
+KILLS = 1000
+QUICK_KILLS = 12
+SENSORS = ("front", "side")
+READY = "waiting for sensors at"
+QUIET_S = 5.0
+"""Time without kills before the first and after the last, in which the lag is measured: else it is the outages'."""
+
+
+@dataclass
+class Log:
+    """What a node logged: number, and times of sending and acknowledgement [ns]; and its last number, if it ended."""
+
+    node_id: int
+    acknowledged: list[tuple[int, int, int]] = field(default_factory=list)
+    sent: int | None = None
+    published: int = 0
+
+
+def run(quick: bool = False) -> list[Row]:
+    kills = QUICK_KILLS if quick else KILLS
+    with tempfile.TemporaryDirectory(prefix="mocapella-kills-") as folder:
+        session = Session(Path(folder))
+        try:
+            session.run(kills)
+        finally:
+            session.kill_all()
+        logs = [_read_log(path) for path in sorted(Path(folder).glob("*.log")) if path.stat().st_size]
+        path = Path(folder) / "take.mcap"
+        rows = _rows(kills, session, logs, read_take(path))
+        merge_frames(path, sorted((Path(folder) / "spool").glob("*.mcap")), reserve_bytes=0)
+        left = sum(node.lost for node in read_take(path).complete())
+        return [*rows, measured(f"kill: {kills} kills: lost after the spools are merged", left, "frames")]
+
+
+class Session:
+    """The processes, and when nothing was killed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._port = folder, free_port()
+        self._random = random.Random(SEED)
+        self.listening_s: list[float] = []
+        self.quiet_ns: list[tuple[int, int]] = []
+        self._nodes = [self._node(sensor) for sensor in SENSORS]
+        self._server = self._start_server()
+
+    def run(self, kills: int) -> None:
+        """Kill and start again, and end all properly."""
+        self._rest()
+        for _ in range(kills):
+            what = self._random.choice(("server", "node", "both"))
+            if what != "server":
+                self._kill_node(self._random.randrange(len(SENSORS)))
+            if what != "node":
+                self._kill_server()
+            time.sleep(self._random.uniform(0.2, 1.5))
+        self._rest()
+        for node in self._nodes:
+            node.send_signal(signal.SIGTERM)
+        for node in self._nodes:
+            node.wait(60)
+        self._server.send_signal(signal.SIGINT)
+        self._server.wait(120)
+
+    def _rest(self) -> None:
+        """Wait until all is as before a kill, and then for a while."""
+        time.sleep(4.0)
+        began_ns = time.monotonic_ns()
+        time.sleep(QUIET_S)
+        self.quiet_ns.append((began_ns, time.monotonic_ns() - round(0.5 * 1e9)))
+
+    def kill_all(self) -> None:
+        """End what still runs."""
+        for process in (*self._nodes, self._server):
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+    def _kill_node(self, place: int) -> None:
+        self._nodes[place].kill()
+        self._nodes[place].wait()
+        self._nodes[place] = self._node(SENSORS[place])
+
+    def _kill_server(self) -> None:
+        self._server.kill()
+        self._server.wait()
+        time.sleep(self._random.uniform(0.0, 1.0))
+        self._server = self._start_server()
+
+    def _node(self, sensor: str) -> subprocess.Popen[bytes]:
+        words = ["--connect", f"tcp/127.0.0.1:{self._port}", "--sensor", sensor, "--folder", str(self._folder)]
+        return subprocess.Popen([sys.executable, "-m", "benchmarks._kill_node", *words], stdin=subprocess.DEVNULL)
+
+    def _start_server(self) -> subprocess.Popen[bytes]:
+        began = time.monotonic()
+        said = self._folder / "server.txt"
+        words = ["serve", "--no-view", "--port", str(self._port), "--method", "stand-still", "--record", "./take.mcap"]
+        with said.open("wb") as out:
+            server = subprocess.Popen(
+                [sys.executable, "-m", "mocapella", *words, "--set", "reserve_gib=0"],
+                cwd=self._folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=out,
+            )  # fmt: skip
+        while not _listens(self._port):
+            time.sleep(0.01)
+        self.listening_s.append(time.monotonic() - began)
+        while READY not in said.read_text(encoding="utf-8") and server.poll() is None:
+            time.sleep(0.02)
+        return server
+
+
+def _rows(kills: int, session: Session, logs: list[Log], take: Take) -> list[Row]:
+    nodes = {node.node_id: node for node in take.complete()}
+    stored: dict[int, set[int]] = {}
+    for frame in take.frames():
+        stored.setdefault(frame.frame.node_id, set()).add(frame.frame.sequence)
+    gone = sum(len({number for number, *_ in log.acknowledged} - stored.get(log.node_id, set())) for log in logs)
+    ended = [(log.sent, nodes[log.node_id]) for log in logs if log.sent is not None and log.node_id in nodes]
+    unsaid = [log for log in logs if log.sent is None and log.node_id in nodes and nodes[log.node_id].end_known]
+    lags = sorted(_lags_ms(logs, session.quiet_ns))
+    label = f"kill: {kills} kills:"
+    return [
+        measured(f"{label} frames sent", sum(log.published for log in logs), "frames"),
+        measured(f"{label} frames acknowledged", sum(len(log.acknowledged) for log in logs), "frames"),
+        measured(f"{label} frames stored", take.frame_count, "frames"),
+        measured(f"{label} frames reported lost", sum(node.lost for node in nodes.values()), "frames"),
+        measured(f"{label} acknowledged but lost", gone, "frames", goal=at_most(0)),
+        measured(f"{label} sent ≠ stored + lost, of nodes that ended", _wrong(ended), "nodes", goal=at_most(0)),
+        measured(f"{label} nodes killed, and reported as complete", len(unsaid), "nodes", goal=at_most(0)),
+        measured(f"{label} acknowledgement lag, median", statistics.median(lags), "ms"),
+        measured(f"{label} acknowledgement lag, p99", lags[int(0.99 * len(lags))], "ms", goal=at_most(150)),
+        measured(f"{label} until it listens again, median", statistics.median(session.listening_s), "s"),
+        measured(f"{label} until it listens again, longest", max(session.listening_s), "s", goal=at_most(2)),
+    ]
+
+
+def _wrong(ended: list[tuple[int, NodeFrames]]) -> int:
+    return sum(sent - node.first != node.stored + node.lost or not node.end_known for sent, node in ended)
+
+
+def _lags_ms(logs: list[Log], quiet_ns: list[tuple[int, int]]) -> list[float]:
+    """Return the lags of the frames that were sent while nothing was killed."""
+    return [
+        (acknowledged - sent) / 1e6
+        for log in logs
+        for _, sent, acknowledged in log.acknowledged
+        if any(begin <= sent <= end for begin, end in quiet_ns)
+    ]
+
+
+def _read_log(path: Path) -> Log:
+    log = Log(0)
+    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
+        first, *rest = line.split()
+        if not line.endswith("\n"):
+            break
+        if first == "node":
+            log.node_id = int(rest[0], 16)
+        elif first == "sent":
+            log.published = int(rest[0]) + 1
+        elif first == "end":
+            log.sent = int(rest[0])
+        elif first.isdigit() and len(rest) == 2:
+            log.acknowledged.append((int(first), int(rest[0]), int(rest[1])))
+    return log
+
+
+def _listens(port: int) -> bool:
+    try:
+        with socket.create_connection(("127.0.0.1", port), 0.2):
+            return True
+    except OSError:
+        return False

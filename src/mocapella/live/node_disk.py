@@ -1,0 +1,104 @@
+"""A node's own disk: the spool of frames that no server has stored, and a take of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from mocapella.errors import RecordingError
+from mocapella.live.recorder import Recorder
+from mocapella.model.frame_types import HISTORY_FRAMES
+from mocapella.model.session import Setup
+from mocapella.recording.disk import GIB
+from mocapella.recording.ledger import NodeLedger
+from mocapella.recording.spool import SPOOL_FOLDER, DiskSpool, SpoolLimits
+from mocapella.recording.take import TakeInfo, new_take_id
+from mocapella.recording.take_writer import TakeWriter
+from mocapella.wire.keys import NodeKey
+from mocapella.wire.node import FAREWELL_S, NodeLink
+
+
+@dataclass(frozen=True)
+class NodeDisk:
+    """What a node writes to its own disk.
+
+    Attributes:
+        spool: folder of the frames of an open take that the server has not stored; made when it is needed.
+        record: take with all frames of the node; None records none.
+        reserve_bytes: free space that both leave.
+        farewell_s: longest wait at the end until the server has stored all frames of an open take [s]; the spool
+            keeps the others.
+    """
+
+    spool: Path = SPOOL_FOLDER
+    record: Path | None = None
+    reserve_bytes: int = GIB
+    farewell_s: float = FAREWELL_S
+
+
+@contextmanager
+def open_link(
+    connect: str,
+    sensor: str,
+    disk: NodeDisk | None = None,
+    *,
+    history_frames: int = HISTORY_FRAMES,
+    say: Callable[[str], None] = lambda text: None,
+) -> Iterator[NodeLink]:
+    """Open a node's link to the bus, with its spool, and record its frames if wanted, within this context.
+
+    Args:
+        connect: address of the server.
+        sensor: name of the sensor.
+        disk: what to write; by default the spool only.
+        history_frames: number of frames to keep in memory.
+        say: receives messages about frames that are not stored.
+
+    Raises:
+        RecordingError: the take cannot be begun, or it stopped.
+        UnstoredFramesError: as `NodeLink.close`.
+    """
+    disk = disk or NodeDisk()
+    limits = SpoolLimits(disk.reserve_bytes)
+    with ExitStack() as stack:
+        own = None if disk.record is None else stack.enter_context(_recording(disk.record, disk.reserve_bytes, say))
+        link = NodeLink(
+            connect,
+            sensor,
+            history_frames=history_frames,
+            spool=lambda node: DiskSpool(disk.spool, node.sensor, node.node_id, limits),
+            say=say,
+        )
+        link.farewell_s = disk.farewell_s
+        stack.enter_context(link)
+        if own is not None:
+            link.on_published = partial(_record, own, link.node)
+            stack.callback(lambda: own.account(link.node, lambda ledger: ledger.finish(link.published)))
+        yield link
+
+
+@contextmanager
+def _recording(path: Path, reserve_bytes: int, say: Callable[[str], None]) -> Iterator[Recorder]:
+    info = TakeInfo(Setup(), time.time_ns(), time.monotonic_ns(), take_id=new_take_id())
+    recorder = Recorder(TakeWriter.create(path, info=info, reserve_bytes=reserve_bytes), say)
+    try:
+        yield recorder
+    finally:
+        health = recorder.close()
+    if health.problem:
+        raise RecordingError(health.problem)
+    say(f"recorded {health.frames} frames in {health.path}")
+
+
+def _record(recorder: Recorder, node: NodeKey, sequence: int, data: bytes, sent_ns: int) -> None:
+    if sequence == 0:
+        recorder.account(node, _begin)
+    recorder.frame(node, data, sent_ns, sequence)
+
+
+def _begin(ledger: NodeLedger) -> bool:
+    return ledger.expect(0)

@@ -1,0 +1,85 @@
+"""Frames that a take lacks and other files have: spools of nodes, or takes that nodes recorded themselves.
+
+A node's number is random, so a frame is found by sensor, node and number whichever file has it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mocapella.errors import DamagedTakeError
+from mocapella.recording import take
+from mocapella.recording.ledger import LedgerRow, NodeLedger
+from mocapella.recording.take_index import FrameRef, TakeIndex
+
+
+@dataclass(frozen=True)
+class FoundFrames:
+    """Frames to be added to a take.
+
+    Attributes:
+        frames: file and place of each frame.
+        rows: accounts of their nodes.
+        log_ns: storage time that they get: the take's last one, because other files have other clocks.
+    """
+
+    frames: tuple[tuple[Path, FrameRef], ...]
+    rows: tuple[LedgerRow, ...]
+    log_ns: int
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Number of frames by sensor."""
+        return Counter(ref.sensor for _, ref in self.frames)
+
+    @property
+    def sources(self) -> list[Path]:
+        """Files that they are in."""
+        return list(dict.fromkeys(path for path, _ in self.frames))
+
+    def read(self) -> Iterator[tuple[str, bytes, int]]:
+        """Yield topic, bytes and number of each frame.
+
+        Raises:
+            DamagedTakeError: a file became shorter.
+        """
+        for path in self.sources:
+            with path.open("rb") as file:
+                for ref in (ref for source, ref in self.frames if source == path):
+                    file.seek(ref.ref.offset)
+                    data = file.read(ref.ref.length)
+                    if len(data) != ref.ref.length:
+                        raise DamagedTakeError("became shorter while it was read", file=path)
+                    yield take.FRAMES + ref.sensor, data, ref.sequence
+
+
+def found_frames(index: TakeIndex, others: Sequence[tuple[Path, TakeIndex]]) -> FoundFrames:
+    """Find the frames that belong to a take and are in other files only.
+
+    A node that the take does not know is added if the file was kept for this take.
+    """
+    frames: list[tuple[Path, FrameRef]] = []
+    changed: dict[tuple[str, int], NodeLedger] = {}
+    for path, other in others:
+        same = _take_id(other) == _take_id(index) != ""
+        for node, theirs in other.nodes.items():
+            if node not in index.nodes and not same:
+                continue
+            ours = index.nodes.setdefault(node, NodeLedger())
+            if (same and ours.expect(theirs.first)) or (theirs.end is not None and ours.finish(theirs.end)):
+                changed[node] = ours
+        for ref in other.frames:
+            ledger = index.nodes.get((ref.sensor, ref.node_id))
+            if ledger is not None and ledger.receive(ref.sequence):
+                frames.append((path, ref))
+                changed[ref.sensor, ref.node_id] = ledger
+    rows = tuple(ledger.row(*node) for node, ledger in changed.items() if ledger.agreed)
+    frames.sort(key=lambda found: (found[1].sensor, found[1].node_id, found[1].sequence))
+    return FoundFrames(tuple(frames), rows, index.last_ns)
+
+
+def _take_id(index: TakeIndex) -> str:
+    return index.runs[0].info.take_id if index.runs else ""

@@ -1,0 +1,294 @@
+"""Frames that a node has sent and a recording server may still ask for, by number; without threads or clocks.
+
+Without a take, the newest frames are kept in memory. While a take is open, also while its server is away, every frame
+from the first that is not acknowledged on is kept: in memory first, then in a `Store`. What no longer fits is dropped
+from the oldest end, and counted.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
+
+from mocapella.errors import RecordingError
+from mocapella.wire.delivery import MOST_ANSWER_BYTES, MOST_FRAMES, FrameAnswer, FrameRequest
+
+MOST_TAKES: Final = 8
+"""Open takes for which a node keeps frames."""
+
+
+class Store(Protocol):
+    """A place on the disk for frames that do not fit into memory; its fake is a dictionary."""
+
+    def write(self, first: int, frames: Sequence[bytes]) -> None:
+        """Store consecutive frames; ``first`` is the first one's number.
+
+        Raises:
+            RecordingError: there is no space, or the disk failed; nothing is stored.
+        """
+        ...
+
+    def read(self, first: int) -> Sequence[bytes]:
+        """Return frames as written.
+
+        Raises:
+            RecordingError: they cannot be read.
+        """
+        ...
+
+    def remove(self, first: int) -> None:
+        """Remove frames as written; an error of the disk is ignored."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Claim of a take on frames.
+
+    Attributes:
+        stored: number of the first frame that is not acknowledged.
+        end: number after the last frame; None while the take goes on.
+        closed: whether the take is closed, and lacks these frames.
+    """
+
+    stored: int
+    end: int | None = None
+    closed: bool = False
+
+    def numbers(self, after: int) -> range:
+        """Return the numbers of the frames; ``after`` is the number of the node's next frame."""
+        return range(self.stored, after if self.end is None else min(self.end, after))
+
+
+class _Sent(NamedTuple):
+    data: bytes
+    sent_ns: int
+
+
+class _Spilled(NamedTuple):
+    first: int
+    last: int
+    last_sent_ns: int
+
+
+class Outbox:
+    """The frames of one node that are still available: consecutive numbers up to the newest.
+
+    Methods may be called on any thread.
+
+    Args:
+        most: number of frames that are kept in memory.
+        store: for the frames of an open take that do not fit; None drops them.
+
+    Attributes:
+        dropped: number of frames that a take needed, and that are no longer available.
+    """
+
+    def __init__(self, most: int, store: Store | None = None) -> None:
+        self.dropped = 0
+        self._most, self._store = most, store
+        self._lock = threading.RLock()
+        self._spilled: deque[_Spilled] = deque()
+        self._memory: deque[_Sent] = deque()
+        self._next = 0
+        self._forgotten_ns = -1
+        self._holds: dict[str, Hold] = {}
+        self._leaving = False
+        self._read: tuple[int, Sequence[bytes]] = (-1, ())
+
+    @property
+    def next(self) -> int:
+        """Number of the next frame."""
+        return self._next
+
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest frame that is available; `next` if there is none."""
+        return self._spilled[0].first if self._spilled else self._next - len(self._memory)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether more frames are in memory than it is meant for."""
+        return len(self._memory) > self._most
+
+    @property
+    def spilled(self) -> bool:
+        """Whether frames are in the store."""
+        return bool(self._spilled)
+
+    @property
+    def holds(self) -> dict[str, Hold]:
+        """The claims of takes that do not have all their frames yet."""
+        with self._lock:
+            return dict(self._holds)
+
+    def add(self, data: bytes, sent_ns: int) -> None:
+        """Add the next frame; ``sent_ns`` is on the node's monotonic clock."""
+        with self._lock:
+            self._memory.append(_Sent(data, sent_ns))
+            self._next += 1
+            if len(self._memory) > self._most:
+                self._make_room()
+
+    def leave(self) -> None:
+        """Note that no frame will follow."""
+        with self._lock:
+            self._leaving = True
+
+    def update(self, request: FrameRequest, now_ns: int) -> FrameAnswer:
+        """Take over the state of a take, and return the node's."""
+        with self._lock:
+            first = self._since(now_ns - request.age_ns) if request.stored is None else request.stored
+            hold = Hold(first, request.end, request.closed)
+            if self._settled(hold):
+                self._holds.pop(request.take, None)
+            elif request.take in self._holds or len(self._holds) < MOST_TAKES:
+                self._holds[request.take] = hold
+            self._forget()
+            return FrameAnswer(self._next, self.oldest, first, self._leaving)
+
+    def wanted(self, request: FrameRequest) -> Iterator[bytes]:
+        """Yield the wanted frames that are available, in order, as many as one answer has.
+
+        Raises:
+            RecordingError: the store cannot be read.
+        """
+        count = size = 0
+        for first, last in request.wanted:
+            number = max(first, self.oldest)
+            while number <= min(last, self._next - 1) and count < MOST_FRAMES and size < MOST_ANSWER_BYTES:
+                data = self.frame(number)
+                if data is None:  # dropped meanwhile
+                    return
+                yield data
+                number, count, size = number + 1, count + 1, size + len(data)
+
+    def frame(self, number: int) -> bytes | None:
+        """Return a frame; None if it is not available.
+
+        Raises:
+            RecordingError: the store cannot be read.
+        """
+        with self._lock:
+            place = number - (self._next - len(self._memory))
+            if not self.oldest <= number < self._next:
+                return None
+            if place >= 0:
+                return self._memory[place].data
+            part = next(part for part in self._spilled if part.first <= number <= part.last)
+        return self._stored(part)[number - part.first]  # the disk is not waited for under the lock
+
+    def _stored(self, part: _Spilled) -> Sequence[bytes]:
+        """Read a part, or return it if it was the last one that was read."""
+        last = self._read
+        if last[0] != part.first:
+            assert self._store is not None
+            last = self._read = part.first, self._store.read(part.first)
+        if len(last[1]) != part.last - part.first + 1:
+            raise RecordingError(f"spooled frames {part.first} to {part.last} are damaged; they count as lost")
+        return last[1]
+
+    def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
+        """Yield number and bytes of the available frames; those that the store cannot give are left out."""
+        for number in numbers:
+            try:
+                data = self.frame(number)
+            except RecordingError:
+                continue
+            if data is not None:
+                yield number, data
+
+    def release(self, take: str) -> None:
+        """Drop the claim of a take."""
+        with self._lock:
+            self._holds.pop(take, None)
+            self._forget()
+
+    def waiting_ns(self, now_ns: int) -> int:
+        """Return for how long the oldest frame in memory has waited for an acknowledgement; 0 without a take."""
+        with self._lock:
+            return now_ns - self._memory[0].sent_ns if self._holds and self._memory else 0
+
+    def spill(self) -> bool:
+        """Move the frames in memory that a take needs to the store; return False if that is impossible.
+
+        The disk is not waited for under the lock, so frames can be added meanwhile.
+        """
+        with self._lock:
+            self._forget()
+            first, frames = self._next - len(self._memory), list(self._memory)
+        if not frames or not self._holds or self._store is None:
+            return False
+        try:
+            self._store.write(first, [frame.data for frame in frames])
+        except RecordingError:
+            return False
+        with self._lock:
+            self._spilled.append(_Spilled(first, first + len(frames) - 1, frames[-1].sent_ns))
+            while self._memory and self._next - len(self._memory) < first + len(frames):
+                self._memory.popleft()
+            self._forget()
+        return True
+
+    def drop_oldest(self) -> None:
+        """Drop the oldest spilled frames, or else the oldest frame in memory, to make room."""
+        with self._lock:
+            if self._spilled:
+                part = self._spilled[0]
+                self._count_dropped(part.first, part.last)
+                self._forget_spilled()
+            elif self._memory:
+                number = self._next - len(self._memory)
+                self._count_dropped(number, number)
+                self._forgotten_ns = self._memory.popleft().sent_ns
+
+    def _make_room(self) -> None:
+        """Drop frames beyond the memory's bound; a take's frames at twice the bound, for they are spilled before."""
+        if not self._holds:
+            self._forgotten_ns = self._memory.popleft().sent_ns
+        elif len(self._memory) > 2 * self._most:
+            while self._spilled:  # numbers stay consecutive
+                self.drop_oldest()
+            self.drop_oldest()
+
+    def _count_dropped(self, first: int, last: int) -> None:
+        for hold in self._holds.values():
+            needed = hold.numbers(self._next)
+            self.dropped += max(0, min(last + 1, needed.stop) - max(first, needed.start))
+
+    def _settled(self, hold: Hold) -> bool:
+        known = hold.closed or hold.end is not None
+        return known and not hold.numbers(self._next) and (hold.end is None or hold.end <= self._next)
+
+    def _forget(self) -> None:
+        """Drop what no take needs any more, unless there is no open take: then the newest frames stay."""
+        if not self._holds:
+            while self._spilled:
+                self._forget_spilled()
+            while len(self._memory) > self._most:
+                self._forgotten_ns = self._memory.popleft().sent_ns
+            return
+        needed = min(hold.stored for hold in self._holds.values())
+        while self._spilled and self._spilled[0].last < needed:
+            self._forget_spilled()
+        while not self._spilled and self._memory and self._next - len(self._memory) < needed:
+            self._forgotten_ns = self._memory.popleft().sent_ns
+
+    def _forget_spilled(self) -> None:
+        part = self._spilled.popleft()
+        self._forgotten_ns = part.last_sent_ns
+        if self._store is not None:
+            self._store.remove(part.first)
+
+    def _since(self, began_ns: int) -> int:
+        """Return the number of the first frame sent since a time; 0 if such frames are no longer available."""
+        if self._forgotten_ns >= began_ns:
+            return 0
+        for part in self._spilled:
+            if part.last_sent_ns >= began_ns:
+                return part.first
+        later = sum(1 for sent in self._memory if sent.sent_ns >= began_ns)
+        return self._next - later

@@ -1,0 +1,110 @@
+"""Spooling of a node: moves the frames that a take needs from memory to the disk while the server does not store them.
+
+A kill of the node then costs at most the frames of the last seconds, and an outage of hours does not fill the memory.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final, Protocol
+
+from mocapella.errors import RecordingError
+from mocapella.wire.outbox import Hold, Outbox, Store
+
+SPILL_AFTER_S: Final = 2.0
+"""Frames that wait longer for an acknowledgement are moved to the disk [s]."""
+_EVERY_S: Final = 0.5
+
+
+class Spool(Store, Protocol):
+    """A node's place on the disk."""
+
+    def keep(self, take: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
+        """Write the available of the numbered frames into a file that can be merged into the take; return its path.
+
+        Raises:
+            RecordingError: the disk is full or failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Remove what is not needed any more."""
+        ...
+
+
+class Spooler:
+    """A thread that spills an `Outbox`, from `begin` to `close`.
+
+    Args:
+        outbox: of the node.
+        spool: the place on the disk; None if there is none.
+        say: receives a message when frames are lost, or are kept in a file.
+
+    Attributes:
+        kept: files with frames of takes that lack them.
+    """
+
+    def __init__(self, outbox: Outbox, spool: Spool | None, say: Callable[[str], None]) -> None:
+        self._outbox, self._spool, self._say = outbox, spool, say
+        self.kept: list[str] = []
+        self._missing: dict[str, int] = {}
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._dropped = 0
+
+    @property
+    def missing(self) -> int:
+        """Number of frames that takes lack at their end."""
+        return sum(self._missing.values())
+
+    def begin(self) -> None:
+        """Start the thread if a take holds frames and it does not run."""
+        if self._thread is None and self._outbox.holds and not self._stop.is_set():
+            self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, and keep all frames that takes lack in files."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        for take, hold in self._outbox.holds.items():
+            self._keep(take, hold)
+        if self._spool is not None and not self._outbox.spilled:
+            self._spool.close()
+
+    def update(self, now_ns: int) -> None:
+        """Spill once if it is due; without space, the oldest frames are dropped until it succeeds.
+
+        Frames that a closed take lacks are kept in a file.
+        """
+        outbox = self._outbox
+        for take, hold in outbox.holds.items():
+            if hold.closed:
+                self._keep(take, hold)
+        if outbox.waiting_ns(now_ns) > SPILL_AFTER_S * 1e9:
+            while not outbox.spill() and outbox.crowded and outbox.spilled:
+                outbox.drop_oldest()
+        if outbox.dropped > self._dropped:
+            self._say(f"{outbox.dropped - self._dropped} frames of an open take are lost: memory and disk are full")
+            self._dropped = outbox.dropped
+
+    def _keep(self, take: str, hold: Hold) -> None:
+        numbers = hold.numbers(self._outbox.next)
+        self._missing[take] = len(numbers)
+        if numbers and self._spool is not None:
+            try:
+                path = self._spool.keep(take, self._outbox.frames(numbers), numbers)
+            except RecordingError as error:
+                self._say(f"{len(numbers)} frames that a take lacks cannot be kept: {error}")
+                return  # parts that were spilled before stay
+            self.kept.append(str(path))
+            self._say(f"{len(numbers)} frames that a take lacks are kept in {path}")
+        self._outbox.release(take)
+
+    def _run(self) -> None:
+        while not self._stop.wait(_EVERY_S):
+            self.update(time.monotonic_ns())

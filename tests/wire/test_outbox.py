@@ -1,0 +1,272 @@
+"""What a node keeps for a recording server: in memory, on the disk, and for how long."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pytest
+from support.programs import free_port, wait_until
+from support.take_making import frame
+
+from mocapella.errors import RecordingError, UnstoredFramesError, WireError
+from mocapella.wire.delivery import (
+    MOST_FRAMES,
+    MOST_GAPS,
+    FrameAnswer,
+    FrameRequest,
+    check_number,
+    read_answer,
+    read_request,
+)
+from mocapella.wire.keys import of_node
+from mocapella.wire.node import NodeLink
+from mocapella.wire.outbox import MOST_TAKES, Outbox
+from mocapella.wire.server import ServerLink
+from mocapella.wire.spool import SPILL_AFTER_S, Spooler
+
+OPEN = FrameRequest("take", 0)
+
+
+class Shelf:
+    """In place of a disk: a dictionary, which may refuse."""
+
+    def __init__(self) -> None:
+        self.parts: dict[int, list[bytes]] = {}
+        self.kept: dict[str, list[int]] = {}
+        self.full = self.closed = False
+
+    def write(self, first: int, frames: Sequence[bytes]) -> None:
+        if self.full:
+            raise RecordingError("full")
+        self.parts[first] = list(frames)
+
+    def read(self, first: int) -> Sequence[bytes]:
+        return self.parts[first]
+
+    def remove(self, first: int) -> None:
+        del self.parts[first]
+
+    def keep(self, take: str, frames: Iterable[tuple[int, bytes]], _numbers: range) -> Path:
+        if self.full:
+            raise RecordingError("full")
+        self.kept[take] = [number for number, _ in frames]
+        return Path(take)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def filled(count: int, most: int = 4, shelf: Shelf | None = None) -> Outbox:
+    outbox = Outbox(most, shelf)
+    for number in range(count):
+        outbox.add(b"%d" % number, number)
+    return outbox
+
+
+def numbers(outbox: Outbox, *wanted: tuple[int, int]) -> list[int]:
+    return [int(data) for data in outbox.wanted(FrameRequest("take", 0, wanted=list(wanted)))]
+
+
+def test_without_a_take_the_newest_stay_in_memory() -> None:
+    outbox = filled(10)
+    assert (outbox.oldest, outbox.next, outbox.dropped) == (6, 10, 0)
+    assert numbers(outbox, (0, 7), (9, 20)) == [6, 7, 9]
+    assert not outbox.spill()
+
+
+def test_what_a_take_lacks_goes_to_the_disk_and_what_is_acknowledged_is_forgotten() -> None:
+    shelf = Shelf()
+    outbox = filled(3, shelf=shelf)
+    outbox.update(OPEN, 0)
+    assert outbox.spill()
+    for number in range(3, 6):
+        outbox.add(b"%d" % number, number)
+    assert outbox.spill()
+    assert sorted(shelf.parts) == [0, 3]
+    assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4, 5]
+    outbox.update(FrameRequest("take", 4), 0)
+    assert (sorted(shelf.parts), outbox.oldest) == ([3], 3)
+    outbox.update(FrameRequest("take", 6, end=6), 0)
+    assert (shelf.parts, outbox.holds, outbox.dropped) == ({}, {}, 0)
+
+
+def test_a_damaged_part_is_an_error_and_never_gives_a_frame_another_number() -> None:
+    shelf = Shelf()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    outbox.add(b"4", 4)
+    del shelf.parts[0][1]
+    with pytest.raises(RecordingError, match="frames 0 to 3 are damaged"):
+        outbox.frame(2)
+    assert list(outbox.frames(range(6))) == [(4, b"4")]
+    assert outbox.frame(5) is None
+
+
+def test_frames_that_were_spilled_are_found_by_the_time_since_a_take_began() -> None:
+    shelf = Shelf()
+    outbox = filled(2, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    outbox.add(b"2", 2)
+    outbox.spill()
+    assert outbox.update(FrameRequest("new", age_ns=8), now_ns=10).first == 2
+    assert outbox.update(FrameRequest("old", age_ns=10), now_ns=10).first == 0
+
+
+def test_without_room_the_oldest_are_dropped_and_counted() -> None:
+    shelf = Shelf()
+    outbox = filled(3, shelf=shelf)
+    outbox.update(FrameRequest("take", 1), 0)
+    outbox.spill()
+    shelf.full = True
+    for number in range(3, 3 + 2 * 4 + 1):
+        outbox.add(b"%d" % number, number)
+    assert (outbox.oldest, outbox.dropped, shelf.parts) == (4, 3, {})  # of the take: 1, 2 and 3
+
+
+def test_a_spooler_makes_room_with_the_oldest_part_and_says_what_is_lost() -> None:
+    shelf, said = Shelf(), list[str]()
+    outbox = filled(2, shelf=shelf)
+    outbox.update(OPEN, 0)
+    spooler = Spooler(outbox, shelf, said.append)
+    late_ns = int((SPILL_AFTER_S + 1) * 1e9)
+    spooler.update(1)
+    assert shelf.parts == {}  # acknowledged frames do not wait that long
+    spooler.update(late_ns)
+    assert sorted(shelf.parts) == [0]
+    shelf.full = True
+    for number in range(2, 7):
+        outbox.add(b"%d" % number, number)
+    spooler.update(late_ns)
+    assert (shelf.parts, outbox.oldest) == ({}, 2)
+    assert said == ["2 frames of an open take are lost: memory and disk are full"]
+    spooler.close()
+
+
+def test_what_a_closed_take_lacks_is_kept_in_a_file_at_once_and_not_held_any_more() -> None:
+    shelf, said = Shelf(), list[str]()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(FrameRequest("bad", 1, end=3, closed=True), 0)
+    outbox.update(FrameRequest("good", 4), 0)
+    spooler = Spooler(outbox, shelf, said.append)
+    spooler.update(0)
+    assert (shelf.kept, list(outbox.holds)) == ({"bad": [1, 2]}, ["good"])
+    spooler.close()
+    assert (spooler.missing, spooler.kept, shelf.closed) == (2, ["bad"], True)
+
+
+def test_frames_that_cannot_be_kept_leave_the_parts_on_the_disk() -> None:
+    shelf, said = Shelf(), list[str]()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    shelf.full = True
+    spooler = Spooler(outbox, shelf, said.append)
+    spooler.close()
+    assert (spooler.missing, sorted(shelf.parts), shelf.closed) == (4, [0], False)
+    assert "cannot be kept" in said[0]
+
+
+def test_the_first_frame_since_a_take_began_is_told_by_durations_only() -> None:
+    outbox = filled(10, most=5)
+    assert outbox.update(FrameRequest("take", age_ns=3), now_ns=10).first == 7
+    assert outbox.update(FrameRequest("old", age_ns=8), now_ns=10).first == 0  # some are gone, and count as lost
+    assert outbox.update(FrameRequest("new", age_ns=0), now_ns=10).first == 10
+
+
+def test_an_answer_and_the_number_of_takes_have_limits() -> None:
+    outbox = filled(2 * MOST_FRAMES, most=2 * MOST_FRAMES)
+    assert len(numbers(outbox, (0, 10**6))) == MOST_FRAMES
+    for k in range(2 * MOST_TAKES):
+        outbox.update(FrameRequest(f"take {k}", 0), 0)
+    assert len(outbox.holds) == MOST_TAKES
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{}",
+        b"\xff",
+        b'{"take": ""}',
+        b'{"take": "a", "stored": -1}',
+        b'{"take": "a", "stored": 1e30}',
+        b'{"take": "a", "wanted": [[0]]}',
+        b'{"take": "a", "wanted": [' + b",".join([b"[0, 1]"] * (MOST_GAPS + 1)) + b"]}",
+        b"[" * 10_000,
+    ],
+)
+def test_a_request_that_is_none_is_refused(data: bytes) -> None:
+    with pytest.raises(WireError, match="request for frames"):
+        read_request(data)
+    with pytest.raises(WireError, match="answer about frames"):
+        read_answer(data)
+
+
+@pytest.mark.parametrize("value", [None, -1, "3", 2**62, 10**30, True])
+def test_a_last_number_that_is_none_is_refused(value: object) -> None:
+    with pytest.raises(WireError, match="0 or more"):
+        check_number(value)
+
+
+def test_messages_are_read_as_they_were_written() -> None:
+    import msgspec
+
+    request = FrameRequest("take", 3, 5, 9, True, [(3, 4)])
+    assert read_request(msgspec.json.encode(request)) == request
+    answer = FrameAnswer(9, 3, 1, True)
+    assert read_answer(msgspec.json.encode(answer)) == answer
+
+
+def test_a_node_whose_server_never_comes_back_says_how_many_frames_it_keeps_and_where() -> None:
+    shelf = Shelf()
+    link = NodeLink(f"tcp/127.0.0.1:{free_port()}", "front", spool=lambda node: shelf)
+    link.farewell_s = 0.0
+    for number in range(3):
+        link.outbox.add(b"%d" % number, time.monotonic_ns())
+    link.outbox.update(FrameRequest("take", 1), 0)
+    with pytest.raises(UnstoredFramesError, match=r"front: 2 frames are not stored .*they are in take: mocapella take"):
+        link.close()
+    assert shelf.kept == {"take": [1, 2]}
+
+
+def test_an_error_of_the_run_is_not_hidden_by_frames_that_are_not_stored() -> None:
+    said: list[str] = []
+    link = NodeLink(f"tcp/127.0.0.1:{free_port()}", "front", say=said.append)
+    link.farewell_s = 0.0
+    link.outbox.add(b"0", time.monotonic_ns())
+    link.outbox.update(OPEN, 0)
+
+    def fails() -> None:
+        with link:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
+    assert said == ["front: 1 frames are not stored by the server; they are lost"]
+
+
+def test_a_request_that_is_nonsense_is_answered_with_an_error() -> None:
+    address, nonsense = f"tcp/127.0.0.1:{free_port()}", list[str]()
+    server = ServerLink(address, on_nonsense=nonsense.append)
+    try:
+        with NodeLink(address, "front") as link:
+            wait_until("it is connected", lambda: server.probe_clock(link.node) != [])
+            replies = list(server._session.get(of_node("record", link.node), payload=b"{}", timeout=10.0))
+            assert [reply.ok for reply in replies] == [None]
+            assert replies[0].err is not None
+            assert b"request for frames" in replies[0].err.payload.to_bytes()
+            link.publish(frame("front", 0))
+            got, answers, ended = list[bytes](), list[FrameAnswer](), threading.Event()
+            request = FrameRequest("take", 0, wanted=[(0, 9)])
+            server.request_frames(link.node, request, lambda *one: got.append(one[1]), answers.append, ended.set)
+            assert ended.wait(30.0)
+            assert (len(got), answers) == (1, [FrameAnswer(1, 0, 0)])
+            link.outbox.release("take")
+    finally:
+        server.close()
+    assert nonsense == []
