@@ -9,6 +9,7 @@ from pathlib import Path
 
 # Four workers share two cores: threads within a product of small matrices would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["MOCAPELLA_VIEW_TOKEN"] = "tokenofalltests0"  # of all views: support/browser.py has their addresses
 CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache"
 os.environ["MOCAPELLA_LOGS"] = str(CACHE / "logs")  # not the user's
 # More than a hundred programs are started. Without the bytecode of what they import, each takes seconds more; who wants

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from support.browser import FLAGS
+from support.browser import FLAGS, page_url
 from support.programs import Program, free_port, wait_until
 
 from mocapella.sensing.colour_profile import load_profile
@@ -83,7 +83,7 @@ def test_colours_are_learnt_by_clicking_on_them_and_kept_and_a_node_that_goes_is
         Program(tmp_path, "node", "node", "markers", *node_words, "--connect", address) as node,
     ):
         wait_until("its URL", serve.said(f"http://127.0.0.1:{page_port}"), timeout=120)
-        page.goto(f"http://127.0.0.1:{page_port}")
+        page.goto(page_url(page_port))
         field(page, "Show").click()
         page.get_by_role("option", name="picture", exact=True).click()
         page.locator(".mocapella-camera img").wait_for()

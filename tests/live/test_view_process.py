@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from support.browser import FLAGS
+from support.browser import FLAGS, page_url
 from support.programs import Program, free_port, result_here, wait_until
 
 from mocapella.recording.take_reader import read_take
@@ -38,7 +38,7 @@ def browser() -> Iterator[Browser]:
 def open_page(browser: Browser, port: int) -> Page:
     page = browser.new_page(viewport={"width": 640, "height": 480})
     page.set_default_timeout(120_000)
-    page.goto(f"http://127.0.0.1:{port}")
+    page.goto(page_url(port))
     return page
 
 

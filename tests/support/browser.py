@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -16,3 +18,8 @@ FLAGS = [
     "--webgl-antialiasing-mode=none",  # smooth edges are a third of what drawing costs
     "--webgl-msaa-sample-count=0",
 ]
+
+
+def page_url(port: int) -> str:
+    """Return the address of a view with the token of all tests."""
+    return f"http://127.0.0.1:{port}/?token={os.environ['MOCAPELLA_VIEW_TOKEN']}"

@@ -3,6 +3,7 @@
 import socket
 
 import pytest
+from support.browser import page_url
 from support.walkers import Room, status
 
 from mocapella.errors import AddressInUseError, SettingsError
@@ -28,9 +29,9 @@ def test_a_host_that_is_not_ours_is_refused():
 
 def test_it_listens_on_the_given_interface_only_frees_the_port_and_shares_nothing():
     viewer = Viewer("127.0.0.1", 0, command=obey)
-    port = int(viewer.url.rsplit(":", 1)[1])
+    port = viewer._server.get_port()
     try:
-        assert viewer.url == f"http://127.0.0.1:{port}"
+        assert viewer.url == page_url(port)
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.2", port), timeout=2)
         assert viewer._server.request_share_url() is None

@@ -85,6 +85,7 @@ class Browser:
     """The view of one client. Owned by the drawing loop; the client's callbacks only leave a request.
 
     Attributes:
+        client: its connection.
         playhead: its position on the timeline.
         camera: its own.
     """
@@ -100,7 +101,7 @@ class Browser:
         timeline: Timeline,
         now_s: float,
     ) -> None:
-        self._client, self._known, self._came_s = client, known, now_s
+        self.client, self._known, self._came_s = client, known, now_s
         self._served, self._timeline = commander is not None, timeline
         self.playhead = Playhead(timeline)
         self.camera = BrowserCamera(client)
@@ -133,7 +134,7 @@ class Browser:
         self.camera.home = None if now.home is None else np.asarray(now.home.position)
         moment = now.moment if self.live or not len(self._timeline) else self._timeline[self.playhead.shown]
         stage, boards = moment.stage, now.drawings.boards(moment)
-        with self._client.atomic():
+        with self.client.atomic():
             self._panel.show(PanelNews(now.status, moment, now.board, tuple(boards.planes), now.now_s))
             self._change_stage(stage)
             wish, self._wish = self._wish, None  # before the perspective: a callback sets it first, and then the wish
@@ -198,9 +199,9 @@ class Browser:
         if cameras.wants_clicks != self._hears_clicks:
             self._hears_clicks = cameras.wants_clicks
             if self._hears_clicks:
-                self._client.scene.on_click()(self._clicked)
+                self.client.scene.on_click()(self._clicked)
             else:
-                self._client.scene.remove_click_callback()
+                self.client.scene.remove_click_callback()
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         plane = self._pictures.plane

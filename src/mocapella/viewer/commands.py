@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import viser
 
@@ -14,23 +16,53 @@ from mocapella.model.session import CommandReply
 SendCommand = Callable[[str, dict[str, Any]], CommandReply]
 """Carries out a verb with its arguments; may block."""
 
+MOST_WAITING: Final = 8
+"""Commands of one browser that may wait."""
 _SECONDS_SHOWN = 8.0
 
 
+class _Waiting(NamedTuple):
+    verb: str
+    arguments: dict[str, Any]
+    client: viser.ClientHandle
+
+
 class Commander:
-    """Sends the commands of all browsers, one at a time, in the order of the clicks."""
+    """Sends the commands of all browsers, one at a time, in the order of the clicks.
+
+    At most `MOST_WAITING` commands of a browser wait; one that already waits is not sent twice.
+    """
 
     def __init__(self, command: SendCommand) -> None:
         self._command = command
+        self._waiting: deque[_Waiting] = deque()
+        self._lock = threading.Lock()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
     def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
         """Send a command once all before it are answered; the server's answer is shown in the browser ``client``."""
-        self._worker.submit(self._carry_out, verb, arguments, client).add_done_callback(_raise_again)
+        with self._lock:
+            own = [one for one in self._waiting if one.client is client]
+            if any((one.verb, one.arguments) == (verb, arguments) for one in own) or len(own) >= MOST_WAITING:
+                return
+            self._waiting.append(_Waiting(verb, arguments, client))
+        self._worker.submit(self._next).add_done_callback(_raise_again)
+
+    def forget(self, client: viser.ClientHandle) -> None:
+        """Drop the waiting commands of a browser that has left."""
+        with self._lock:
+            self._waiting = deque(one for one in self._waiting if one.client is not client)
 
     def close(self) -> None:
         """Send no more commands; drop the waiting ones."""
         self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _next(self) -> None:
+        with self._lock:
+            if not self._waiting:  # of a browser that has left
+                return
+            command = self._waiting.popleft()
+        self._carry_out(*command)
 
     def _carry_out(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
         try:

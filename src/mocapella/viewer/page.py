@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import http
+import inspect
 import io
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
 import viser
 import viser.infra
+import viser.infra._infra
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Request, Response
 
 from mocapella.errors import AddressInUseError, SettingsError
+from mocapella.viewer.page_door import PageDoor, users_token
 
 _THEIR_TITLE: Final = b"<title>Viser</title>"
 _TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 """The ground's colours, from the top of the picture to its bottom."""
+MAX_MESSAGE_BYTES: Final = 1 << 20
+"""Longest message of a browser; a longer one ends its connection."""
+HANDSHAKE_S: Final = 10.0
+"""Longest duration of a request; then its connection is closed [s]."""
 
 
 @contextlib.contextmanager
@@ -43,7 +55,13 @@ def tolerated() -> Iterator[None]:
 
 
 class PageServer(viser.ViserServer):
-    """The server of viser, without its public tunnel."""
+    """The server of viser, without its public tunnel, and behind a door.
+
+    Attributes:
+        door: decides which requests are answered.
+    """
+
+    door: PageDoor
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse to open a public tunnel, so that no page can publish images of people."""
@@ -51,9 +69,9 @@ class PageServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Address of the page."""
+        """Address of the page, with its token."""
         host = self.get_host()
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}/{self.door.query()}"
 
 
 def open_page(host: str, port: int, panel_px: int) -> PageServer:
@@ -66,11 +84,13 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: an address that this machine cannot listen at.
+        SettingsError: an address that this machine cannot listen at, or the view's token cannot be kept.
     """
     _check_free(host, port)
-    with unprinted(), _own_index():
+    door = PageDoor(users_token(), host)
+    with unprinted(), _own_socket(door):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
+    server.door = door
     if port not in (0, server.get_port()):
         server.stop()
         raise _in_use(host, port)
@@ -108,23 +128,76 @@ class _Page:
 
 
 class _PageSocket(viser.infra.WebsockServer):
-    """The library's web server, which serves its page under our title."""
+    """The library's web server, which serves its page under our title and behind a door."""
+
+    door: PageDoor
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
         keywords["http_server_root"] = _Page(http_server_root)
         super().__init__(*args, **keywords)
 
+    def _background_worker(self, ready_sem: threading.Semaphore) -> None:
+        _AT.door = self.door  # this thread serves
+        super()._background_worker(ready_sem)  # type: ignore[no-untyped-call,unused-ignore]
+
+
+_AT: Final = threading.local()
+"""The door of the page that a thread serves."""
+
+
+class _GuardedServe(serve):
+    """The socket server of the library's web server, which asks the thread's door before a socket is accepted."""
+
+    def __init__(self, handler: Any, *args: Any, process_request: Callable[..., Any], **keywords: Any) -> None:
+        door: PageDoor = _AT.door
+
+        async def guarded(connection: ServerConnection, request: Request) -> Response | None:
+            headers = {name: request.headers.get_all(name) for name in ("Host", "Origin", "Cookie")}
+            repeated = [name for name, values in headers.items() if len(values) > 1]
+            refusal = (
+                f"the header {repeated[0]} is repeated"
+                if repeated
+                else door.refusal(request.path, {name: values[0] for name, values in headers.items() if values})
+            )
+            if refusal:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+            response = process_request(connection, request)
+            if inspect.isawaitable(response):
+                response = await response
+            cookie = door.cookie(request.path, connection.local_address[1])
+            if response is not None and cookie is not None:
+                response.headers["Set-Cookie"] = cookie
+            return response  # type: ignore[no-any-return]
+
+        keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
+        super().__init__(handler, *args, process_request=guarded, **keywords)
+
+
+class _GuardedSockets:
+    """The package ``websockets`` as the library's web server sees it: with `_GuardedServe`."""
+
+    asyncio = SimpleNamespace(server=SimpleNamespace(serve=_GuardedServe, ServerConnection=ServerConnection))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(_THEIR_SOCKETS, name)
+
+
+_INFRA: Final[Any] = viser.infra._infra
+_THEIR_SOCKETS: Final[Any] = _INFRA.websockets
+
 
 @contextlib.contextmanager
-def _own_index() -> Iterator[None]:
-    """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for the page."""
+def _own_socket(door: PageDoor) -> Iterator[None]:
+    """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
     usual = infra.WebsockServer
-    infra.WebsockServer = _PageSocket
+    infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door})
+    _INFRA.websockets = _GuardedSockets()
     try:
         yield
     finally:
         infra.WebsockServer = usual
+        _INFRA.websockets = _THEIR_SOCKETS
 
 
 def _check_free(host: str, port: int) -> None:

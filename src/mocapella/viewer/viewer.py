@@ -18,6 +18,7 @@ from mocapella.registry import load
 from mocapella.viewer.browser import ASPECT, Browser, look_along, new_sight
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed, FeedMode
 from mocapella.viewer.commands import Commander, SendCommand
+from mocapella.viewer.gui_guard import guard_controls
 from mocapella.viewer.lanes import kept
 from mocapella.viewer.layout import Look
 from mocapella.viewer.page import open_page, tolerated, unprinted
@@ -235,9 +236,13 @@ class Viewer:
 
     def _welcome(self, now_s: float) -> None:
         clients = self._server.get_clients()
-        self._browsers = {number: browser for number, browser in self._browsers.items() if number in clients}
+        for number in self._browsers.keys() - clients.keys():
+            if self._commander is not None:
+                self._commander.forget(self._browsers[number].client)
+            del self._browsers[number]
         for number, client in clients.items():
             if number not in self._browsers:
+                guard_controls(client)
                 self._browsers[number] = Browser(
                     client, self._commander, self._methods, self._known, feed=self._feed,
                     timeline=self.timeline, now_s=now_s,
