@@ -21,6 +21,11 @@ import_commands()
 VERBS = [
     ["demo"],
     ["serve"],
+    ["status"],
+    ["take", "info"],
+    ["take", "check"],
+    ["take", "recover"],
+    ["take", "merge"],
     ["node", "simulate"],
     ["node", "markers"],
     ["node", "replay"],

@@ -42,7 +42,7 @@ def test_every_entry_is_a_line_of_json_that_no_text_can_break(opened: Callable[[
     LOG.info("sensor %s\n\x1b[31m", "front")
     Boundary().run("frame", lambda: 1 / 0)
     one, error = rows(log)
-    assert (one["level"], one["part"], one["text"]) == ("info", "live.test", r"sensor front\x0a\x1b[31m")
+    assert (one["level"], one["part"], one["text"]) == ("info", "live.test", r"sensor front\n\x1b[31m")
     assert error["level"] == "error"
     assert error["count"] == 1
     assert error["reason"].startswith("frame: ZeroDivisionError")

@@ -300,12 +300,12 @@ def test_edits_that_are_not_applied_stay_when_the_server_changes_and_go_when_rev
 
 def test_a_tilt_out_of_range_stays_as_it_was_typed_and_is_refused_in_its_unit(server, tab):
     open_setup(tab)
-    tab.field(TILT_LABEL, LEFT).fill("120")
+    tab.field(TILT_LABEL, LEFT).fill("200")
     tab.field(TILT_LABEL, LEFT).blur()
     tab.expect_enabled("Apply setup")
     tab.button("Apply setup").click()
-    tab.expect('tilt of sensor "left" is 120°; it must be from -90 to 90°')
-    assert tab.field(TILT_LABEL, LEFT).input_value() == "120"
+    tab.expect('tilt of sensor "left" is 200°; it must be from -180 to 180°')
+    assert tab.field(TILT_LABEL, LEFT).input_value() == "200"
     tab.button("Revert edits").click()
     until(tab, lambda: tab.field(TILT_LABEL, LEFT).input_value() == "0", "the edit is gone")
     assert server.commands == []
