@@ -71,7 +71,8 @@ class Session:
 
         def tracked() -> bool:
             status, scene = newest.status(), newest.scene()
-            if status is not None and scene is not None and status.counts == {"spots": 2}:
+            both = status is not None and len(status.sensors) == 2  # one can be seen before the other has joined
+            if both and scene is not None and status.counts == {"spots": 2}:
                 found.append((status, scene))
             return bool(found)
 

@@ -143,10 +143,10 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             page.mouse.up()
             wait_for(page, "it is noticed", lambda: one.camera.touched)
             page.wait_for_timeout(1000)
-            by_hand = np.array(one._client.camera.position)
+            by_hand = np.array(one.client.camera.position)
             places.append(0.0)
             page.wait_for_timeout(2000)
-            np.testing.assert_allclose(one._client.camera.position, by_hand, atol=1e-3)
+            np.testing.assert_allclose(one.client.camera.position, by_hand, atol=1e-3)
             assert one.camera.touched
             page.locator("svg.tabler-icon-adjustments").locator("xpath=..").click()
             page.get_by_role("button", name="Reset View").click()

@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import parse_qs, urlsplit
 
+from mocapella.decoding import read_whole
 from mocapella.errors import SettingsError
 
 TOKEN_VARIABLE: Final = "MOCAPELLA_VIEW_TOKEN"
 """Environment variable with a token in place of the user's own."""
 SHORTEST_TOKEN: Final = 16
 _TOKEN_BYTES: Final = 24
+_MOST_BYTES: Final = 1000
 _PARAMETER: Final = "token"
 _ANY: Final = ("0.0.0.0", "::")  # compared with, not listened at
 _LOCAL: Final = ("localhost", "127.0.0.1", "::1")
@@ -115,7 +117,8 @@ def users_token() -> str:
     It stays the same, so that a page that is open goes on with the next view at its address.
 
     Raises:
-        SettingsError: the variable's token is too short, or the file cannot be used.
+        SettingsError: the variable's token is too short, or the file cannot be written.
+        InputError: the file cannot be read, or is too long.
     """
     given = os.environ.get(TOKEN_VARIABLE)
     if given is not None:
@@ -136,7 +139,7 @@ def _kept(file: Path) -> str:
     """Return the token of the file; empty if there is none, or if others could read or replace it."""
     if not file.is_file() or (os.name == "posix" and file.stat().st_mode & 0o077):
         return ""
-    token = file.read_text(encoding="utf-8", errors="replace").strip()
+    token = read_whole(file, fix="delete it", most_bytes=_MOST_BYTES).decode("utf-8", "replace").strip()
     return token if len(token) >= SHORTEST_TOKEN and token.isascii() and token.isalnum() else ""
 
 
