@@ -166,6 +166,20 @@ def test_a_browser_changes_only_the_value_of_a_control_that_it_shows() -> None:
         assert not may_change(control(), {"value": value})
 
 
+def test_a_value_is_one_that_the_control_can_have() -> None:
+    choice, slider = control(value="a", options=("a", "b")), control(value=2, min=1, max=9.5)
+    box, text = control(value=False), control(value="")
+    assert may_change(choice, {"value": "b"})
+    assert may_change(slider, {"value": 9.5})
+    assert may_change(box, {"value": True})
+    assert may_change(text, {"value": "x"})
+    for handle, value in (
+        (choice, "junk"), (choice, 1), (choice, ["a"]), (slider, 0), (slider, 10), (slider, True), (slider, "2"),
+        (box, 1), (box, "x"), (text, 1), (text, True),
+    ):  # fmt: skip
+        assert not may_change(handle, {"value": value})
+
+
 class Browser:
     def add_notification(self, *_: Any, **__: Any) -> None:
         pass

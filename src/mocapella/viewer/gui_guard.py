@@ -9,11 +9,28 @@ import math
 from typing import Any, Final
 
 import viser
-from viser._messages import GuiUpdateMessage
+from viser._messages import (
+    CommandTriggerMessage,
+    FileTransferPart,
+    FileTransferStartUpload,
+    GuiButtonHoldMessage,
+    GuiFormDirtyMessage,
+    GuiFormSubmitMessage,
+    GuiUpdateMessage,
+)
 
 LONGEST_TEXT: Final = 1000
 MOST_VALUES: Final = 16
 """Most numbers or texts of one control's value."""
+_UNUSED: Final = (
+    CommandTriggerMessage,
+    FileTransferPart,
+    FileTransferStartUpload,
+    GuiButtonHoldMessage,
+    GuiFormDirtyMessage,
+    GuiFormSubmitMessage,
+)
+"""Messages of a browser about controls that the view does not have."""
 
 
 def guard_controls(client: viser.ClientHandle) -> None:
@@ -27,8 +44,16 @@ def guard_controls(client: viser.ClientHandle) -> None:
         if handle is not None and may_change(handle, message.updates):
             await theirs(client_id, message)
 
+    hear_nothing_unused(gui)
     messages.unregister_handler(GuiUpdateMessage, theirs)
     messages.register_handler(GuiUpdateMessage, guarded)
+
+
+def hear_nothing_unused(gui: viser.GuiApi) -> None:
+    """Ignore messages about kinds of controls that the view does not have, such as uploads."""
+    messages: Any = gui._websock_interface
+    for kind in _UNUSED:
+        messages.unregister_handler(kind)
 
 
 def may_change(handle: Any, updates: dict[str, Any]) -> bool:
@@ -38,7 +63,25 @@ def may_change(handle: Any, updates: dict[str, Any]) -> bool:
         handle: of the control.
         updates: new values by attribute.
     """
-    return not handle.disabled and handle.visible and updates.keys() == {"value"} and _is_value(updates["value"])
+    if handle.disabled or not handle.visible or updates.keys() != {"value"}:
+        return False
+    value, options = updates["value"], getattr(handle, "options", None)
+    if options is not None:
+        return isinstance(value, str) and value in options
+    return _is_value(value) and _fits(value, handle)
+
+
+def _fits(value: Any, handle: Any) -> bool:
+    """Whether a value is of the type and in the range of a control's."""
+    now = getattr(handle, "value", value)
+    if isinstance(now, str | bool):
+        return type(value) is type(now)
+    least, most = getattr(handle, "min", None), getattr(handle, "max", None)
+    if isinstance(now, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        return (least is None or value >= least) and (most is None or value <= most)
+    return isinstance(now, list | tuple) == isinstance(value, list | tuple)
 
 
 def _is_value(value: Any) -> bool:

@@ -22,6 +22,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from mocapella.errors import AddressInUseError, SettingsError
+from mocapella.viewer.gui_guard import hear_nothing_unused
 from mocapella.viewer.page_door import PageDoor, users_token
 
 _THEIR_TITLE: Final = b"<title>Viser</title>"
@@ -91,6 +92,7 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     with unprinted(), _own_socket(door):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
     server.door = door
+    hear_nothing_unused(server.gui)
     if port not in (0, server.get_port()):
         server.stop()
         raise _in_use(host, port)
