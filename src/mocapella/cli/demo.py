@@ -120,7 +120,7 @@ def demo(
     if wanted_port is not None:
         check_port_free("127.0.0.1", wanted_port, "--port")
     page_port = choose_port(wanted_view_port, DEFAULT_VIEW_PORT) if view else None
-    listen = f"tcp/127.0.0.1:{bus_port}"
+    listen = f"tls/127.0.0.1:{bus_port}"
     served = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
     def show(url: str) -> None:

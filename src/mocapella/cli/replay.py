@@ -144,7 +144,7 @@ def _replay_live(
     from mocapella.live.server import ServerSettings
 
     settings = ServerSettings(
-        listen=f"tcp/127.0.0.1:{port}", setup=recording.setup, method_settings=recording.method_settings
+        listen=f"tls/127.0.0.1:{port}", setup=recording.setup, method_settings=recording.method_settings
     )
     with live_session(settings, stop, view_port=view_port, track_at_once=True) as session:
         if take is not None:

@@ -39,7 +39,6 @@ from mocapella.cli.common import (
     recording_row,
     say,
     say_if_never_tracked,
-    warn_if_open,
     write_json,
 )
 from mocapella.cli.nodes import READY
@@ -59,6 +58,10 @@ VIEW_HOST = "127.0.0.1"
 
 COMPILING = "compiling the tracking method; tracking begins by itself"
 COMPILING_STOPPED = "compiling the tracking method; then press Start"
+_INVITE = (
+    "sensors and readers on other machines need a key: `mocapella session invite sensor` here writes it, and "
+    "`mocapella session join` there takes it (port {port} must be open to them)"
+)
 BEGIN_IN_S = 2.0
 """From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
 
@@ -126,12 +129,14 @@ def live_session(
     from mocapella.live.server import Server
     from mocapella.live.session import Session
     from mocapella.tracker import is_compiled
+    from mocapella.wire.address import parse_address
+    from mocapella.wire.session_key import session_name
 
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
-    host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
-    if ":" not in host:  # IPv6: the server says it, a little later
-        check_port_free(host, int(port), "--port")
+    address = parse_address(settings.listen)
+    if ":" not in address.host:  # IPv6: the server says it, a little later
+        check_port_free(address.host, address.port, "--port")
     Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     compiled = is_compiled(settings.setup.method)
     if track_at_once and not compiled:
@@ -150,7 +155,8 @@ def live_session(
         stack.callback(server.close)
         view = stack.enter_context(Children())
         if view_port is not None:
-            arguments = ["view", "--connect", settings.listen, "--view-port", str(view_port), "--host", VIEW_HOST]
+            own = str(address._replace(session=session_name(address.session)))  # not a key that was paired
+            arguments = ["view", "--connect", own, "--view-port", str(view_port), "--host", VIEW_HOST]
             view.start([*arguments, *view_words], lambda line: _pass_on(line, on_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins)
@@ -169,6 +175,10 @@ class ServeKeys:
 
     seconds: Annotated[float | None, KeySpec("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
     view_port: Annotated[int, KeySpec("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
+    session: Annotated[
+        str | None,
+        KeySpec("Name of the session, whose key admits nodes and readers; by default MOCAPELLA_SESSION, or default."),
+    ] = None
     wait: Annotated[bool, KeySpec("Begin stopped; tracking begins with Start in the view.")] = False
     takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
@@ -277,14 +287,15 @@ def serve(
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.session import Setup
     from mocapella.recording.disk import GIB
+    from mocapella.wire.address import Address, is_loopback
 
     keys, method_settings = read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
     keys.check(method)
     files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
     take = None if record is None else record_file(record, keys.takes)
-    warn_if_open("sensors, results and commands are", host, port)
+    listen = str(Address(keys.session or "", host, port))
     server_settings = ServerSettings(
-        listen=f"tcp/{host}:{port}",
+        listen=listen,
         takes=keys.takes,
         setup=Setup(method=method, sensors_expected=sensors),
         running=not keys.wait,
@@ -296,7 +307,9 @@ def serve(
         with live_session(server_settings, stop, view_port=keys.view_port if view else None) as session:
             if take is not None:
                 say(session.server.record_to(take, resume=True))
-            say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
+            say(f"waiting for sensors at {listen} (Ctrl-C ends)")
+            if not is_loopback(listen):
+                say(_INVITE.format(port=port))
             if keys.save_layout is None:
                 wait_while(session, keys.seconds)
             else:

@@ -40,8 +40,12 @@ def run_datagrams(
             for sensor in serving.values():
                 sensor.close()
         for name, report in source.report.items():
-            served = serving[name].membership.served.is_set()
-            say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}" + _nowhere(served, connect))
+            nowhere = (
+                ""
+                if serving[name].membership.served.is_set()
+                else (f", which no server at {serving[name].link.address} received")
+            )
+            say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}{nowhere}")
         return {
             "cameras": {
                 name: {"port": source.addresses[name][1], "served": serving[name].membership.served.is_set()}
@@ -56,7 +60,3 @@ def run_datagrams(
 
 def _in_words(frames: int, refused: int) -> str:
     return f"{frames} frames" + (f", {refused} datagrams refused" if refused else "")
-
-
-def _nowhere(served: bool, connect: str) -> str:
-    return "" if served else f", which no server at {connect} received"

@@ -96,7 +96,8 @@ class Membership:
                 return
             tries += 1
             if tries == _TRIES_BEFORE_NOTICE and not self.served.is_set() and not there:
-                self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
+                waiting = f"waiting for a server at {address} (mocapella serve starts one)"
+                self._say(f"{sensor}: {self._link.why_not_admitted() or waiting}")
             if there and not joined:
                 self.served.set()
                 self._say(f"{sensor}: serving {address}")

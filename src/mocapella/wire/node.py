@@ -28,7 +28,9 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
-from mocapella.wire.session import open_node
+from mocapella.wire.door import find_door, node_users
+from mocapella.wire.doorbell import why_not
+from mocapella.wire.session import open_node_at
 
 OnQuestion = Callable[[bytes, Callable[[bytes], None]], None]
 """Called with a query and the function that answers it once."""
@@ -51,21 +53,27 @@ class NodeLink:
     """A sensor's link to the bus. A context manager: leaving it notifies the server at once.
 
     Args:
-        connect: address of the server.
+        connect: address of the server, a pairing code, or a file with one.
         sensor: name of the sensor.
         history_frames: number of frames to keep for a recording server.
 
     Attributes:
         node: identity on the bus.
+        address: of the server.
         published: number of published frames.
+
+    Raises:
+        BusError: ``connect`` is no address.
+        KeyFileError: there is no key for it, or it is of another sensor.
     """
 
     def __init__(self, connect: str, sensor: str, *, history_frames: int = HISTORY_FRAMES):
         self.node = keys.NodeKey(sensor, new_node_id())
-        self.address = connect
+        self._door = find_door(connect, node_users(sensor))
+        self.address = self._door.locator
         self.published = 0
         alive = keys.of_node("alive/sensor", self.node)
-        self._session = open_node(connect)
+        self._session = open_node_at(self._door)
         self._live = self._session.declare_publisher(
             keys.of_node("live", self.node),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -138,6 +146,10 @@ class NodeLink:
                 raise NameTakenError(answer.message)
             return True
         return False
+
+    def why_not_admitted(self) -> str:
+        """Return why the server at the address does not admit this node, with the remedy; empty if none says so."""
+        return why_not(self._door, self.node.sensor)
 
     def server_is_there(self) -> bool:
         """Whether a server is connected now."""

@@ -118,7 +118,7 @@ def send_command(
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:
             return msgspec.json.decode(answer.payload.to_bytes(), type=CommandReply)
-    raise NoServerError(f"no server answered the command {verb} within {timeout:g} s")
+    raise NoServerError(f"no server answered the command {verb} within {timeout:g} s; a reader's key commands nothing")
 
 
 def _decode_status(data: bytes) -> SessionStatus:

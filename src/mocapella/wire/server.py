@@ -14,8 +14,11 @@ from zenoh import ext
 from mocapella.errors import WireError
 from mocapella.model.session import CommandReply
 from mocapella.wire import keys
+from mocapella.wire.address import parse_address
 from mocapella.wire.clock import ClockProbe, read_clock
+from mocapella.wire.doorbell import Doorbell
 from mocapella.wire.session import open_server
+from mocapella.wire.session_key import session_key, session_name
 
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
@@ -35,11 +38,14 @@ class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
     Raises:
-        AddressInUseError, BusError: as in `open_server`.
+        AddressInUseError, BusError, KeyFileError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense) -> None:
+        address = parse_address(listen)
+        key = session_key(session_name(address.session))
         self._session = open_server(listen)
+        self._bell = Doorbell(address, key, on_nonsense)
         self._on_nonsense = on_nonsense
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
@@ -57,6 +63,11 @@ class ServerLink:
             liveliness.declare_subscriber(keys.ALL_SENSORS_ALIVE, self._watching(on_alive), history=True),
             liveliness.declare_token(keys.SERVER_ALIVE),
         ]
+
+    @property
+    def refused(self) -> int:
+        """Number of times that a program with a wrong key has rung."""
+        return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
         """Publish a scene; slow readers miss some."""
@@ -123,6 +134,7 @@ class ServerLink:
 
     def close(self) -> None:
         """Leave the bus, which removes the server's liveliness token."""
+        self._bell.close()
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _forwarding(self, pass_on: OnFrame) -> Callable[[zenoh.Sample], None]:
