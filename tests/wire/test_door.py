@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 from support.bus_doors import OpenServer, asks, open_server_of
@@ -13,7 +15,8 @@ from support.programs import wait_until
 from mocapella.errors import KeyFileError, NoServerError, NotAdmittedError
 from mocapella.live.launch import free_port
 from mocapella.wire import keys
-from mocapella.wire.door import find_door, keep_paired, node_users
+from mocapella.wire.certificates import SERVER
+from mocapella.wire.door import Door, find_door, keep_paired, node_users, server_tls
 from mocapella.wire.node import NodeLink
 from mocapella.wire.role_key import write_code
 from mocapella.wire.roles import EVERYTHING, OPERATOR, PICTURES, READER, READERS, SENSOR
@@ -265,3 +268,17 @@ def test_another_machine_without_a_key_is_told_how_to_get_one(folder: Path, monk
     with pytest.raises(KeyFileError, match=r"invite sensor --at 192\.0\.2\.1:7447.*mocapella session join"):
         find_door("tcp/192.0.2.1:7447", node_users("front"))
     assert not (folder / "never-made.json").exists()
+
+
+def test_a_sensors_key_cannot_act_as_the_server(server: OpenServer) -> None:
+    """Else a node could take the port of its server, and get the frames and pictures of all others."""
+    own = server.key.issued[SENSOR]
+    impostor = msgspec.structs.replace(server.key, issued={**server.key.issued, SERVER: own})
+    locator = f"tls/127.0.0.1:{free_port()}"
+    config = zenoh.Config()
+    for name, value in (("mode", "peer"), ("listen/endpoints", [locator]), ("scouting/multicast/enabled", False),
+                        ("transport/link/tls", server_tls(impostor))):  # fmt: skip
+        config.insert_json5(name, json.dumps(value))
+    door = Door(locator, server.key.role_key(READER, locator), "a test")
+    with zenoh.open(config), pytest.raises(NoServerError):
+        open_client_at(door, 0.5)

@@ -69,6 +69,7 @@ def import_commands() -> None:
         record,
         replay,
         serve,
+        session,
         silhouettes,
         train,
         triangulate,

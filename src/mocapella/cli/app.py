@@ -65,6 +65,15 @@ colours_app = typer.Typer(
     Example:  mocapella calibrate colours check camera:0 --out shot.png
     """,
 )
+session_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Let other machines and programs into a session: give them keys, or make all keys void.
+
+    Programs of yours on this machine need nothing.
+
+    Example:  mocapella session invite sensor
+    """,
+)
 export_app = typer.Typer(
     cls=ExportVerbs,
     no_args_is_help=True,
@@ -93,6 +102,7 @@ tune_app = typer.Typer(no_args_is_help=True, help="Tune filter settings on recor
 app.add_typer(node_app, name="node", rich_help_panel=LIVE)
 app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
+app.add_typer(session_app, name="session", rich_help_panel=SET_UP)
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
 app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)
 calibrate_app.add_typer(colours_app, name="colours")

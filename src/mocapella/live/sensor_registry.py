@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from mocapella.errors import WireError
+from mocapella.live.sequence_leaps import check_leap
 from mocapella.model.frame_types import frame_type_of, what_it_sends
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorHealth, Setup
@@ -101,7 +102,8 @@ class SensorRegistry:
         """Count a frame of the node that holds the name; return its capture time on the server's clock [ns].
 
         Raises:
-            WireError: its sequence number is not above the last one. A take identifies frames by these numbers.
+            WireError: its sequence number is not above the last one, or leaps too far (`check_leap`). A take identifies
+                frames by these numbers.
         """
         entry = self._entries[node.sensor]
         if entry.last_frame is not None:
@@ -111,6 +113,7 @@ class SensorRegistry:
                     f"{type(frame).__name__}.sequence is {frame.sequence} after {last}; count the frames 0, 1, 2, …, "
                     "and take a new node id at each start"
                 )
+            check_leap(frame.sequence, last, (arrived_ns - entry.heard_ns) / 1e9)
             entry.skipped += frame.sequence - last - 1
         if entry.silent:
             self._notices.append(f'sensor "{node.sensor}" is back')

@@ -36,7 +36,7 @@ from mocapella.schema import decode_frame, encode_scene
 from mocapella.wire.clock import estimate_offset
 from mocapella.wire.keys import NodeKey, parse_node_id
 from mocapella.wire.node import JoinReply
-from mocapella.wire.server import ServerLink
+from mocapella.wire.server import Answer, ServerLink
 
 STATUS_EVERY_S = 0.2
 PROBE_EVERY_S = 1.0
@@ -44,8 +44,6 @@ CONDITION_AGAIN_S = 10.0
 """A condition that returns within this time is not reported again [s]."""
 _MAX_NOTICE = 500
 """Longest notice, in characters; its text may come from any node, and every status has it."""
-
-Answer = Callable[[bytes], None]
 
 
 @dataclass(frozen=True)
@@ -247,8 +245,10 @@ class Server:
         try:
             if verb == "record-stop":
                 self._stop_recording(answer)
+                if answer.sender:
+                    self._note(f"end of the take ({answer.sender})")
                 return
-            message = self._do(verb, arguments)
+            message = self._do(verb, arguments, answer.sender)
         except MocapellaError as error:
             self._note(f"{verb} was refused: {error}")
             self._answer(answer, CommandReply(False, str(error), self.status()))
@@ -256,7 +256,7 @@ class Server:
         self._watch_state()
         self._answer(answer, CommandReply(True, message, self.status()))
 
-    def _do(self, verb: str, arguments: dict[str, Any]) -> str:
+    def _do(self, verb: str, arguments: dict[str, Any], by: str = "") -> str:
         if verb == "status":
             return ""
         if verb == "record":
@@ -266,12 +266,12 @@ class Server:
             if verb == "start":
                 with self._lock:
                     self._registry.tracking_began()
-            self._recording.record_command(verb, arguments)
+            self._recording.record_command(verb, arguments, by)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
         self._revision += 1
-        self._note(message)
+        self._note(f"{message} ({by})" if by else message)
         return message
 
     def _answer(self, answer: Answer, reply: CommandReply) -> None:
@@ -400,6 +400,7 @@ class Server:
             uptime=round(time.monotonic() - self._began, 2),
             version=__version__,
             next_take=free_name(self._settings.takes, take),
+            refused=self._link.refused,
         )
 
     def halt(self) -> None:

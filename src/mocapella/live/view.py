@@ -118,7 +118,8 @@ class Link:
         if self._session is None:
             return CommandReply(False, f"no server at {self._address}; start one with: mocapella serve")
         try:
-            return send_command(self._session, verb, arguments, timeout=150.0 if verb == "record-stop" else 10.0)
+            timeout = 150.0 if verb == "record-stop" else 10.0
+            return send_command(self._session, verb, arguments, timeout, program="the view")
         except NoServerError as error:
             return CommandReply(False, str(error))
 

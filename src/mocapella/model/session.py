@@ -187,6 +187,7 @@ class SessionStatus:
         notices: messages for users, the newest last, such as refused nodes and changes of state.
         uptime: time since the server started [s].
         version: of Mocapella.
+        refused: number of times that a program with a key of another session has asked to be let in.
     """
 
     revision: int
@@ -206,6 +207,7 @@ class SessionStatus:
     version: str
     next_take: str = ""
     counts: dict[str, int] = field(default_factory=dict)
+    refused: int = 0
 
     @property
     def getting_ready(self) -> bool:

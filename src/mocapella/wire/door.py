@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mocapella.errors import BusError, KeyFileError
+from mocapella.errors import KeyFileError
 from mocapella.wire.address import Address, parse_address
 from mocapella.wire.certificates import SERVER
 from mocapella.wire.key_folder import key_folder, read_private, write_private
@@ -48,7 +48,7 @@ def find_door(connect: str, users: Sequence[str]) -> Door:
     if is_code(connect):
         return _opened(read_code(connect), "the pairing code", users)
     if not connect.rpartition("@")[2].startswith(_MARKS_OF_ADDRESS) and Path(connect).is_file():
-        return _opened(read_code(_read(Path(connect)), connect), connect, users)
+        return _opened(read_key_file(Path(connect)), connect, users)
     address = parse_address(connect)
     for user in () if address.session else users:
         path = _paired_file(address, user)
@@ -72,6 +72,19 @@ def keep_paired(key: RoleKey) -> Path:
     path = _paired_file(parse_address(key.address), key.user)
     write_private(path, write_code(key) + "\n")
     return path
+
+
+def read_key_file(path: Path) -> RoleKey:
+    """Read the key in a file of `mocapella session invite`; it may be readable to others, as a copied file often is.
+
+    Raises:
+        KeyFileError: it cannot be read, or is no key.
+    """
+    try:
+        text = path.read_bytes()[: 1 << 16].decode("ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        raise KeyFileError(f"{path}: is no key; name a file of `mocapella session invite`") from error
+    return read_code(text, str(path))
 
 
 def client_tls(key: RoleKey) -> dict[str, Any]:
@@ -128,16 +141,6 @@ def _own_door(address: Address, users: Sequence[str]) -> Door:
 def _paired_file(address: Address, user: str) -> Path:
     host = re.sub(r"[^A-Za-z0-9.-]", "_", address.bare_host)
     return key_folder() / f"{host}_{address.port}.{user}.key"
-
-
-def _read(path: Path) -> str:
-    """The text of a key file that somebody named; it may be readable to others, as a file just copied here is."""
-    try:
-        return path.read_bytes()[: 1 << 16].decode("ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BusError(
-            f"{path}: is no key and cannot be an address; name a file of `mocapella session invite`"
-        ) from error
 
 
 def _pem(der: bytes, what: str) -> str:

@@ -53,8 +53,9 @@ def write_private(path: Path, text: str, *, replace: bool = True) -> bool:
         KeyFileError: it cannot be written.
     """
     try:
-        _ensure_private(path.parent)
-        with scratch_file(path.parent, text) as new:
+        if path.parent == key_folder():
+            _ensure_private(path.parent)
+        with _scratch_file(path.parent, text) as new:
             if replace:
                 new.replace(path)
                 return True
@@ -69,7 +70,7 @@ def write_private(path: Path, text: str, *, replace: bool = True) -> bool:
 
 
 @contextmanager
-def scratch_file(folder: Path, text: str) -> Iterator[Path]:
+def _scratch_file(folder: Path, text: str) -> Iterator[Path]:
     """Give a file of mode 0600 with this text, which is gone at the end of the context.
 
     Raises:

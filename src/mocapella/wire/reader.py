@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import getpass
 import json
+import platform
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -107,18 +109,33 @@ class Following:
 
 
 def send_command(
-    session: zenoh.Session, verb: str, arguments: Mapping[str, Any] | None = None, timeout: float = 10.0
+    session: zenoh.Session,
+    verb: str,
+    arguments: Mapping[str, Any] | None = None,
+    timeout: float = 10.0,
+    *,
+    program: str = "a program",
 ) -> CommandReply:
     """Send a command, and wait until it is carried out or refused.
+
+    ``program`` says what sends it; a take has it with the user's and the machine's name.
 
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.
     """
-    for reply in session.get(keys.of_command(verb), payload=json.dumps(dict(arguments or {})), timeout=timeout):
+    payload, sender = json.dumps(dict(arguments or {})), f"{program} of {_user()}@{platform.node()}"
+    for reply in session.get(keys.of_command(verb), payload=payload, attachment=sender, timeout=timeout):
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:
             return msgspec.json.decode(answer.payload.to_bytes(), type=CommandReply)
     raise NoServerError(f"no server answered the command {verb} within {timeout:g} s; a reader's key commands nothing")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # an account without a name
+        return "?"
 
 
 def _decode_status(data: bytes) -> SessionStatus:

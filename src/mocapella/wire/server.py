@@ -23,8 +23,30 @@ from mocapella.wire.session_key import session_key, session_name
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
-OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
-"""Called with the verb, its arguments, and the function that answers it."""
+_MOST_SENDER = 120
+
+
+class Answer:
+    """Answers a command once, when it is called with the reply.
+
+    Attributes:
+        sender: what the program that sent the command says about itself; empty if nothing. Only an operator can have.
+    """
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query = query
+        said = b"" if query.attachment is None else query.attachment.to_bytes()[: 4 * _MOST_SENDER]
+        text = "".join(letter for letter in said.decode("utf-8", "replace") if letter.isprintable())
+        self.sender = text[:_MOST_SENDER]
+
+    def __call__(self, data: bytes) -> None:
+        """Send the reply."""
+        self._query.reply(self._query.key_expr, data)
+        self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
+
+
+OnCommand = Callable[[str, dict[str, Any], Answer], None]
+"""Called with the verb, its arguments, and what answers it."""
 OnNonsense = Callable[[str], None]
 
 _CACHES = "@adv/pub/**"
@@ -170,11 +192,6 @@ class ServerLink:
                 self._on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
                 query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
                 return
-
-            def answer(data: bytes) -> None:
-                query.reply(query.key_expr, data)
-                query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
-
-            on_command(verb, arguments, answer)
+            on_command(verb, arguments, Answer(query))
 
         return callback
