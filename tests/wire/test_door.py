@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +20,7 @@ from mocapella.live.launch import free_port
 from mocapella.wire import keys
 from mocapella.wire.certificates import SERVER
 from mocapella.wire.door import Door, find_door, keep_paired, node_users, server_tls
+from mocapella.wire.doorbell import Ring
 from mocapella.wire.node import NodeLink
 from mocapella.wire.role_key import write_code
 from mocapella.wire.roles import EVERYTHING, OPERATOR, PICTURES, READER, READERS, SENSOR
@@ -282,3 +286,71 @@ def test_a_sensors_key_cannot_act_as_the_server(server: OpenServer) -> None:
     door = Door(locator, server.key.role_key(READER, locator), "a test")
     with zenoh.open(config), pytest.raises(NoServerError):
         open_client_at(door, 0.5)
+
+
+def test_the_recipe_for_other_languages_opens_the_door(server: OpenServer, tmp_path: Path) -> None:
+    """As docs/wire.md says it: base64, MessagePack, three PEM files."""
+    data = write_code(server.key.role_key(READER, server.address.rpartition("@")[2])).removeprefix("mocapella-key-")
+    session, user, address, authority, (certificate, private) = msgspec.msgpack.decode(
+        base64.urlsafe_b64decode(data + "=" * (-len(data) % 4))
+    )
+    assert (session, user) == ("lab", "reader")
+    for name, der, what in (("authority", authority, "CERTIFICATE"), ("certificate", certificate, "CERTIFICATE"),
+                            ("key", private, "PRIVATE KEY")):  # fmt: skip
+        body = base64.encodebytes(der).decode()
+        (tmp_path / f"{name}.pem").write_text(f"-----BEGIN {what}-----\n{body}-----END {what}-----\n")
+    config = zenoh.Config()
+    tls = {"root_ca_certificate": str(tmp_path / "authority.pem"), "enable_mtls": True,
+           "connect_certificate": str(tmp_path / "certificate.pem"),
+           "connect_private_key": str(tmp_path / "key.pem"), "verify_name_on_connect": False}  # fmt: skip
+    for name, value in (("mode", "client"), ("connect/endpoints", [address]), ("scouting/multicast/enabled", False),
+                        ("transport/link/tls", tls)):  # fmt: skip
+        config.insert_json5(name, json.dumps(value))
+    with zenoh.open(config) as reader:
+        assert asks(reader, keys.of_command("status")) == [b"done"]
+    assert set(tls) <= set(re.findall(r"\w+", (Path(__file__).parents[2] / "docs" / "wire.md").read_text()))
+
+
+@pytest.mark.parametrize("data", [b"", b"x" * 512, b"[" * 512, b"{}".ljust(512), b"\xff" * 512, b"x" * 60000])
+def test_nonsense_at_the_doorbell_is_not_answered(server: OpenServer, data: bytes) -> None:
+    port = int(server.address.rpartition(":")[2])
+    before = server.link.refused
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bell:
+        bell.connect(("127.0.0.1", port))
+        bell.settimeout(0.1)
+        bell.send(data)
+        with pytest.raises(TimeoutError):
+            bell.recv(100)
+    with NodeLink(server.address, "left") as link:
+        assert link.why_not_admitted() == ""
+    assert server.link.refused == before
+
+
+def test_names_that_a_stranger_makes_up_reach_the_notices_as_plain_text(server: OpenServer) -> None:
+    ring = {
+        "session": "a\u202eb",
+        "fingerprint": "0" * 16,
+        "user": "\x1b[2J",
+        "sensor": "<script>",
+        "machine": "x" * 99,
+    }
+    port = int(server.address.rpartition(":")[2])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bell:
+        bell.connect(("127.0.0.1", port))
+        bell.settimeout(10.0)
+        bell.send(json.dumps(ring).encode().ljust(512))
+        assert len(bell.recv(512)) < 512
+    wait_until("the note", lambda: any("?script?" in note for note in server.notes))
+    (note,) = (note for note in server.notes if "?script?" in note)
+    assert "session a?b," in note
+    assert "x" * 64 + " was" in note
+
+
+def test_strangers_without_end_are_counted_and_noted_a_few_times(server: OpenServer) -> None:
+    before = server.link.refused
+    bell = server.link._bell
+    for number in range(100):
+        ring = Ring("other", "0" * 16, SENSOR, f"sensor-{number}")
+        bell._answer(msgspec.json.encode(ring).ljust(512), "192.0.2.1")
+    assert server.link.refused == before + 100
+    assert len([note for note in server.notes if "was refused" in note]) <= 32

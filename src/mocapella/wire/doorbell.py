@@ -47,7 +47,7 @@ class RingAnswer(msgspec.Struct, frozen=True):
 
 
 class Doorbell:
-    """Answers rings on a thread of its own until `close`. If the port cannot be used, it stays silent.
+    """Answers rings on a thread of its own until `close`. If the port cannot be used, it notes that and stays silent.
 
     Args:
         address: of the server.
@@ -65,6 +65,8 @@ class Doorbell:
         self._fingerprint = fingerprint(key.authority.certificate)
         self._ended = threading.Event()
         self._socket = _bound(address)
+        if self._socket is None:
+            note(f"port {address.port} on UDP is in use; programs with a wrong key are refused, but not told why")
         self._thread = threading.Thread(target=self._run, name="doorbell", daemon=True)
         self._thread.start()
 
