@@ -13,6 +13,7 @@ import pytest
 import typer
 from support.programs import free_port
 
+from mocapella.cli import kernel_folder
 from mocapella.cli.doctor import doctor, examine
 from mocapella.cli.kernel_folder import folder_finding, kernel_folder_finding
 from mocapella.geometry.turn_kernels import turned
@@ -104,6 +105,15 @@ def test_a_folder_of_compiled_kernels_that_others_can_write_to_is_named(tmp_path
         open_.chmod(before)
     tmp_path.chmod(0o1777)  # as /tmp: nobody can rename what is there
     assert folder_finding(folder).verdict == "ok"
+
+
+def test_a_group_counts_if_it_has_another_member(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    folder.chmod(0o770)
+    for shared, verdict in ((False, "ok"), (True, "problem")):
+        monkeypatch.setattr(kernel_folder, "_shared", lambda group, shared=shared: shared)
+        assert folder_finding(folder).verdict == verdict
 
 
 def test_the_doctor_looks_where_kernels_are_kept() -> None:

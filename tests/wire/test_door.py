@@ -311,7 +311,24 @@ def test_the_recipe_for_other_languages_opens_the_door(server: OpenServer, tmp_p
     assert set(tls) <= set(re.findall(r"\w+", (Path(__file__).parents[2] / "docs" / "wire.md").read_text()))
 
 
-@pytest.mark.parametrize("data", [b"", b"x" * 512, b"[" * 512, b"{}".ljust(512), b"\xff" * 512, b"x" * 60000])
+RING = msgspec.json.encode(Ring("other", "0" * 16, SENSOR))
+"""Without the spaces that make it as long as its answer, and longer."""
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        RING,
+        RING.ljust(511),
+        RING.ljust(513),
+        b"",
+        b"x" * 512,
+        b"[" * 512,
+        b"{}".ljust(512),
+        b"\xff" * 512,
+        b"x" * 60000,
+    ],
+)
 def test_nonsense_at_the_doorbell_is_not_answered(server: OpenServer, data: bytes) -> None:
     port = int(server.address.rpartition(":")[2])
     before = server.link.refused

@@ -61,6 +61,20 @@ def test_a_key_that_others_can_read_is_refused(what: str, mode: int, remedy: str
         session_key("lab")
 
 
+def test_a_code_beyond_all_measure_is_not_read() -> None:
+    with pytest.raises(KeyFileError, match="is no key"):
+        read_code(write_code(msgspec.structs.replace(KEY, own=Certified(b"c", b"x" * 9000))))
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no file modes")
+def test_a_key_of_another_user_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    session_key("lab")
+    mine = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+    with pytest.raises(KeyFileError, match="belongs to another user"):
+        session_key("lab")
+
+
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no file modes")
 def test_no_key_is_kept_in_a_folder_that_others_can_open(folder: Path) -> None:
     folder.mkdir(mode=0o750)
