@@ -15,23 +15,13 @@ from typing import Any
 import zenoh
 
 from mocapella.errors import AddressInUseError, BusError, NoServerError, NotAdmittedError
-from mocapella.wire.address import DEFAULT_ADDRESS, is_loopback, parse_address
+from mocapella.wire.address import DEFAULT_ADDRESS, parse_address
 from mocapella.wire.door import Door, client_tls, find_door, node_users, server_access, server_tls
 from mocapella.wire.doorbell import why_not
 from mocapella.wire.roles import READERS
 from mocapella.wire.session_key import session_key, session_name
 
-__all__ = ["DEFAULT_ADDRESS", "check_address", "is_loopback", "open_node", "open_reader", "open_server"]
-
-
-def check_address(address: str) -> str:
-    """Return the address if it has the form ``[SESSION@]tls/HOST:PORT``, or tcp, which means the same.
-
-    Raises:
-        BusError: it has another form; shows a valid address.
-    """
-    parse_address(address)
-    return address
+__all__ = ["DEFAULT_ADDRESS", "open_client_at", "open_node", "open_node_at", "open_reader", "open_server"]
 
 
 def open_server(listen: str) -> zenoh.Session:
