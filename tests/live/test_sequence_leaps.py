@@ -13,7 +13,7 @@ from support.take_making import SECOND, STEP, frame, info
 from mocapella.errors import WireError
 from mocapella.live.recorder import Recorder
 from mocapella.live.sensor_registry import SensorRegistry
-from mocapella.live.sequence_leaps import ALWAYS, MOST_HZ, check_leap
+from mocapella.live.sequence_leaps import ALWAYS, MOST_HZ, LeapGuard, check_leap
 from mocapella.model.session import Setup
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame
@@ -55,3 +55,14 @@ def test_a_leap_is_not_recorded_and_nothing_counts_as_lost(tmp_path: Path) -> No
     health = recorder.close()
     assert (health.frames, health.lost) == (4, 1)
     assert [text for text in said if "front are not recorded" in text and "skips more than" in text]
+
+
+def test_each_node_has_its_own_numbers_and_late_frames_are_no_leaps() -> None:
+    guard = LeapGuard()
+    guard.check(FRONT, 2**40, 0)
+    guard.check(NodeKey("front", 2), 0, 0)
+    guard.check(FRONT, 5, 0)
+    guard.check(FRONT, 2**40 + ALWAYS, 0)
+    with pytest.raises(WireError):
+        guard.check(FRONT, 2**40 + 3 * ALWAYS, 0)
+    guard.check(FRONT, 2**40 + 3 * ALWAYS, 20 * SECOND)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import zenoh
 
 from mocapella.live.launch import free_port
-from mocapella.wire.door import Door
+from mocapella.wire.door import KeyedAddress
 from mocapella.wire.server import ServerLink
 from mocapella.wire.session import open_client_at, open_node_at
 from mocapella.wire.session_key import SessionKey
@@ -35,10 +35,10 @@ class OpenServer:
     commands: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def door(self, user: str, key: SessionKey | None = None) -> Door:
+    def door(self, user: str, key: SessionKey | None = None) -> KeyedAddress:
         """The door as a user of this session, or of another one."""
         locator = self.address.rpartition("@")[2]
-        return Door(locator, (key or self.key).role_key(user, locator), "a test")
+        return KeyedAddress(locator, (key or self.key).role_key(user, locator), "a test")
 
     @contextmanager
     def program(self, user: str, *, peer: bool = False, key: SessionKey | None = None) -> Iterator[zenoh.Session]:

@@ -19,7 +19,7 @@ from mocapella.errors import KeyFileError, NoServerError, NotAdmittedError
 from mocapella.live.launch import free_port
 from mocapella.wire import keys
 from mocapella.wire.certificates import SERVER
-from mocapella.wire.door import Door, find_door, keep_paired, node_users, server_tls
+from mocapella.wire.door import KeyedAddress, find_door, keep_paired, node_users, server_tls
 from mocapella.wire.doorbell import Ring
 from mocapella.wire.node import NodeLink
 from mocapella.wire.role_key import write_code
@@ -283,7 +283,7 @@ def test_a_sensors_key_cannot_act_as_the_server(server: OpenServer) -> None:
     for name, value in (("mode", "peer"), ("listen/endpoints", [locator]), ("scouting/multicast/enabled", False),
                         ("transport/link/tls", server_tls(impostor))):  # fmt: skip
         config.insert_json5(name, json.dumps(value))
-    door = Door(locator, server.key.role_key(READER, locator), "a test")
+    door = KeyedAddress(locator, server.key.role_key(READER, locator), "a test")
     with zenoh.open(config), pytest.raises(NoServerError):
         open_client_at(door, 0.5)
 

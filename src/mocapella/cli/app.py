@@ -33,6 +33,8 @@ app = typer.Typer(
 
     Check the installation and the devices:  **mocapella doctor**
 
+    Sensors on other machines need a key:  **mocapella session invite sensor**
+
     Ctrl-C ends every command and closes its take.
     """,
 )
@@ -102,7 +104,7 @@ tune_app = typer.Typer(no_args_is_help=True, help="Tune filter settings on recor
 app.add_typer(node_app, name="node", rich_help_panel=LIVE)
 app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
-app.add_typer(session_app, name="session", rich_help_panel=SET_UP)
+app.add_typer(session_app, name="session", hidden=True)  # only for several machines; serve names it
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
 app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)
 calibrate_app.add_typer(colours_app, name="colours")

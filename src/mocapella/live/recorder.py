@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mocapella.errors import MocapellaError, WireError
-from mocapella.live.sequence_leaps import check_leap
+from mocapella.live.sequence_leaps import LeapGuard
 from mocapella.model.session import RecordingHealth, SessionStatus
 from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_writer import TakeWriter
@@ -78,6 +78,7 @@ class Recorder:
     ) -> None:
         self._writer = writer
         self._first = dict(first or {})
+        self._leaps = LeapGuard()
         self._say = say
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
@@ -208,24 +209,22 @@ class Recorder:
             frame = decode_frame(data)
             if frame.key[:2] != node:
                 raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
-            newest = self._newest.get(node)
-            if newest is not None:
-                check_leap(frame.sequence, newest.sequence, arrived_ns / 1e9 - newest.arrived_s)
+            self._leaps.check(node, frame.sequence, arrived_ns)
         except WireError as error:
             self._refuse(node.sensor, "frames", str(error))
             return
         if frame.sequence < self._first.get(node, 0):  # from before the take began
             return
-        if newest is None and frame.sequence > self._first.get(node, 0):
+        if node not in self._newest and frame.sequence > self._first.get(node, 0):
             self.newcomers.append(self._not_before)
         self._writer.write_frame(
             data, sensor=node.sensor, node_id=node.node_id, sequence=frame.sequence, log_ns=arrived_ns
         )
-        this = _Newest(frame.sequence, frame.sent_ns / 1e9, arrived_ns / 1e9)
+        newest = _Newest(frame.sequence, frame.sent_ns / 1e9, arrived_ns / 1e9)
         before, self.missing = self.missing, sum(self._writer.lost.values())  # missing before this newest frame
         if self.missing > before:
-            self.gaps.append(self._gap_since(this, newest))
-        self._newest[node] = this if newest is None else max(this, newest)
+            self.gaps.append(self._gap_since(newest, self._newest.get(node)))
+        self._newest[node] = max(newest, self._newest.get(node, newest))
 
     def _gap_since(self, after: _Newest, before: _Newest | None) -> float:
         """Return when the frame before a gap was sent, on our clock; not just its arrival, which may have been late."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from mocapella.errors import WireError
+from mocapella.wire.keys import NodeKey
 
 MOST_HZ: Final = 1000
 """Most frames a second of any sensor."""
@@ -33,3 +34,21 @@ def check_leap(sequence: int, last: int, since_s: float) -> None:
             f"sequence {sequence} after {last} skips more than {ALWAYS} frames, and more than {MOST_HZ} a second; "
             "count the frames 0, 1, 2, …"
         )
+
+
+class LeapGuard:
+    """Remembers the highest sequence number of each node, and when it arrived."""
+
+    def __init__(self) -> None:
+        self._newest: dict[NodeKey, tuple[int, int]] = {}
+
+    def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
+        """Check a frame that arrived; a node's first frame may have any number.
+
+        Raises:
+            WireError: as in `check_leap`.
+        """
+        newest, newest_ns = self._newest.get(node, (sequence, arrived_ns))
+        check_leap(sequence, newest, (arrived_ns - newest_ns) / 1e9)
+        if sequence >= newest:
+            self._newest[node] = sequence, arrived_ns

@@ -20,8 +20,8 @@ from mocapella.wire.session_key import SessionKey, session_file, session_key, se
 _MARKS_OF_ADDRESS = ("tls/", "tcp/")
 
 
-class Door(NamedTuple):
-    """A server's address and the key for it.
+class KeyedAddress(NamedTuple):
+    """The address of a server, and the key that opens its door.
 
     Attributes:
         locator: address as zenoh takes it.
@@ -34,7 +34,7 @@ class Door(NamedTuple):
     origin: str
 
 
-def find_door(connect: str, users: Sequence[str]) -> Door:
+def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
     """Find the address and key that ``connect`` means.
 
     Args:
@@ -54,7 +54,7 @@ def find_door(connect: str, users: Sequence[str]) -> Door:
         path = _paired_file(address, user)
         text = read_private(path)
         if text is not None:
-            return Door(address.locator, read_code(text, str(path)), str(path))
+            return KeyedAddress(address.locator, read_code(text, str(path)), str(path))
     return _own_door(address, users)
 
 
@@ -114,16 +114,16 @@ def server_access(key: SessionKey) -> dict[str, Any]:
     return access_control(key.sensors)
 
 
-def _opened(key: RoleKey, origin: str, users: Sequence[str]) -> Door:
+def _opened(key: RoleKey, origin: str, users: Sequence[str]) -> KeyedAddress:
     if key.user in users:
-        return Door(parse_address(key.address).locator, key, origin)
+        return KeyedAddress(parse_address(key.address).locator, key, origin)
     only = sensor_of(key.user)
     wanted = f"serves the sensor {only} only (--name {only})" if only and users[-1] == SENSOR else f"is of a {key.user}"
     role = SENSOR if users[-1] == SENSOR else " or ".join(reversed(READERS))
     raise KeyFileError(f"{origin}: the key {wanted}; for this, invite a {role} (mocapella session invite)")
 
 
-def _own_door(address: Address, users: Sequence[str]) -> Door:
+def _own_door(address: Address, users: Sequence[str]) -> KeyedAddress:
     """The door of a session whose key this user has."""
     name = session_name(address.session)
     path = session_file(name)
@@ -135,7 +135,7 @@ def _own_door(address: Address, users: Sequence[str]) -> Door:
         )
     key = session_key(name)
     user = next(user for user in users if user in key.issued)
-    return Door(address.locator, key.role_key(user, address.locator), str(path))
+    return KeyedAddress(address.locator, key.role_key(user, address.locator), str(path))
 
 
 def _paired_file(address: Address, user: str) -> Path:

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 
 from mocapella.wire.address import Address, parse_address
-from mocapella.wire.door import Door
+from mocapella.wire.door import KeyedAddress
 from mocapella.wire.role_key import fingerprint
 from mocapella.wire.session_key import SessionKey
 
@@ -113,7 +113,7 @@ class Doorbell:
             self._note(text)
 
 
-def why_not(door: Door, sensor: str = "") -> str:
+def why_not(door: KeyedAddress, sensor: str = "") -> str:
     """Return why the server at a door does not admit its key, with the remedy; empty if none answers or it does.
 
     ``sensor`` is the name of the node's sensor, if it is a node; the server's message has it.

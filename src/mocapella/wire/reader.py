@@ -123,7 +123,8 @@ def send_command(
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.
     """
-    payload, sender = json.dumps(dict(arguments or {})), f"{program} of {_user()}@{platform.node()}"
+    payload = json.dumps(dict(arguments or {}))
+    sender = f"{session.info.zid()!s:0>32} {program} of {_user()}@{platform.node()}"
     for reply in session.get(keys.of_command(verb), payload=payload, attachment=sender, timeout=timeout):
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:

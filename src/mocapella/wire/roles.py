@@ -48,7 +48,7 @@ _RIGHTS: Final[dict[str, tuple[_Right, ...]]] = {
         _Right(_OUT, ("liveliness_query", "declare_liveliness_subscriber"), ("alive/sensor/{s}/*", _CACHE)),
     ),
     "joining": (
-        _Right(_IN, ("query",), ("command/join",)),
+        _Right(_IN, ("query",), ("command/join", "command/leave")),
         _Right(_IN, ("liveliness_query", "declare_liveliness_subscriber"), ("alive/server",)),
         _Right(_OUT, ("reply", "declare_queryable"), ("command/*",)),
         _Right(_OUT, ("liveliness_token",), ("alive/server", _CACHE)),

@@ -36,8 +36,8 @@ class Answer:
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
         said = b"" if query.attachment is None else query.attachment.to_bytes()[: 4 * _MOST_SENDER]
-        text = "".join(letter for letter in said.decode("utf-8", "replace") if letter.isprintable())
-        self.sender = text[:_MOST_SENDER]
+        _, _, words = said.decode("utf-8", "replace").partition(" ")
+        self.sender = "".join(letter for letter in words if letter.isprintable())[:_MOST_SENDER]
 
     def __call__(self, data: bytes) -> None:
         """Send the reply."""

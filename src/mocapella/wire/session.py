@@ -16,7 +16,7 @@ import zenoh
 
 from mocapella.errors import AddressInUseError, BusError, NoServerError, NotAdmittedError
 from mocapella.wire.address import DEFAULT_ADDRESS, parse_address
-from mocapella.wire.door import Door, client_tls, find_door, node_users, server_access, server_tls
+from mocapella.wire.door import KeyedAddress, client_tls, find_door, node_users, server_access, server_tls
 from mocapella.wire.doorbell import why_not
 from mocapella.wire.roles import READERS
 from mocapella.wire.session_key import session_key, session_name
@@ -56,7 +56,7 @@ def open_node(connect: str, sensor: str = "") -> zenoh.Session:
     return open_node_at(find_door(connect, node_users(sensor)))
 
 
-def open_node_at(door: Door) -> zenoh.Session:
+def open_node_at(door: KeyedAddress) -> zenoh.Session:
     """Open a session as `open_node` does, at an address with its key."""
     config = _config("peer", client_tls(door.key), connect=[door.locator])
     retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
@@ -78,7 +78,7 @@ def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
     return open_client_at(find_door(connect, READERS), timeout)
 
 
-def open_client_at(door: Door, timeout: float = 3.0) -> zenoh.Session:
+def open_client_at(door: KeyedAddress, timeout: float = 3.0) -> zenoh.Session:
     """Open a session as `open_reader` does, at an address with its key."""
     config = _config("client", client_tls(door.key), connect=[door.locator])
     _set(config, "connect/timeout_ms", int(timeout * 1000))
@@ -86,7 +86,7 @@ def open_client_at(door: Door, timeout: float = 3.0) -> zenoh.Session:
     return _open(config, door)
 
 
-def _open(config: zenoh.Config, door: Door) -> zenoh.Session:
+def _open(config: zenoh.Config, door: KeyedAddress) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
