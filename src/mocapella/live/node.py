@@ -151,10 +151,8 @@ def run_node(
         stop.set()
         membership.close()
     if ended_by_itself and not membership.served.is_set():
-        raise NoServerError(
-            f"{link.node.sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
-            "start it first (mocapella serve)"
-        )
+        why = link.why_not_admitted() or f"no server was at {link.address}; start it first (mocapella serve)"
+        raise NoServerError(f"{link.node.sensor}: {link.published} frames went nowhere: {why}")
     return NodeSummary(
         sensor=link.node.sensor,
         node_id=f"{link.node.node_id:016x}",

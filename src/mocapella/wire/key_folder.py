@@ -20,12 +20,19 @@ _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
 
 def key_folder() -> Path:
-    """Return the folder of this user's keys, which may not exist yet."""
+    """Return the folder of this user's keys, which may not exist yet.
+
+    Raises:
+        KeyFileError: the user has no home folder.
+    """
     named = os.environ.get("MOCAPELLA_SESSIONS")
     if named:
         return Path(named)
     config = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(config) if config else Path.home() / ".config") / "mocapella" / "sessions"
+    try:
+        return (Path(config) if config else Path.home() / ".config") / "mocapella" / "sessions"
+    except RuntimeError as error:  # an account without a home
+        raise KeyFileError("this user has no home folder for keys; name a folder in MOCAPELLA_SESSIONS") from error
 
 
 def read_private(path: Path) -> str | None:
