@@ -371,3 +371,14 @@ def test_strangers_without_end_are_counted_and_noted_a_few_times(server: OpenSer
         bell._answer(msgspec.json.encode(ring).ljust(512), "192.0.2.1")
     assert server.link.refused == before + 100
     assert len([note for note in server.notes if "was refused" in note]) <= 32
+
+
+@pytest.mark.parametrize("kind", ["clock", "record"])
+def test_the_server_asks_nodes_what_nobody_else_may(server: OpenServer, node: zenoh.Session, kind: str) -> None:
+    key = keys.of_node(kind, LEFT)
+    kept = node.declare_queryable(key, lambda query: query.reply(query.key_expr, b"here"))
+    wait_until("the answer", lambda: b"here" in asks(server.link._session, key))
+    for user in (EVERYTHING, "sensor.front"):
+        with server.program(user) as other:
+            assert asks(other, key) == []
+    kept.undeclare()  # type: ignore[no-untyped-call]
