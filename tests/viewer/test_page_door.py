@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import os
+import socket
 import stat
 import threading
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from typing import Any
 
 import pytest
 import viser
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from support.programs import wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -70,7 +71,9 @@ def test_the_printed_address_loads_the_page_and_its_cookie_the_rest(port: int) -
     assert not opens_socket(port, **carried, Host=f"127.0.0.1:{port}")  # named twice
 
 
-@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", f"/?token={TOKEN}x", "/assets/x.js", f"/{TOKEN}"])
+@pytest.mark.parametrize(
+    "path", ["/", "//[", "/?token=", "/?token=wrong", f"/?token={TOKEN}x", "/assets/x.js", f"/{TOKEN}"]
+)
 def test_without_the_token_nothing_is_answered(port: int, path: str) -> None:
     status, text, cookie = get(port, path)
     assert (status, cookie) == (403, "")
@@ -81,7 +84,9 @@ def test_without_the_token_nothing_is_answered(port: int, path: str) -> None:
     assert get(port, "/", Cookie=f"other={TOKEN}")[0] == 403
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "http://[", "null", "https://127.0.0.1", "http://127.0.0.1:1"]
+)
 def test_a_page_of_another_origin_opens_no_socket(port: int, origin: str) -> None:
     assert not opens_socket(port, f"/?token={TOKEN}", Origin=origin)
     assert get(port, f"/?token={TOKEN}", Origin=origin)[0] == 403
@@ -94,14 +99,21 @@ def test_a_name_of_another_site_that_leads_here_is_refused(port: int, host: str)
     assert get(port, f"/?token={TOKEN}", Host=named, Origin=f"http://{named}")[0] == 403
 
 
+@pytest.mark.parametrize("first", [b"GET /?token=\xff", b"GET //[", b"GET /?token=%ff"])
+def test_a_request_that_is_none_is_refused_without_an_error(port: int, first: bytes) -> None:
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as raw:
+        raw.sendall(first + f" HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+        assert raw.recv(100).split()[1] in (b"403", b"400")
+
+
 def test_a_huge_message_ends_its_connection(port: int) -> None:
     at = f"ws://127.0.0.1:{port}/?token={TOKEN}"
-    with connect(at, subprotocols=[PROTOCOL], max_size=None, open_timeout=30) as socket:
+    with connect(at, subprotocols=[PROTOCOL], max_size=None, open_timeout=30) as link:
         with contextlib.suppress(ConnectionClosed):
-            socket.send(b"x" * (MAX_MESSAGE_BYTES + 1))
-            for _ in socket:
+            link.send(b"x" * (MAX_MESSAGE_BYTES + 1))
+            for _ in link:
                 pass
-        assert socket.close_code == CloseCode.MESSAGE_TOO_BIG
+        assert link.close_code == CloseCode.MESSAGE_TOO_BIG
 
 
 @pytest.mark.parametrize(
@@ -122,6 +134,10 @@ def test_the_host_is_an_address_of_this_view(listens: str, named: str, ours: boo
     assert (door.refusal(f"/{door.query()}", {"Host": named}) == "") == ours
 
 
+@example("//[", {"Host": "127.0.0.1"})
+@example("/?token=\udcff", {"Host": "127.0.0.1"})
+@example("/", {"Host": "127.0.0.1", "Cookie": 'mocapella-view-1="\udcff"'})
+@example(f"/?token={TOKEN[:-1]}", {"Host": "127.0.0.1", "Origin": "http://["})
 @given(st.text(max_size=200), st.dictionaries(st.sampled_from(["Host", "Origin", "Cookie"]), st.text(max_size=80)))
 def test_any_request_is_answered_or_refused(path: str, headers: dict[str, str]) -> None:
     door = PageDoor(TOKEN, "127.0.0.1")

@@ -21,7 +21,7 @@ from mocapella.registry import load
 from mocapella.tracker import METHODS, warm_up
 
 _POLL_S: Final = 0.05
-_NICENESS: Final = 5
+_NICENESS: Final = 10
 """Added to the processes' niceness: sensors and the view start first, and compilation still goes on beside them."""
 
 

@@ -53,16 +53,16 @@ class PageDoor:
         if not self._is_ours(_host_of(named)):
             return f"the host {named[:80]!r} is not this view; open the address that mocapella printed"
         origin = headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != named:
+        if origin is not None and origin != f"http://{named}":
             return f"a page of {origin[:80]!r} may not use this view"
         presented = (self._in_query(path), self._in_cookie(headers.get("Cookie", "")))
-        if not any(secrets.compare_digest(one.encode(), self.token.encode()) for one in presented):
+        if not any(self._is_token(one) for one in presented):
             return "the token is missing or wrong; open the address that mocapella printed, with its ?token="
         return ""
 
     def cookie(self, path: str, port: int) -> str | None:
         """Return the cookie to set in the answer to a request whose query has the token."""
-        if not secrets.compare_digest(self._in_query(path).encode(), self.token.encode()):
+        if not self._is_token(self._in_query(path)):
             return None
         return f"{_cookie_name(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
 
@@ -75,8 +75,14 @@ class PageDoor:
             return True
         return self.host in _ANY and _is_address(host)  # a name could be another site's, bound to this machine
 
+    def _is_token(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode("utf-8", "surrogateescape"), self.token.encode())
+
     def _in_query(self, path: str) -> str:
-        return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
+        try:
+            return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
+        except ValueError:  # a path that is none, such as //[
+            return ""
 
     def _in_cookie(self, header: str) -> str:
         try:
@@ -84,7 +90,7 @@ class PageDoor:
         except http.cookies.CookieError:
             return ""
         values = [cookie.value for name, cookie in cookies.items() if name.startswith(_COOKIE)]
-        return self.token if any(secrets.compare_digest(one.encode(), self.token.encode()) for one in values) else ""
+        return self.token if any(map(self._is_token, values)) else ""
 
 
 _COOKIE: Final = "mocapella-view-"
