@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import signal
@@ -10,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from support.mjpeg_streams import MjpegStreams, jpeg
@@ -49,17 +49,10 @@ class Stage:
         )
         self.at = self._shown = None
         self.off = set()
-        names, rng = list(self.scene.rig.cameras), np.random.default_rng(0)
-        self._empty = {name: [] for name in names}
-        for k in range(8):
-            for name, image in zip(names, self.scene.background(k), strict=True):
-                self._empty[name].append(jpeg(image))
-        self._moving = {name: [] for name in names}
-        for k in range(len(self.scene)):
-            for name, image in zip(names, self.scene.images(k), strict=True):
-                # No two pictures of a camera are the same, not even of somebody who stands still.
-                noisy = [np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8) for _ in range(2)]
-                self._moving[name].append([jpeg(one) for one in noisy])
+        names, noise = list(self.scene.rig.cameras), np.random.default_rng(0).normal(0, 1.5, (480, 640, 3))
+        self._noise = noise.astype(np.int8)
+        self._empty = dict(zip(names, self.scene.background(0), strict=True))
+        self._moving = [dict(zip(names, self.scene.images(k), strict=True)) for k in range(len(self.scene))]
 
     def move(self, folder):
         """From now on: the next pose when two more frames were followed, so that a busy machine can follow."""
@@ -80,11 +73,14 @@ class Stage:
         self._shown = self.at
 
     def _pictures(self, name):
-        for k in itertools.count():
-            if name in self.off:
-                return
+        """No two pictures of a camera are the same, not even of somebody who stands still: a repeated one is stale."""
+        rng = np.random.default_rng()
+        while name not in self.off:
             shown = self._shown
-            yield self._empty[name][k % 8] if shown is None else self._moving[name][shown][k % 2]
+            image = (self._empty if shown is None else self._moving[shown])[name]
+            down, right = rng.integers(240), rng.integers(320)
+            noise = self._noise[down : down + image.shape[0], right : right + image.shape[1]]
+            yield jpeg(cv2.add(image, noise, dtype=cv2.CV_8U))
 
 
 @pytest.fixture(scope="module")
