@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.forked import Forked
 
 import mocapella
 from mocapella import kernel_cache
@@ -86,17 +86,8 @@ def digests(package: Path) -> dict[str, str]:
     return {path.relative_to(package).as_posix(): source_digest(path, package) for path in package.rglob("*.py")}
 
 
-def start(folder: Path, *arguments: str, code: str = CALL, **environment: str) -> subprocess.Popen[str]:
-    surroundings = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.Popen(command, cwd=folder, env={**surroundings, **environment}, stdout=subprocess.PIPE, text=True)
-
-
-def call(folder: Path, *arguments: str, **environment: str) -> list[str]:
-    process = start(folder, *arguments, **environment)
-    out, _ = process.communicate(timeout=120)
-    assert process.returncode == 0
-    return out.split()
+def call(folder: Path, *arguments: str, code: str = CALL, **environment: str) -> list[str]:
+    return Forked(folder, code, *arguments, **environment).output().split()
 
 
 def entries(folder: Path) -> list[str]:
@@ -154,9 +145,7 @@ def test_an_import_writes_nothing(kernels: Path) -> None:
     before = set(kernels.rglob("*"))
     given = kernels / "given"
     code = "import work_kernels, mocapella.tracker.people_kernels"
-    process = start(kernels, code=code, NUMBA_CACHE_DIR=str(given), PYTHONDONTWRITEBYTECODE="1")
-    assert process.communicate(timeout=120) == ("", None)
-    assert process.returncode == 0
+    assert call(kernels, code=code, NUMBA_CACHE_DIR=str(given), PYTHONDONTWRITEBYTECODE="1") == []
     assert set(kernels.rglob("*")) == before
 
 
@@ -185,9 +174,7 @@ def test_entries_of_another_python_are_left_alone(kernels: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a limit of POSIX stands for a full disk")
 def test_on_a_full_disk_kernels_still_run(kernels: Path) -> None:
-    process = start(kernels, "2", code=FULL_DISK + CALL, PYTHONDONTWRITEBYTECODE="1")
-    out, _ = process.communicate(timeout=120)
-    assert (process.returncode, out.split()) == (0, ["6", "1"])
+    assert call(kernels, "2", code=FULL_DISK + CALL, PYTHONDONTWRITEBYTECODE="1") == ["6", "1"]
     assert call(kernels, "2") == ["6", "1"]
     assert call(kernels, "2") == ["6", "0"]
 
@@ -195,10 +182,11 @@ def test_on_a_full_disk_kernels_still_run(kernels: Path) -> None:
 def test_processes_that_start_together_save_all_that_they_compile(kernels: Path) -> None:
     arguments = ("2", "2.5", "2j", "True")
     code = SLOW_SAVE + CALL
-    processes = [start(kernels, argument, code=code, NUMBA_CACHE_DIR=str(kernels / "given")) for argument in arguments]
-    outs = [process.communicate(timeout=120)[0].split() for process in processes]
+    given = str(kernels / "given")
+    processes = [Forked(kernels, code, argument, NUMBA_CACHE_DIR=given) for argument in arguments]
+    outs = [process.output().split() for process in processes]
     assert [out[0] for out in outs] == ["6", "7.5", "6j", "3"]
-    assert call(kernels, *arguments, NUMBA_CACHE_DIR=str(kernels / "given")) == ["6", "7.5", "6j", "3", "0"]
+    assert call(kernels, *arguments, NUMBA_CACHE_DIR=given) == ["6", "7.5", "6j", "3", "0"]
 
 
 def test_without_a_folder_beside_the_source_the_users_cache_is_taken(kernels: Path) -> None:
@@ -239,27 +227,26 @@ Compiler.compile_extra = slow
 
 @pytest.mark.parametrize("folders", [{}, {"NUMBA_CACHE_DIR": "given"}])
 def test_where_compiling_is_forbidden_only_kernels_on_disk_run(kernels: Path, folders: dict[str, str]) -> None:
-    refused = start(kernels, code=ONLY_COMPILED, **folders)
-    assert refused.communicate(timeout=120)[0] == "not compiled: work_kernels.work(int64,)\n"
+    refused = Forked(kernels, ONLY_COMPILED, **folders)
+    assert refused.output() == "not compiled: work_kernels.work(int64,)\n"
     assert entries(kernels) == []
     assert call(kernels, "2", **folders) == ["6", "1"]
-    assert start(kernels, code=ONLY_COMPILED, **folders).communicate(timeout=120)[0] == "6\n"
+    assert Forked(kernels, ONLY_COMPILED, **folders).output() == "6\n"
 
 
 def test_processes_that_start_together_compile_a_kernel_once(kernels: Path) -> None:
-    processes = [start(kernels, "2", code=SLOW_COMPILE + CALL) for _ in range(3)]
-    outs = [process.communicate(timeout=120)[0].split() for process in processes]
+    processes = [Forked(kernels, SLOW_COMPILE + CALL, "2") for _ in range(3)]
+    outs = [process.output().split() for process in processes]
     assert sorted(outs) == [["6", "0"], ["6", "0"], ["6", "1"]]
 
 
 def test_a_kernel_whose_compilation_was_killed_is_compiled_by_the_next(kernels: Path) -> None:
-    killed = start(kernels, "2", code=SLOW_COMPILE.replace("1.0", "60") + CALL)
+    killed = Forked(kernels, SLOW_COMPILE.replace("1.0", "60") + CALL, "2")
     while not list(kernels.rglob("*.claim")):
-        assert killed.poll() is None
-    waits = start(kernels, "2")
+        assert not killed.ended()
+    waits = Forked(kernels, CALL, "2")
     killed.kill()
-    killed.communicate()
-    assert waits.communicate(timeout=60)[0].split() == ["6", "1"]
+    assert waits.output(timeout=60).split() == ["6", "1"]
 
 
 def test_a_claim_that_is_never_given_back_does_not_stop_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,29 +278,25 @@ def two_kernels(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def out_of(process: subprocess.Popen[str]) -> list[str]:
-    return process.communicate(timeout=120)[0].split()
-
-
 def test_a_callee_gets_machine_code_when_python_calls_it(two_kernels: Path) -> None:
     assert call(two_kernels, "2.0") == ["0.75", "2"]
     assert call(two_kernels, "2.0") == ["0.75", "0"]
-    assert out_of(start(two_kernels, code=ONLY_COMPILED.replace("import work", "import inverse as work"))) == [
+    assert call(two_kernels, code=ONLY_COMPILED.replace("import work", "import inverse as work")) == [
         *["not", "compiled:", "work_kernels.inverse(int64,)"]
     ]
-    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "1"]
-    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "0"]
+    assert call(two_kernels, "2.0", code=CALL_INVERSE) == ["0.5", "1"]
+    assert call(two_kernels, "2.0", code=CALL_INVERSE) == ["0.5", "0"]
 
 
 def test_kernels_compile_in_any_order(two_kernels: Path) -> None:
-    assert out_of(start(two_kernels, "2.0", code=CALL_INVERSE)) == ["0.5", "1"]
+    assert call(two_kernels, "2.0", code=CALL_INVERSE) == ["0.5", "1"]
     assert call(two_kernels, "2.0") == ["0.75", "1"]  # the machine code of the callee serves as LLVM code
     both = CALL.replace("import work", "import inverse, work")
     both = both.replace("work(eval(x))", "(work(eval(x)), inverse(eval(x)), work(eval(x)))")
-    assert out_of(start(two_kernels, "4.0", code=both)) == ["(0.375,", "0.25,", "0.375)", "0"]
+    assert call(two_kernels, "4.0", code=both) == ["(0.375,", "0.25,", "0.375)", "0"]
 
 
 def test_an_error_of_a_callee_reaches_python(two_kernels: Path) -> None:
     code = "from work_kernels import work\ntry:\n    work(0.0)\nexcept ZeroDivisionError as error:\n    print(error)\n"
     for _ in ("compiled", "loaded"):
-        assert out_of(start(two_kernels, code=code)) == ["no", "inverse"]
+        assert call(two_kernels, code=code) == ["no", "inverse"]
