@@ -38,3 +38,7 @@ def test_the_package_alone_imports_nothing_heavy_and_no_command_line_library() -
 @pytest.mark.parametrize("code", ["import numpy", "import mocapella.schema"])
 def test_a_heavy_import_would_be_noticed(code: str) -> None:
     assert "numpy" in heavy_of(f"{code}\n{RUN.format(['--version'])}")
+
+
+def test_a_view_imports_no_compiler() -> None:
+    assert not heavy_of("import mocapella.live.view") & {"cv2", "llvmlite", "matplotlib", "numba", "scipy"}

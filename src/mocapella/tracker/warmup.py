@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from mocapella.compiled import NotCompiledError, only_compiled
 from mocapella.tracker.method import METHODS
 
 _READY: Final[set[str]] = set()
@@ -34,6 +33,8 @@ def is_compiled(method: str) -> bool:
     Returns:
         Whether `warm_up` has nothing left to compile.
     """
+    from mocapella.compiled import NotCompiledError, only_compiled  # numba, which a view need not import
+
     try:
         with only_compiled():
             warm_up(method)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
@@ -137,6 +136,8 @@ def _sway(poses: int, rng: np.random.Generator) -> _Sway:
 
 def _root(tracks: GaitTracks, sway: _Sway, yaw: Float64, lengths: Float64, stature: float) -> Float64:
     """Root positions (poses, 3): above the feet, shifted to the stance foot, as high as both legs reach."""
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
     lifts = np.sin(np.pi * tracks.swings) ** 2
     shift = 0.02 * (lifts[:, 1] - lifts[:, 0]) + 0.004 * sway.aside
     root = np.zeros((len(yaw), 3))

@@ -21,7 +21,6 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from mocapella.conventions import NS_PER_S
 from mocapella.decoding import FAULTS, decode_json
@@ -130,6 +129,8 @@ class Errors:
             white: (n, 25, 3).
             speed: (n,) [m/s].
         """
+        from scipy.special import ndtr
+
         d, moves = self.data, np.interp(speed, SPEEDS, (0.0, 1.0))[:, None]
         share = moves * np.array(d.share) + (1 - moves) * np.array(d.still_share)
         mixed = np.einsum("nk,kni->ni", np.sqrt(share), splines[:-1])
