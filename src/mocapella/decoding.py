@@ -76,7 +76,11 @@ def _pieces(file: BinaryIO, path: Path | str, fix: str, most_bytes: int) -> Iter
 
 
 def decode_text(data: bytes | str, *, file: object = None, fix: str | None = None) -> str:
-    """Return UTF-8 text, without a byte order mark.
+    """Decode UTF-8 text, without a byte order mark; text that is decoded already is returned.
+
+    Args:
+        data: the text.
+        file, fix: the file and the advice that errors name, if given.
 
     Raises:
         InputError: it is not UTF-8.
@@ -160,7 +164,13 @@ def convert(value: Any, kind: type[T], *, what: str, file: object = ..., fix: st
 @overload
 def convert(value: Any, kind: UnionType, *, what: str, file: object = ..., fix: str | None = ...) -> Any: ...
 def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str | None = None) -> Any:
-    """Return decoded JSON or TOML as a value of type ``kind``.
+    """Convert decoded JSON or TOML to a value of type ``kind``.
+
+    Args:
+        value: the decoded value.
+        kind: type of the result, such as a `msgspec.Struct`.
+        what: noun for the value in errors, such as ``sensor layout``.
+        file, fix: the file and the advice that errors name, if given.
 
     Raises:
         InputError: it is of another type; names the field.
@@ -172,7 +182,11 @@ def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str |
 
 
 def decode_toml(data: bytes | str, *, file: object = None, fix: str | None = None) -> dict[str, Any]:
-    """Return the tables of a TOML text.
+    """Decode a TOML text into its tables.
+
+    Args:
+        data: the text.
+        file, fix: the file and the advice that errors name, if given.
 
     Raises:
         InputError: it is not TOML in UTF-8, too long, nested too deeply, or has an integer of more than 64 bits.
@@ -240,6 +254,11 @@ def _rows(text: str, file: object, fix: str | None) -> Iterator[tuple[int, list[
 
 def check_filled(places: int, rows: int, *, file: object) -> None:
     """Check that a table's array has few empty places, because its size is a product of numbers of names.
+
+    Args:
+        places: number of elements that the array would have.
+        rows: number of rows of the table.
+        file: named in errors.
 
     Raises:
         InputError: it has more than four million places, and more than 64 for each row.

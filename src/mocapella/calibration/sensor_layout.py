@@ -98,7 +98,11 @@ def encode_layout(layout: SensorLayout) -> bytes:
 
 
 def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
-    """Read a layout from JSON.
+    """Decode a sensor layout from a JSON file's content.
+
+    Args:
+        data: the content.
+        file: named in errors, if given.
 
     Raises:
         InputError: it is no layout, has another version, or contains an invalid number; names the field.

@@ -88,9 +88,10 @@ class LiveSession:
     shown: threading.Event = field(default_factory=threading.Event)
 
     def begin_if_compiled(self) -> None:
-        """Allow tracking as soon as the method's kernels are compiled, and start it if the session ``begins``.
+        """Start the compilation once the view is shown; when it is complete, allow tracking.
 
-        The compilation starts when the view is there: it takes all cores, and the view would wait for it.
+        If ``begins``, tracking starts then as well. Call this method repeatedly. A compilation takes all cores, so an
+        earlier one would delay the view.
         """
         from mocapella.tracker import warm_up
 

@@ -67,7 +67,12 @@ class ArmFinder:
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
     def region(self, depth: Float32, spheres: Float64) -> Region | None:
-        """Return the region of an arm around spheres (k, 5) [m]; None outside the image or with too few points."""
+        """Segment the arm around spheres along it; None outside the image or with too few points.
+
+        Args:
+            depth: (height, width) [m].
+            spheres: (k, 5) centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
+        """
         grid = grid_about(depth, self.lens, spheres, self.settings)
         if grid is None:
             return None

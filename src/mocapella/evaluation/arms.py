@@ -98,7 +98,7 @@ class ArmScores:
 
 
 def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
-    """Run a detector over the shots of one scene, in their order."""
+    """Run a detector over a scene's simulated depth images, in the order of their times; score it by ground truth."""
     scores = ArmScores()
     runs: dict[int, int] = {}
     for shot in shots:

@@ -73,7 +73,12 @@ class GestureScores:
 
 
 def gesture_scores(detector: ArmDetector, shots: Iterable[DepthShot]) -> GestureScores:
-    """Run a detector with gestures (`mocapella.detectors.make_detector`) over the shots of one scene."""
+    """Run a detector with gestures over a scene's simulated depth images; score it by ground truth.
+
+    Args:
+        detector: from `mocapella.detectors.make_detector`, with gestures.
+        shots: the images and their ground truth, in the order of their times.
+    """
     scores = GestureScores()
     since: dict[int, tuple[str, float]] = {}
     told: dict[int, bool] = {}

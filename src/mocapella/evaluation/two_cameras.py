@@ -99,7 +99,7 @@ def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
 
 
 def looks_of(detectors: tuple[ArmDetector, ArmDetector]) -> tuple[ArmFinding, ArmFinding]:
-    """Return two functions that detect arms in the shots of each camera, from two detectors."""
+    """Return a function for each of two cameras that detects the arms in a simulated depth image."""
 
     def of(detector: ArmDetector) -> ArmFinding:
         return lambda shot: detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
@@ -122,7 +122,7 @@ def two_camera_scores(
 
     Args:
         scene: with one arm, as the first camera sees it.
-        looks: detectors of arms in each camera's shots.
+        looks: for each camera, a function that detects the arms in a simulated depth image.
         angle_deg: between the cameras, about the hand.
         fps: frame rate of each camera [Hz].
         seconds: duration.

@@ -46,16 +46,17 @@ class MarkerRaysSettings:
     """Motion of markers, and gating of observations.
 
     Attributes:
-        acceleration_density: of the white acceleration [m²/s³].
-        speed_sd: of a new marker's speed along an axis [m/s].
-        gate_sd: pixels farther from their prediction, in standard deviations, are rejected.
-        keep_s: largest delay of an observation behind others [s].
+        acceleration_density: power spectral density of the white-noise acceleration along an axis [m²/s³].
+        speed_sd: standard deviation of a new marker's speed along an axis [m/s].
+        gate_sd: an observation with a larger innovation, in standard deviations, is rejected.
+        keep_s: an observation that is older than the marker's newest one by more than this is dropped [s].
         together_s: largest time between the observations of two cameras that initialise a marker [s].
-        image_speed_px: additional standard deviation for the time between these [px/s].
-        least_angle_rad: least angle between their rays.
-        alone_s: with only one camera for this long, a marker is inferred [s].
+        image_speed_px: assumed speed of a marker in an image; the standard deviation of the older of these observations
+            grows by it with time [px/s].
+        least_angle_rad: least angle between the rays of two cameras that initialise a marker [rad].
+        alone_s: a marker that only one camera has seen for this long is inferred [s].
         forget_after_s: a marker unseen for this long is lost [s].
-        largest_sd_m: an inferred marker with a larger standard deviation is lost.
+        largest_sd_m: an inferred marker is lost if the standard deviation of a coordinate is larger [m].
     """
 
     acceleration_density: float = 20.0

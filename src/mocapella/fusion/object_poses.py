@@ -71,20 +71,22 @@ class ObjectPoseSettings:
     """Motion of objects, and gating of frames.
 
     Attributes:
-        acceleration_density: of the white acceleration [m²/s³].
-        turn_density: of the white angular acceleration [rad²/s³].
+        acceleration_density: power spectral density of the white-noise acceleration along an axis [m²/s³].
+        turn_density: power spectral density of the white-noise angular acceleration about an axis [rad²/s³].
         manoeuvre: factor of both densities that is tried if a frame does not fit; then its square.
         speed_sd: standard deviation of a new object's speed along an axis [m/s].
         turn_sd: standard deviation of its angular speed about an axis [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
-        keep_s: largest delay of a frame behind others [s].
+        keep_s: a frame that is older than the newest one by more than this is dropped [s].
         together_s: largest time between the frames that initialise an object [s].
-        image_speed_px: additional standard deviation for the time between these [px/s].
+        image_speed_px: assumed speed of a marker in an image; the standard deviation of the older frames' pixels grows
+            by it with time [px/s].
         undecided_cost: largest difference of cost of two poses that are tracked.
         alone_s: with too few markers for this long, it is inferred [s].
         forget_after_s: unseen for this long, it is lost [s].
-        tracked_sd_m, tracked_sd_rad: with larger standard deviations it is inferred.
-        largest_sd_m: with a larger standard deviation it is lost.
+        tracked_sd_m, tracked_sd_rad: it is inferred if the standard deviation of its position along an axis [m], or of
+            its rotation about an axis [rad], is larger.
+        largest_sd_m: it is lost if the standard deviation of its position along an axis is larger [m].
     """
 
     acceleration_density: float = 0.3

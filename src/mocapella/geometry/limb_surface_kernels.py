@@ -74,6 +74,9 @@ def separate(values: Float64) -> bool:
     """Change signs until no cell face has inside and outside at alternating corners; return whether that succeeded.
 
     At such a face the surface would touch itself along an edge. The corner nearest to the surface is moved outside.
+
+    Args:
+        values: (a, b, c) signed distances at the nodes of a grid [m], negative inside; in and out.
     """
     shape = values.shape
     for _ in range(50):
@@ -113,12 +116,16 @@ def separate(values: Float64) -> bool:
 
 @njit(cache=True)
 def surface_net(values: Float64, nodes: Float64, vertices: Float64, triangles: Int64) -> tuple[int, int]:
-    """Write the surface at which ``values`` change sign; return the numbers of vertices and triangles.
-
-    Triangles are anticlockwise as seen from outside.
+    """Triangulate the surface at which signed distances are 0; return the numbers of vertices and triangles.
 
     S. Gibson, "Constrained elastic surface nets" (MICCAI 1998): a vertex in each cell that the surface crosses, at the
     mean of the crossings of its edges; a quadrilateral about each edge that it crosses.
+
+    Args:
+        values: (a, b, c) signed distances at the nodes, negative inside.
+        nodes: (a, b, c, 3) positions of the nodes [m].
+        vertices: (capacity, 3) written [m]; four for each edge that the surface crosses suffice.
+        triangles: (capacity, 3) written, anticlockwise as seen from outside; two for each such edge suffice.
     """
     a, b, c = values.shape
     cell = np.full((a, b, c), -1, np.int64)
@@ -177,7 +184,13 @@ def surface_net(values: Float64, nodes: Float64, vertices: Float64, triangles: I
 
 @njit(cache=True)
 def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, most_m: float) -> None:
-    """Move vertices onto the surface, in place, along its gradient and by at most ``most_m`` a step."""
+    """Move vertices (n, 3) [m] onto the surface, in place, by three steps along its gradient.
+
+    Args:
+        limbs, within, between: as in `flesh`.
+        vertices: (n, 3) [m], in and out.
+        most_m: longest step, where the gradient has the length 1 [m].
+    """
     by_group, e = np.empty(len(within)), 2e-4
     for i in range(len(vertices)):
         p = vertices[i]

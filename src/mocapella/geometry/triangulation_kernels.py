@@ -140,7 +140,14 @@ def refine(
 
 @njit(**INLINED)
 def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
-    """Write the ray of view n: x, y, its direction R_world_camera (x, y, 1), and the direction's squared length."""
+    """Write the ray of view n into ``rays`` (views, 6).
+
+    Args:
+        views: (views, 25), see `triangulation.Views`.
+        n: index of the view.
+        x, y: undistorted point in normalised image coordinates.
+        rays: row n is written: x, y, the direction R_world_camera (x, y, 1), and the direction's squared length.
+    """
     dx = views[n, 10] * x + views[n, 13] * y + views[n, 16]
     dy = views[n, 11] * x + views[n, 14] * y + views[n, 17]
     dz = views[n, 12] * x + views[n, 15] * y + views[n, 18]

@@ -51,7 +51,11 @@ class CameraWork(Protocol):
         ...
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield faults since the last check, at limited intervals, and recoveries."""
+        """Yield faults since the last check, at limited intervals, and recoveries.
+
+        Args:
+            now_s: the present time on a monotonic clock [s].
+        """
         ...
 
 
@@ -183,7 +187,12 @@ class FaultReports:
         return not first
 
     def update(self, problems: Mapping[str, str], now_s: float) -> Iterator[str]:
-        """Yield messages for the present problems, given by kind."""
+        """Yield messages for faults that began and for faults that are over.
+
+        Args:
+            problems: the present faults as sentences, by kind.
+            now_s: the present time on a monotonic clock [s].
+        """
         for kind, text in problems.items():
             begins = kind not in self._reported
             if begins and now_s < self._over_s.get(kind, -np.inf) + STEADY_S:

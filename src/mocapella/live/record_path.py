@@ -223,7 +223,14 @@ def request_of(take: str, state: NodeState | None, first: int | None, age_ns: in
 
 
 def hear_answer(ledger: NodeLedger, *, answer: FrameAnswer, first: int | None, end: int | None) -> bool:
-    """Take over a node's answer; return whether the take must store the account."""
+    """Update the account of a node's frames by the node's answer; return whether the take must store the account.
+
+    Args:
+        ledger: the account.
+        answer: of the node.
+        first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
+        end: number after the node's last frame that belongs to the take; None while more may follow.
+    """
     news = first is not None and _expect(ledger, first=first)
     ledger.hear(answer.next, answer.oldest)
     return (end is not None and ledger.finish(end)) or news

@@ -86,7 +86,12 @@ class SensorRegistry:
         self._notices: list[str] = []
 
     def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
-        """Return the standing of a node that sends a message; nothing is kept of a stranger."""
+        """Return the standing of a node that sends a message; nothing is kept of a stranger.
+
+        Args:
+            node: the node.
+            now_ns: the present time on the server's monotonic clock [ns].
+        """
         entry = self._entries.get(node.sensor)
         if entry is not None and entry.node == node:
             return NodeStanding.SEATED
@@ -99,6 +104,10 @@ class SensorRegistry:
         """Give the node the sensor's name if a seat is free; return why the name is not, or an empty text.
 
         Without a free seat, its first valid frame gets one.
+
+        Args:
+            node: the node.
+            now_ns: the present time on the server's monotonic clock [ns].
         """
         if self.standing(node, now_ns) is NodeStanding.REFUSED:
             return _taken(node)
@@ -139,7 +148,15 @@ class SensorRegistry:
         return True
 
     def set_connected(self, node: NodeKey, connected: bool, now_ns: int) -> None:
-        """Set whether the node's liveliness token is present."""
+        """Record that a node's liveliness token has appeared on the bus, or disappeared.
+
+        A token gives the node its sensor's name, if that is free. When the token disappears, the name is free again.
+
+        Args:
+            node: the node.
+            connected: whether the token is present.
+            now_ns: the present time on the server's monotonic clock [ns].
+        """
         if connected:
             if len(self._tokens) < MOST_REFUSED_NODES:
                 self._tokens.add(node)
@@ -228,7 +245,11 @@ class SensorRegistry:
         return latency
 
     def notice_silence(self, now_ns: int) -> None:
-        """Mark sensors that have fallen silent since the last call; forget unproven ones that are gone."""
+        """Mark sensors that have been silent for `SILENT_AFTER_S`; forget unproven ones after `UNPROVEN_S`.
+
+        Args:
+            now_ns: the present time on the server's monotonic clock [ns].
+        """
         for name, entry in list(self._entries.items()):
             if not entry.frames and not entry.connected and now_ns - entry.heard_ns > UNPROVEN_S * 1e9:
                 del self._entries[name]

@@ -149,7 +149,7 @@ class RunSummary:
         self.state_changes.append({"at_s": round(at_s, 3), "phase": phase, "reason": reason})
 
     def rate_hz(self, now_ns: int, over_s: float = 2.0) -> float:
-        """Return the recent rate of scenes [Hz]."""
+        """Return the rate of scenes over the last ``over_s`` seconds [Hz]; ``now_ns`` is on the monotonic clock."""
         return sum(1 for t in tuple(self.times) if now_ns - t < over_s * 1e9) / over_s
 
     def latency_ms(self) -> dict[str, float] | None:

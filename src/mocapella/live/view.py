@@ -48,7 +48,12 @@ class Held(Generic[T]):
         self._since_s = 0.0
 
     def update(self, fresh: T | None, now_s: float) -> T | None:
-        """Return the fresh value, or else the held one while it is not stale."""
+        """Return the fresh value, or else the held one while it is at most `STALE_AFTER_S` old.
+
+        Args:
+            fresh: the newest value; None if no new one has come.
+            now_s: the present time on a monotonic clock [s].
+        """
         if fresh is not None:
             self._value, self._since_s = fresh, now_s
         elif now_s - self._since_s > STALE_AFTER_S:
@@ -67,7 +72,17 @@ class ViewState:
     def update(
         self, scene: Scene | None, frames: dict[str, SensorFrame], status: SessionStatus | None, now_s: float
     ) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
-        """Add new values, if any; return those to draw."""
+        """Add new values, if any; return those to draw.
+
+        Args:
+            scene: the newest scene; None if no new one has come.
+            frames: new frames by sensor.
+            status: the newest status; None if no new one has come.
+            now_s: the present time on a monotonic clock [s].
+
+        Returns:
+            Scene, frames by sensor, and status, none older than `STALE_AFTER_S`; no scene while the session is stopped.
+        """
         for sensor in frames:
             self._frames.setdefault(sensor, Held())
         held = {sensor: slot.update(frames.get(sensor), now_s) for sensor, slot in self._frames.items()}

@@ -81,7 +81,11 @@ def encode_camera_rig(rig: CameraRig) -> str:
 
 
 def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
-    """Return the rig of a TOML text in any of the formats above.
+    """Decode a rig from a TOML text in any of the formats above.
+
+    Args:
+        text: the TOML text.
+        file: named in errors, if given.
 
     Raises:
         InputError: as `load_camera_rig`.

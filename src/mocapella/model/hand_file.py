@@ -35,7 +35,11 @@ def encode_hand_shape(shape: HandShape) -> bytes:
 
 
 def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
-    """Return the hand of a JSON text.
+    """Decode a hand's shape from a JSON file's content.
+
+    Args:
+        data: the content; lengths are in metres.
+        file: named in errors, if given.
 
     Raises:
         InputError: it is not a hand, of another version, or a number is invalid; names the field.

@@ -30,7 +30,7 @@ class Accounts:
 
     @property
     def stored(self) -> int:
-        """Number of stored frames."""
+        """Number of the take's frames on the disk, over all sensors."""
         return sum(self.frames.values())
 
     @property
@@ -90,7 +90,11 @@ class Accounts:
             ledger.commit()
 
     def recount(self, found: Mapping[Node, NodeLedger]) -> None:
-        """Take over what is readable on a disk that has failed; the other frames count as pending."""
+        """Correct the counts of stored frames after a disk has failed; all other received frames count as pending.
+
+        Args:
+            found: accounts of the frames that were read back from the disk, by node.
+        """
         received = self.stored + self.pending
         for node, ledger in self.nodes.items():
             ledger.stored = found[node].stored if node in found else 0

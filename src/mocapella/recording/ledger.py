@@ -147,7 +147,7 @@ class NodeLedger:
         return LedgerRow(sensor, node_id, self.first, self.end, self.heard, self.oldest)
 
     def read(self, row: LedgerRow) -> None:
-        """Take over a stored row."""
+        """Restore the account from a row of the take; frames that were received before still count."""
         self.agreed, self.first, self.end = True, row.first, row.end
         if len(self._received):
             self.first = min(self.first, self._received.first)

@@ -141,7 +141,17 @@ def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -
 
 
 def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSettings) -> Grid | None:
-    """Return a grid, as fine as the settings require, of the image around spheres (k, 5); None if they are outside."""
+    """Subsample the part of a depth image that shows an arm, as finely as ``s.spacing_m`` requires.
+
+    Args:
+        depth: (height, width) [m].
+        lens: (4,) fx, fy, cx, cy of the image [px], or (9,) with the distortion, which is not used.
+        spheres: (k, 5) along the arm: centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
+        s: spacing, range of depths, and margin around the spheres.
+
+    Returns:
+        The grid; None if the spheres are behind the camera, or cover less than 8 px of the image along an axis.
+    """
     height, width = depth.shape
     z = spheres[:, 2]
     there = z > 0.1
@@ -166,7 +176,13 @@ def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, ste
 
 
 def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
-    """Segment the surfaces near spheres (k, 5) [m], and those connected to them."""
+    """Segment the surfaces near spheres along an arm, and the surfaces connected to them.
+
+    Args:
+        grid: from `grid_about` or `whole_grid`.
+        spheres: (k, 5) centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
+        s: distances of the surfaces from the spheres.
+    """
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
     hand = np.ascontiguousarray(spheres[spheres[:, 4] > 0])

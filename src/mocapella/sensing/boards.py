@@ -46,15 +46,15 @@ class BoardDetector:
         self._charuco = _charuco_detector(board) if board.kind == "charuco" else None
 
     def update(self, image: UInt8, camera: str, frame: int) -> BoardView | None:
-        """Return the corners in one image.
+        """Detect the board's corners in an image, and count the image in ``report``.
 
         Args:
             image: (height, width) gray or (height, width, 3) BGR.
-            camera: its name.
-            frame: number of the image.
+            camera: its name, for the result.
+            frame: number of the image in its video, from 0, for the result.
 
         Returns:
-            None if there is no corner.
+            The detected corners [px]; None if there is none.
         """
         gray = _gray(image, self.board.inverted)
         self.report.pictures += 1

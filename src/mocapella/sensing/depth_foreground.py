@@ -41,7 +41,8 @@ class DepthForeground:
 
         Args:
             depth: (height, width) [m].
-            arms: (k, 5) spheres of each tracked arm [m], around which no foreground is reported.
+            arms: of each tracked arm, spheres (k, 5) as in `mocapella.sensing.arm_region.region` [m]; surfaces near
+                them are not reported.
         """
         seen = self._coarse(depth)
         before = seen if self._before is None else self._before

@@ -195,10 +195,18 @@ def read_band(
     *,
     guided: bool = True,
 ) -> Band:
-    """Read an image near a contour; in the whole window if not ``guided``.
+    """Sample an image for `settle`: its half grey levels near the prior's contour, and the initial contour.
+
+    Args:
+        image: (height, width) or (height, width, 3) uint8; only the prior's window is read.
+        prior: the model's contour.
+        start: the initial contour; the prior's if None.
+        ignore: (height, width) bool pixels without information.
+        settings: width of the band, size of the blocks, and median.
+        guided: whether only samples within the band may change sides; otherwise all samples of the window may.
 
     Raises:
-        SettingsError: an array of another shape or type.
+        SettingsError: an array of another shape or type, or a prior that is not finite.
     """
     check_silhouette(prior, "prior")
     good = image.dtype == np.uint8 and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in (1, 3)))

@@ -27,7 +27,8 @@ class KalmanSettings:
     """Process model of moving points, and robustness of the filter.
 
     Attributes:
-        acceleration_density: of the white acceleration [m²/s³]; higher follows faster and is less steady.
+        acceleration_density: power spectral density of the white-noise acceleration along an axis; a higher one means
+            less lag and more jitter [m²/s³].
         speed_sd: standard deviation of a new point's speed along an axis [m/s].
         degrees_of_freedom: of the Student-t weight; infinity disables the weight.
         forget_after_s: a point that was not seen for longer is no longer predicted.

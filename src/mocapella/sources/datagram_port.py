@@ -94,14 +94,22 @@ class DatagramPort:
         self._listener.close()
 
     def release_silent_sender(self, now_ns: int) -> None:
-        """Release a sender that has been silent for too long, so that another may take the port."""
+        """Release a sender that has been silent for ``source_timeout`` seconds, so that another may take the port.
+
+        Args:
+            now_ns: the present time on the monotonic clock [ns].
+        """
         if self.sender is None or now_ns - self._heard_ns <= self._settings.source_timeout * NS_PER_S:
             return
         self._say(f"{self.name}: nothing from {address_text(self.sender)} any more; waiting for any sender")
         self._let_go()
 
     def turn(self, now_ns: int) -> MarkerFrame | None:
-        """Read the waiting datagrams, and decode the newest readable one into a frame."""
+        """Read the waiting datagrams, and decode the newest readable one into a frame; None if there is none.
+
+        Args:
+            now_ns: the present time on the monotonic clock [ns].
+        """
         self.rests_until_ns = now_ns + round(NS_PER_S / self._settings.max_rate_hz)
         waiting = sorted((one for each in self.sockets for one in self._read(each)), key=lambda one: one.at_ns)
         if self.sender is not None:

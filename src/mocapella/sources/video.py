@@ -38,7 +38,10 @@ class Frames:
 
 
 def parse_frames(text: str | None) -> Frames:
-    """Parse ``odd``, ``even``, or ``FROM:TO:STEP``, whose parts are optional; None selects all frames.
+    """Parse a selection of frames, which are numbered from 0; None selects all frames.
+
+    Args:
+        text: ``odd`` or ``even`` numbers, or ``FROM:TO:STEP`` without the frame TO; each of the three may be left out.
 
     Raises:
         SettingsError: the text is none of these.

@@ -110,7 +110,13 @@ class PeopleArms:
         return bool(self._tracks.tracks)
 
     def tracked_arms(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
-        """Return the present arms with their persons."""
+        """Return the present arms, each with the id of its person.
+
+        Args:
+            people: the tracked people.
+            topology: of their skeletons; without one the arms have no persons.
+            now_s: the scene's time on the server's clock [s].
+        """
         self._tracks.advance(now_s)
         arms = self._tracks.tracked_arms()
         if not arms or topology is None:

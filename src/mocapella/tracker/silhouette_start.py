@@ -123,7 +123,12 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
 
 
 def check_joints(model: str, joints: Mapping[str, Float64], file: object = None) -> None:
-    """Check that the joints suffice.
+    """Check that the joints suffice to initialise a body model.
+
+    Args:
+        model: name of the body model.
+        joints: position of each joint, by its name.
+        file: named in errors, if given.
 
     Raises:
         InputError: one is missing; lists those needed.

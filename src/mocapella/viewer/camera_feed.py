@@ -158,7 +158,15 @@ class CameraFeed:
         return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
-        """Register that a browser shows this image ``width_px`` wide; return the newest one."""
+        """Register that a browser shows a camera's image; return the newest one.
+
+        Args:
+            camera: its name.
+            shown: type of the image.
+            width_px: width in the browser [px].
+            now_s: the present time on a monotonic clock [s]; without another call the request expires after
+                ``FeedSettings.wanted_s``.
+        """
         key = camera, shown.value
         wish = self._wishes.setdefault(key, _Wish())
         wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s

@@ -40,7 +40,12 @@ class Framing:
         self._last_s: float | None = None
 
     def follow(self, low: Float64, high: Float64, now_s: float) -> None:
-        """Move so that the box contains all people, whose bounding box is from ``low`` (3,) to ``high`` (3,) [m]."""
+        """Move so that the box contains all people.
+
+        Args:
+            low, high: (3,) corners of the people's bounding box in the world [m].
+            now_s: the present time on a monotonic clock [s].
+        """
         for axis, k in ((0, 0), (2, 1)):
             wide = 0.5 * (high[axis] - low[axis])
             self._to_half[k] = max(self._least[k], wide - SLACK_M)

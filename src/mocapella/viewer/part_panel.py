@@ -1,4 +1,4 @@
-"""Readouts and controls of one type of scene part, or of one stage, beside the 3D scene of one browser."""
+"""Interface of a folder in the live view's panel: readouts and controls of one type of part, or of one stage."""
 
 from __future__ import annotations
 

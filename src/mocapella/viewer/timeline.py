@@ -100,7 +100,7 @@ class Timeline:
         return self._moments[self.nearest(number) - self.first]
 
     def nearest(self, number: int) -> int:
-        """Return the number of the stored moment nearest to this number."""
+        """Return the number of the stored moment nearest to ``number``; before the first moment, `last`."""
         return min(max(number, self.first), self.last)
 
     def add(self, moment: Moment) -> None:
@@ -219,7 +219,11 @@ class Playhead:
         return 0.0 if not len(timeline) else timeline[timeline.last].at_s - timeline[self.shown].at_s
 
     def update(self, now_s: float) -> None:
-        """Show the moment that the user chose, or else play on at the recorded speed."""
+        """Show the moment that the user chose, or else play on at the recorded speed.
+
+        Args:
+            now_s: the present time on a monotonic clock [s].
+        """
         timeline = self._timeline
         if timeline.world != self._world:
             self._world, self.number, self.wish = timeline.world, None, None

@@ -121,7 +121,7 @@ class Outbox:
 
     @property
     def holds(self) -> dict[str, Hold]:
-        """The claims of takes that do not have all their frames yet."""
+        """Claims on the node's frames, by take: one for each take that may still need some."""
         with self._lock:
             return dict(self._holds)
 
@@ -139,7 +139,14 @@ class Outbox:
             self._leaving = True
 
     def update(self, request: FrameRequest, now_ns: int) -> FrameAnswer:
-        """Take over the state of a take, and return the node's."""
+        """Update a take's claim on the node's frames; return the state of the node.
+
+        A claim ends when the take has all its frames. Beyond `MOST_TAKES` takes, a new claim is ignored.
+
+        Args:
+            request: state of the take.
+            now_ns: the present time on the node's monotonic clock [ns]; ``request.age_ns`` counts back from it.
+        """
         with self._lock:
             first = self._since(now_ns - request.age_ns) if request.stored is None else request.stored
             hold = Hold(first, request.end, request.closed)
@@ -208,7 +215,11 @@ class Outbox:
             self._forget()
 
     def waiting_ns(self, now_ns: int) -> int:
-        """Return for how long the oldest frame in memory has waited for an acknowledgement; 0 without a take."""
+        """Return how long the oldest frame in memory has waited for an acknowledgement [ns]; 0 without a take.
+
+        Args:
+            now_ns: the present time on the node's monotonic clock [ns].
+        """
         with self._lock:
             return now_ns - self._memory[0].sent_ns if self._holds and self._memory else 0
 

@@ -16,10 +16,12 @@ MAX_ANSWER_BYTES: Final = 8 * 1024 * 1024
 
 
 class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="picture"):
-    """Return the newest image, scaled by ``scale``.
+    """Query for the newest image.
 
     Attributes:
-        keep: whether the node keeps it for a while, for clicks in it.
+        scale: size of the image in the answer, relative to the camera's.
+        format: of the image.
+        keep: whether the node keeps the image for a while, for `AskLearn`.
     """
 
     scale: float = 1.0
@@ -28,33 +30,45 @@ class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fi
 
 
 class AskMask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="mask"):
-    """Return the newest image as classified by the colours' look-up table, with the detected markers."""
+    """Query for the newest image as the colour detection sees it, and for the detected markers.
+
+    Classified pixels have their marker's colour; the rest is dimmed and gray. A node without learnt colours refuses.
+
+    Attributes:
+        scale: size of the image in the answer, relative to the camera's.
+        format: of the image.
+    """
 
     scale: float = 1.0
     format: Literal["jpeg", "png"] = "png"
 
 
 class AskControls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="controls"):
-    """Return the camera's controls."""
+    """Query for the camera's controls as read back, and for its frame rate and image size."""
 
 
 class AskReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="report"):
-    """Return counts and faults."""
+    """Query for the node's counts, and for the present faults in sentences."""
 
 
 class Clicks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Clicks in a requested image: x, y by the marker's name, ``skin`` for skin [px]."""
+    """Clicks in an image that the node keeps.
+
+    Attributes:
+        time_ns: capture time of the image, on the camera's clock.
+        points: x, y in the camera's image before scaling [px], by the marker's name; ``skin`` for skin.
+    """
 
     time_ns: int
     points: dict[str, tuple[float, float]]
 
 
 class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="learn"):
-    """Learn the colours again from requested images, and use them at once.
+    """Query to learn the colours again from images that the node keeps, and to use them at once.
 
     Attributes:
         clicks: images with clicks in them.
-        backgrounds: times of images without markers.
+        backgrounds: capture times of images without markers, on the camera's clock [ns].
     """
 
     clicks: list[Clicks]
@@ -62,15 +76,15 @@ class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fiel
 
 
 class AskSave(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="save"):
-    """Write the present colours to the node's profile."""
+    """Query to write the present colours to the node's profile."""
 
 
 class AskDiscard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="discard"):
-    """Discard unsaved colours, and use the previous ones."""
+    """Query to discard unsaved colours, and to use the previous ones."""
 
 
 class AskBoard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="board"):
-    """Detect a calibration board's corners in the newest image.
+    """Query to detect a calibration board's corners in the newest image.
 
     Attributes:
         board: the text of its TOML file.

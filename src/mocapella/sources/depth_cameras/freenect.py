@@ -23,7 +23,11 @@ SIZE_PX: Final = (640, 480)
 
 
 class FreenectCamera(DepthDevice):
-    """A Kinect v1, by its number. With the unit kinect-raw, depths are computed here from its disparities."""
+    """A Kinect v1, by its number.
+
+    Depths are in millimetres, by the device's own calibration. With the option ``kinect_raw`` they are computed from
+    its raw disparities, in units of 0.125 mm.
+    """
 
     packages = ("freenect",)
     install = "install libfreenect with its Python module (Debian: python3-freenect; freenect of the package index)"

@@ -412,7 +412,7 @@ _ENDS: Final = _ends()
 
 
 def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:
-    """Convert a shot to the frame of a sensor."""
+    """Convert a simulated depth image to a sensor's frame, whose capture time is the image's time."""
     return frame_of(
         sensor, shot.depth, unit_m=shot.unit_m, lens=shot.lens, time_ns=round(1e9 * shot.at_s), node_id=node_id,
         sequence=sequence,

@@ -48,7 +48,10 @@ class SeenArmSettings:
 
 
 class SimulatedArms:
-    """The simulated detector of one camera; shots must come in the order of their times."""
+    """Simulated detector of the arms in one camera's depth images: ground truth plus noise.
+
+    The errors of hidden joints are correlated in time, so the images must come in the order of their times.
+    """
 
     def __init__(self, settings: SeenArmSettings | None = None, *, seed: int = 0) -> None:
         self.settings, self._seed = settings or SeenArmSettings(), seed
@@ -61,7 +64,10 @@ class SimulatedArms:
         self._at_s = -math.inf
 
     def look(self, shot: DepthShot) -> SeenArms:
-        """Detect the arms of a shot; an arm without a visible wrist or palm is not detected."""
+        """Detect the arms in a simulated depth image; return their joints in the camera frame [m].
+
+        An arm without a visible wrist or palm is not detected.
+        """
         s, rng = self.settings, self._rng
         keep = math.exp(-max(shot.at_s - self._at_s, 0.0) / s.lasts_s)
         self._at_s = shot.at_s
