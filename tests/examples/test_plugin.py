@@ -71,7 +71,8 @@ class Session:
 
         def tracked() -> bool:
             status, scene = newest.status(), newest.scene()
-            both = status is not None and len(status.sensors) == 2  # one can be seen before the other has joined
+            # One can be seen before the other has joined, and both before the other's first frame.
+            both = status is not None and [bool(sensor.frames) for sensor in status.sensors] == [True, True]
             if both and scene is not None and status.counts == {"spots": 2}:
                 found.append((status, scene))
             return bool(found)

@@ -239,7 +239,8 @@ class SilhouettePresence:
             return False
         size_px = (image.shape[1], image.shape[0])
         body = one.outline.silhouette.mask(size_px)
-        return np.count_nonzero(foreground.mask(size_px) & ~body) >= ELSEWHERE * np.count_nonzero(body) > 0
+        beside, covered = np.count_nonzero(foreground.mask(size_px) & ~body), np.count_nonzero(body)
+        return bool(covered > 0 and beside >= ELSEWHERE * covered)
 
     def _clear(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> bool:
         """Whether the segmented body stands out well from the empty room, as far as that is known."""
