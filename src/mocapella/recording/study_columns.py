@@ -44,7 +44,11 @@ _TITLES = {_plain(title): title for title in HEADER} | _OTHER_NAMES
 
 
 def layout(cells: list[str], file: str) -> dict[str, int]:
-    """Map each column's title in `HEADER` to its index in a row.
+    """Map each column's title in `HEADER` to its index in a file's rows.
+
+    Args:
+        cells: the file's header.
+        file: the file's name, for errors.
 
     Raises:
         InputError: a column is unknown, repeated, or missing.
@@ -93,7 +97,7 @@ def _some(cell: str) -> str:
 
 
 def kinect_problem(kinect: str) -> str:
-    """Return the fault of a Kinect's id as a cell of the log; empty if it has none."""
+    """Return the reason why a Kinect's id cannot be a cell of the log; empty if it can."""
     if not kinect:
         return "the Kinect's id is empty"
     if len(kinect) > MAX_KINECT_LENGTH:
@@ -104,10 +108,10 @@ def kinect_problem(kinect: str) -> str:
 
 
 def kinect_cell(kinect: str) -> str:
-    """Return the id as written: with an apostrophe before ``=+-@``, which a spreadsheet would take for a formula.
+    """Return a Kinect's id as a cell of the log, with an apostrophe before ``=+-@``, which begin spreadsheet formulas.
 
     Raises:
-        SettingsError: the id cannot be in a cell.
+        SettingsError: the id cannot be a cell; names the reason.
     """
     problem = kinect_problem(kinect)
     if problem:
