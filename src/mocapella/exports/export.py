@@ -44,5 +44,5 @@ def left_out(export: Export, parts: Mapping[str, int]) -> dict[str, int]:
 
 
 def exports_of(parts: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the exports that contain at least one of the scene part types, such as those of a method."""
+    """Return the names of the exports that contain at least one of the scene part types, such as a method's types."""
     return tuple(each.name for each in EXPORTS.values() if each.parts is None or not set(parts).isdisjoint(each.parts))

@@ -30,7 +30,7 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
         path: the file, ending with .csv or .trc; an existing one is replaced.
         up: the world's upward axis: y or z, or -y if the world is a camera frame with y down. It rotates a TRC, whose
             Y is up; a CSV keeps the world's axes.
-        hz: frame rate from which times are computed; None for the times of the tracks [Hz].
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
 
     Raises:
         SettingsError: the suffix or axis is unknown, the rate is not above 0, or the file cannot be written.
@@ -64,7 +64,7 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
 
     Args:
         tracks: the points.
-        hz: frame rate from which times are computed; None for the times of the tracks [Hz].
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -95,7 +95,7 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
         tracks: the points.
         name: the file's name, for the header.
         up: the world's upward axis, a key of `UP`.
-        hz: frame rate from which times are computed; None for the times of the tracks [Hz].
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
 
     Raises:
         InputError: the tracks have no times, and no rate is given.

@@ -85,7 +85,7 @@ class Accounts:
         return True
 
     def take_rows(self, *, last: bool = False) -> list[bytes]:
-        """Return the ledger rows to store in the take, as JSON: those that have changed since the last call.
+        """Return the ledger rows that have changed since the last call, as JSON to store in the take.
 
         With ``last``, at the end of a take, the rows of nodes without a reported last frame are returned as well.
         """

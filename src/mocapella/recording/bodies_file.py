@@ -213,7 +213,7 @@ def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
     """Return world positions (3,) of joints [m] by person and joint name from decoded JSON.
 
     Args:
-        data: joints by person, or the joints of a single person, who is returned under the key `ALONE`.
+        data: joints by person, or the joints of a single person; the key of the single person is `ALONE`.
         path: the JSON file, named in errors.
 
     Raises:

@@ -105,7 +105,7 @@ class McapFile:
             data: the encoded message.
             log_ns: time at which it was recorded, on the caller's clock.
             publish_ns: time at which it was published, on the caller's clock.
-            sequence: its sequence number, of which the file keeps the lower 32 bits.
+            sequence: its sequence number; the file keeps the lower 32 bits.
         """
         chunk = self._chunk
         index = self._index.get(channel)

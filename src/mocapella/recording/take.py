@@ -43,8 +43,8 @@ class TakeInfo:
         started_ns: the server's monotonic clock at the start [ns]; every ``log_ns`` in the take is on this clock.
         version: version of Mocapella.
         schema_version: version of the message schema.
-        packages: package and version by each plug-in that the run used, such as ``tracking method heat``; empty in
-            older takes.
+        packages: package with its version, by each plug-in that the run may have used, such as ``tracking method
+            heat``; empty in older takes.
         take_id: random identity of the take, the same in all its runs and parts; empty in older takes.
     """
 

@@ -53,7 +53,12 @@ class TakeFile(McapFile):
 
 
 def channel_format(topic: str, data: bytes) -> MessageFormat:
-    """Return the MCAP format of a topic's messages; ``data`` is the first of them, from which a frame's type is read."""
+    """Return the MCAP format of a topic's messages.
+
+    Args:
+        topic: the channel's topic.
+        data: the first message; it determines the type of frames.
+    """
     if topic.startswith(take.FRAMES):
         return format_of(data)
     if topic.startswith(take.TRUTH):

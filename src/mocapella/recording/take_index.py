@@ -115,7 +115,7 @@ class TakeIndex:
         return self.first_ns is None and not self.runs
 
     def frame_of(self, scene: SceneRef) -> FrameRef | None:
-        """Return the frame from which a scene was made, or None if the take lacks it."""
+        """Return the frame that the tracker turned into a scene, or None if the take lacks it."""
         place = self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
         return None if place is None else self.frames[place]
 

@@ -45,8 +45,8 @@ def _decode_values(data: bytes) -> dict[str, Any]:
 class Take:
     """A take on disk; `read_take` opens it.
 
-    Times ``log_ns`` are those of the entries, on the server's clock. An argument ``run`` is a run's number, or None for
-    all runs.
+    A time ``log_ns`` is the log time of an entry, on the server's clock. An argument ``run`` is a run's number, or None
+    for all runs.
 
     Attributes:
         path: path of the take.
@@ -184,7 +184,7 @@ class Take:
                     yield arrival
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
-        """Yield the inputs from which trackers make the same scenes again.
+        """Yield the inputs that trackers need to make the same scenes again.
 
         A `Run` stands for a new tracker with the run's setup; its frames and commands follow in the tracker's order.
         """
