@@ -1,4 +1,4 @@
-"""The legend over the lower right corner of the 3D scene: what the colours of a skeleton mean."""
+"""The legend of the skeletons' colours, over the lower right corner of the 3D scene."""
 
 from __future__ import annotations
 
@@ -48,7 +48,12 @@ class Legend:
 
 
 def legend_html(perspective: str, *, obstacle: bool) -> str:
-    """Return the legend as HTML; a sensor's name is escaped."""
+    """Return the legend of a perspective as HTML; a sensor's name is escaped.
+
+    Args:
+        perspective: a sensor's name, or `FREE`.
+        obstacle: whether obstacles are shown.
+    """
     if perspective == FREE:
         rows = [_row(FUSED, _THICK, "measured by at least one sensor")]
     else:
