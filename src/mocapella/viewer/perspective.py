@@ -33,7 +33,7 @@ _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
 
 
 class OnFloor(Protocol):
-    """Interface of a frame from which the sensor's height above the floor is estimated."""
+    """Interface of a frame that serves to estimate the sensor's height above the floor."""
 
     @property
     def sensor(self) -> str:

@@ -17,7 +17,7 @@ from mocapella.viewer.palette import AMBER, GREY, RED, Rgb
 Float64 = NDArray[np.float64]
 
 REACH_M = 4.5
-"""Length of a drawn field of view: the distance up to which a Kinect v2 tracks people [m]."""
+"""Length of a drawn field of view: the largest distance of people that a Kinect v2 tracks [m]."""
 
 
 class PlaceState(Enum):

@@ -77,7 +77,7 @@ class DrawingPanel:
 
     @property
     def R(self) -> Float64:  # noqa: N802 - the field's notation
-        """Rotation (3, 3) to the stage from the world frame turned about its vertical until the sensors look along +z."""
+        """Rotation (3, 3) to the stage, from the world turned about its vertical until the sensors look along +z."""
         aside = np.arctan2(self.left_m, _EYE_M)
         return rotation_about_y(aside) @ rotation_about_x(-self.tilt) @ rotation_about_y(self.turn)
 
