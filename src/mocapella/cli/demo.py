@@ -1,4 +1,4 @@
-"""``mocapella demo``: tracking in a simulated room, with the same processes and messages as with real sensors."""
+"""``mocapella demo``: track in a simulated room, with the same processes and messages as with real sensors."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ class LiveSession:
 
 
 def say_url(url: str) -> None:
-    """Print the address of the live view."""
+    """Print the live view's URL as a line for the user."""
     say(f"live view: {url}")
 
 
@@ -421,7 +421,11 @@ def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:
 
 
 def finish(server: Server) -> dict[str, Any]:
-    """Close the server, print a summary of the session, and return it with the take's final state for ``--json``."""
+    """Stop and close the server; print a summary of the session.
+
+    Returns:
+        The summary as a JSON object for ``--json``, with the take's final state (`recording_row`) as ``recording``.
+    """
     server.halt()  # or the take could have a result more than the summary
     summary = _summary(server)
     recording = recording_row(server.close())

@@ -35,7 +35,7 @@ class Accounts:
 
     @property
     def frames(self) -> dict[str, int]:
-        """Number of stored frames by sensor."""
+        """Number of frames on the disk by sensor; sensors without any are left out."""
         return self._by_sensor(lambda ledger: ledger.stored)
 
     @property
@@ -45,7 +45,7 @@ class Accounts:
 
     @property
     def lost(self) -> dict[str, int]:
-        """Number of frames by sensor that belong to the take and are not on the disk: sent less stored."""
+        """Number of frames by sensor that belong to the take and are not on the disk: sent minus stored."""
         return self._by_sensor(lambda ledger: ledger.lost)
 
     @property

@@ -110,7 +110,7 @@ def make_private(folder: Path) -> None:
 
 
 def part_path(path: Path, number: int) -> Path:
-    """Return the path of part ``number`` (1, 2, …) of a take: the take itself, ``NAME.part2.mcap``, …"""
+    """Return the path of a file of an interrupted take ``path``: for part 1 the take, then ``NAME.part2.mcap``, …"""
     return path if number == 1 else path.with_name(f"{path.stem}.part{number}{SUFFIX}")
 
 

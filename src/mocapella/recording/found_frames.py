@@ -33,7 +33,7 @@ class FoundFrames:
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of frames by sensor."""
+        """Number of found frames by sensor."""
         return Counter(ref.sensor for _, ref in self.frames)
 
     @property

@@ -113,7 +113,7 @@ class NodeLedger:
         return number in self._received
 
     def commit(self) -> None:
-        """Note that all received frames are on the disk."""
+        """Note that all received frames are on the disk: update ``stored`` and ``acknowledged``."""
         self.stored = len(self._received)
         self.acknowledged = self._received.first_missing(max(self.first, self.oldest))
 
@@ -134,7 +134,7 @@ class NodeLedger:
 
     @property
     def gap(self) -> int:
-        """Number of frames that are missing between the first and the last that was received."""
+        """Number of missing frames from ``first`` to the last received frame."""
         return self._received.last + 1 - self.first - len(self._received) if len(self._received) else 0
 
     @property

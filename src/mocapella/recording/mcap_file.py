@@ -68,7 +68,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Number of bytes of the file that are completely written."""
+        """Number of bytes written to the file by completed flushes."""
         return self._size
 
     @property
@@ -92,7 +92,7 @@ class McapFile:
         return len(self._channels)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a metadata record; it is written before the messages of the next flush."""
+        """Add a metadata record with values by key; it is written before the messages of the next flush."""
         record = _bytes(Metadata(name=name, metadata=values))
         self._new_metadata.append((len(self._front), len(record), name))
         self._front += record

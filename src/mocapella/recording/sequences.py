@@ -15,7 +15,7 @@ class SequenceRanges:
         self._count = 0
 
     def add(self, number: int) -> bool:
-        """Add a number; return False if it was present."""
+        """Add a sequence number; return False if the set has it already."""
         firsts, lasts = self._firsts, self._lasts
         if lasts and number == lasts[-1] + 1:
             lasts[-1] = number

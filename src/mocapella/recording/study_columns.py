@@ -12,9 +12,9 @@ from mocapella.model.topology import topology
 
 TOPOLOGY: Final = topology("kinect_v2")
 JOINTS: Final = tuple(sorted(TOPOLOGY.joints))
-"""Joints in the order of the columns: alphabetical, not the sensor's."""
+"""Names of the Kinect v2's joints in the order of the columns, which is alphabetical and not the topology's."""
 JOINT_PLACES: Final = tuple(TOPOLOGY.index(joint) for joint in JOINTS)
-"""Index of each joint of `JOINTS` on a joint axis."""
+"""Index of each joint of `JOINTS` in the topology, and thus on the joint axis of arrays."""
 
 FLOATS: Final = ("init_angle", "init_dist", "tilt_deg", "height_cm")
 """Fields of `StudyRow` that are floats."""
@@ -23,7 +23,7 @@ INTEGERS: Final = {name: TITLES[name] for name in TITLES if name not in (*FLOATS
 KINECT: Final = TITLES["kinect_id"]
 POSITIONS: Final = tuple(f"{joint}_{axis}" for joint in JOINTS for axis in "XYZ")
 HEADER: Final = (*TITLES.values(), *POSITIONS)
-"""The header as written."""
+"""Titles of the 87 columns, in the order of written files."""
 MAX_KINECT_LENGTH: Final = 64
 
 _OPTIONAL = ("Study_Id", "Kinect_Config")

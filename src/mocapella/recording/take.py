@@ -59,7 +59,7 @@ class TakeInfo:
 
     @property
     def method(self) -> str:
-        """Name of the tracker's method."""
+        """Name of the tracking method."""
         return self.setup.method
 
 

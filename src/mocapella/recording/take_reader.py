@@ -79,7 +79,7 @@ class Take:
 
     @property
     def take_id(self) -> str:
-        """Random identity of the take; empty in older takes, and if it cannot be read."""
+        """Random identity of the take, the same in all its files; empty in older takes, and if it cannot be read."""
         return self._index.runs[0].info.take_id if self._index.runs else ""
 
     @property

@@ -154,16 +154,16 @@ class TakeWriter:
         return True
 
     def write_scene(self, data: bytes, log_ns: int) -> None:
-        """Add an encoded scene."""
+        """Add a scene, encoded by `mocapella.schema.encode_scene`."""
         self._write(take.SCENES, data, log_ns)
         self._pending_scenes += 1
 
     def write_truth(self, data: bytes, *, sensor: str, log_ns: int) -> None:
-        """Add an encoded ground truth of a simulation."""
+        """Add the ground truth of a simulated sensor's frame, encoded by `mocapella.schema.encode_truth`."""
         self._write(take.TRUTH + sensor, data, log_ns)
 
     def write_status(self, status: SessionStatus, log_ns: int) -> None:
-        """Add the session's status."""
+        """Add the session's status at a time, as JSON."""
         self._write(take.STATUS, msgspec.json.encode(status), log_ns)
 
     def write_clock(self, probes: Mapping[str, Any], log_ns: int) -> None:

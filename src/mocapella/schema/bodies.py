@@ -14,12 +14,12 @@ from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import F4, F8, MAX_NAME, STATES, array, choices, names, points, sensor_name, transform
 
 MAX_VIEWS: Final = 64
-"""Largest number of cameras of a body."""
+"""Largest number of camera views of a body."""
 MAX_LINE: Final = 8192
 """Largest number of points of a silhouette's outline in one camera."""
 MAX_BUILD: Final = 8192
 MAX_REASON: Final = 1000
-"""Longest text, in characters."""
+"""Longest reason why a view is not used, in characters."""
 _FARTHEST_RAD: Final = 100.0
 
 

@@ -76,7 +76,11 @@ def parse(kind: Any, data: bytes, limit: int) -> Any:
 
 @lru_cache(maxsize=64)
 def known_topology(name: str) -> Topology:
-    """Return a topology by name, or raise a `WireError` with the known names."""
+    """Return the topology with a name.
+
+    Raises:
+        WireError: no topology has this name; lists the known ones.
+    """
     try:
         return topology(name[:80])
     except SettingsError:
@@ -85,7 +89,11 @@ def known_topology(name: str) -> Topology:
 
 @lru_cache(maxsize=4096)
 def sensor_name(name: str) -> str:
-    """Return a valid sensor name, or raise a `WireError` that describes valid names."""
+    """Return a sensor's name unchanged if it is valid.
+
+    Raises:
+        WireError: the name is invalid; describes valid names.
+    """
     try:
         return check_sensor_name(name[:80], recorded=True)
     except SettingsError as error:

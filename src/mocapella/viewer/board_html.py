@@ -1,4 +1,4 @@
-"""Progress of a calibration with a board, as HTML: each camera's detections, the next step, and the rig's errors."""
+"""Progress of a camera calibration as HTML: each camera's detections, the next step, and the rig's quality."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ MOST: Final = 64
 
 
 class BodyMeshCache:
-    """Cache of body meshes, by the JSON description of the mesh (`TrackedBody.build`)."""
+    """Cache of body meshes by their JSON description (`mocapella.model.scene.TrackedBody.build`)."""
 
     def __init__(self) -> None:
         self._meshes: dict[str, RiggedMesh | None] = {}

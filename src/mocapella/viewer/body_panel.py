@@ -40,7 +40,7 @@ class BodyPanel:
 
     @property
     def whose(self) -> str:
-        """Name of the body whose joint angles are shown."""
+        """Name of the body whose joint angles the charts show."""
         return str(self._whose.value)
 
     def show(self, state: PanelState) -> None:

@@ -93,7 +93,7 @@ def checked(strokes: Strokes) -> Strokes:
 
 
 def padded(strokes: Strokes, count: int) -> Strokes:
-    """Return the strokes, filled up to ``count`` by invisible ones of scale 0."""
+    """Return the strokes with invisible strokes of scale 0 appended, ``count`` in total."""
     missing = count - len(strokes)
     identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
     nothing = np.zeros((missing, 3), np.float32)

@@ -106,7 +106,7 @@ class BrowserCamera:
                 self._by_hand = True
 
     def put(self, look: Look) -> None:
-        """Move the camera, even if the user has moved it."""
+        """Place the camera at once, even if the user has moved it; it does not follow afterwards."""
         self._follows = self._by_hand = False
         self._place(look)
 

@@ -1,6 +1,6 @@
-"""Camera images for all browsers: requested only while a browser shows them, at a limited rate, once for all.
+"""Request camera images from the cameras' nodes, only while a browser shows them, and once for all browsers.
 
-Nothing blocks: separate threads send the requests, and the drawing loop takes the answers that have arrived.
+Nothing blocks: separate threads send the requests, and the drawing loop uses the answers that have arrived.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ class CameraPanel:
         self._wish(lambda: self._point(self._pointing.click(at)))
 
     def leave(self) -> None:
-        """Stop showing the large image, because the browser's camera has moved away."""
+        """Stop showing the large image; called when the browser's camera has moved away from it."""
         set_value(self._enlarge, False)
 
     def show(self, now_s: float) -> None:

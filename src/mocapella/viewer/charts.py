@@ -1,4 +1,4 @@
-"""Joint angles over time, in one browser's panel."""
+"""Charts of joint angles over time, in one browser's panel."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ class Input(Protocol[_T_co]):
 
     @property
     def value(self) -> _T_co:
-        """The value that the panel shows."""
+        """Value that the input shows."""
 
 
 def set_value(handle: Input[_T], value: _T) -> None:

@@ -1,4 +1,4 @@
-"""A camera image, upright in its lane of the gallery."""
+"""The rectangle of a camera image that stands upright in its lane of the gallery."""
 
 from __future__ import annotations
 

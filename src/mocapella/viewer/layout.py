@@ -1,7 +1,7 @@
 """Layout of the 3D scene: the Tracking stage in front, and the raised Sensors gallery behind it.
 
-The view's own space has y up; its camera looks along +z, so that, as in a sensor's camera space, +x is to the left of
-the screen. A stage's floor is y = 0 of the stage.
+All positions are in the *view's space* [m]: y is up, and the browser's camera looks along +z, so that +x is to the left
+of the screen, as in a sensor's camera space. The floor of a stage is at y = 0.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def tracking_box() -> BoundingBox:
 
 
 def arms_box() -> BoundingBox:
-    """Return the extent of the ARMS stage with its titles."""
+    """Return the extent of the ARMS stage, which shows enlarged arms, with its titles."""
     _, _, deep = stage_centre()
     return BoundingBox(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
 
@@ -95,7 +95,7 @@ def sensors_box(count: int) -> BoundingBox:
 
 
 def stage_centre() -> tuple[float, float, float]:
-    """Return the centre of the Tracking stage at chest height [m]."""
+    """Return the position (3,) of the Tracking stage's centre, at the height of a chest [m]."""
     return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
 
 

@@ -26,14 +26,14 @@ _THICK, _THIN = 6, 2
 
 
 class Legend:
-    """The legend of one browser."""
+    """The legend of the skeletons' colours in one browser."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._shown: tuple[object, ...] = ()
         self._html = gui.add_html("", visible=False)
 
     def show(self, perspective: str, *, people: bool, obstacle: bool) -> None:
-        """Update the legend.
+        """Update the legend; nothing is sent if the arguments are unchanged.
 
         Args:
             perspective: a sensor's name, or `FREE`.

@@ -56,7 +56,7 @@ def bone_mesh() -> Mesh:
 
 
 def ball_mesh() -> Mesh:
-    """Return a polyhedron with the volume of a ball of radius 1 about the origin."""
+    """Return a polyhedron around the origin that approximates a ball of radius 1, with the same volume."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, BALL_RINGS)
     mesh = revolve(np.sin(angle), np.cos(angle).round(9), BALL_SIDES)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))

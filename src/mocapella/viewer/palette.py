@@ -71,7 +71,7 @@ SENSORS = (
 
 
 def person_colour(person: int) -> Rgb:
-    """Return a person's colour, which depends on the id only."""
+    """Return a person's colour by the person's id; after six ids, colours repeat."""
     return PEOPLE[person % len(PEOPLE)]
 
 

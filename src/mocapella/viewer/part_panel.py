@@ -53,7 +53,7 @@ class PanelState:
 
 
 class PartPanel(Protocol):
-    """Interface of a folder in the panel."""
+    """Interface of a folder in one browser's panel."""
 
     def show(self, state: PanelState) -> None:
         """Update the folder's content; called in every update of the view."""

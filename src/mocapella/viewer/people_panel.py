@@ -1,4 +1,4 @@
-"""The folder People: the tracked people and their names, in one browser."""
+"""The folder "People" in one browser's panel: the tracked people and their names."""
 
 from __future__ import annotations
 

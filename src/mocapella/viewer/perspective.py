@@ -26,7 +26,7 @@ from mocapella.model.session import SensorPose
 Float64 = NDArray[np.float64]
 
 FREE = "free"
-"""The perspective of the tracker's world frame."""
+"""Name of the perspective that shows the tracker's world frame instead of a sensor's camera frame."""
 _FLOOR_MEMORY = 0.05
 _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
 """If all sensors move farther than this between two scenes [m, rad], the world frame has changed."""
@@ -181,7 +181,7 @@ class Perspectives:
         self._T_world_sensor: dict[tuple[int, str], Float64] = {}
 
     def copy(self) -> Perspectives:
-        """Return a copy that later scenes do not change."""
+        """Return a copy that later calls of `learn` do not change."""
         return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:

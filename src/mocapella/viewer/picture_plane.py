@@ -1,4 +1,4 @@
-"""A camera image as an upright rectangle in the 3D scene, and the mapping between pixels and the scene."""
+"""A camera image as an upright rectangle in the view's space, and the mapping between pixels and positions."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def rings(
 
 
 class PictureNode:
-    """Scene node of an image that can be replaced without creating a new node.
+    """Scene node of an image that can be replaced without creating a new node; ``name`` is the node's path.
 
     An image node of viser is white until the browser has decoded the image, which can take long. The image of a frustum
     is invisible until then, so this node is a nearly flat frustum without lines.

@@ -39,7 +39,7 @@ class PictureStage:
         self._words = TagNodes(scene, "/picture/words", size=1.3, anchor="bottom-left")
 
     def draw(self, large: Large | None) -> None:
-        """Show the large image; None hides it."""
+        """Show a large image with its circles, their labels and its text; None hides them."""
         if large is None or large.answer.size_px is None:
             self.plane = None
             self._large.hide()

@@ -26,7 +26,7 @@ class PluginErrors:
         self._told: set[str] = set()
 
     def tell(self, what: str, error: Exception) -> None:
-        """Record the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
+        """Log and store the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
         if what in self._told or len(self._told) >= MOST:
             return
         self._told.add(what)

@@ -48,7 +48,7 @@ class Pointing:
         return any(name != SKIN for name in self.points)
 
     def click(self, at: Point) -> Pointing:
-        """Return the state after a click on the next marker, rounded to 0.01 px; unchanged if all are done."""
+        """Return the state after a click at ``at`` on the next marker (to 0.01 px); unchanged if all are done."""
         return self if self.next is None else replace(self, done=(*self.done, (round(at[0], 2), round(at[1], 2))))
 
     def skip(self) -> Pointing:

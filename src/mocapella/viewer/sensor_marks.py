@@ -1,4 +1,4 @@
-"""The mark of each sensor on the Tracking stage: pose, colour and label."""
+"""The marks of the sensors on the Tracking stage: pose, colour, label and field of view."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class PoseInputs:
 
     @property
     def value(self) -> PoseField:
-        """Present values of the inputs."""
+        """Present values of the inputs; they can be assigned."""
         return PoseField(self._tilt.value, self._height.value)
 
     @value.setter

@@ -106,7 +106,7 @@ class StageView:
 
 
 class StageMemory(Protocol):
-    """Interface of the state that a stage keeps from scene to scene."""
+    """Interface of the state that a stage keeps from scene to scene, such as a smoothed centre."""
 
     def update(self, scene: Scene | None) -> Any:
         """Update the state with the newest scene; return a value for `Stage.draw`, None if the stage has no content.

@@ -175,7 +175,7 @@ class Timeline:
 
 
 class PlayState(StrEnum):
-    """State of a browser on the timeline."""
+    """State of a browser on the timeline; the values are the texts for the user."""
 
     NOTHING = "Getting ready"
     FOLLOWING = "Following"
@@ -206,12 +206,12 @@ class Playhead:
 
     @property
     def shown(self) -> int:
-        """Number of the moment that is shown."""
+        """Number of the moment that the browser shows."""
         return self._timeline.last if self.number is None else self._timeline.nearest(self.number)
 
     @property
     def state(self) -> PlayState:
-        """State of the browser on the timeline."""
+        """State of the browser on the timeline, such as paused."""
         timeline = self._timeline
         if not len(timeline):
             return PlayState.NOTHING

@@ -28,7 +28,7 @@ _OVER_FLOOR_M = 0.012
 
 
 class TrailOf(StrEnum):
-    """The part of a person that leaves a trail."""
+    """Body parts that can leave trails; ``FLOOR`` is the root's projection onto the floor."""
 
     NOTHING = "off"
     FLOOR = "on the floor"
@@ -39,7 +39,7 @@ class TrailOf(StrEnum):
 
 @dataclass(frozen=True)
 class TrailChoice:
-    """A browser's choice: the body part that leaves trails, and their duration [s]."""
+    """A user's choice: the body parts that leave trails, and the duration of the trails [s]."""
 
     of: TrailOf = TrailOf.NOTHING
     seconds: float = 10.0

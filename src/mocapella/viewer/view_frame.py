@@ -39,7 +39,7 @@ class Boards:
 
 
 class Drawings:
-    """Computes and caches the drawings of moments, for all browsers and for successive updates.
+    """Computes the drawings of moments once for all browsers, and keeps them while successive updates use them.
 
     Args:
         known: memory of the view.
