@@ -115,6 +115,7 @@ def serve_frames(
         NameTakenError: another node serves a sensor of this name.
         NoServerError: no server was found during the whole run.
         UnstoredFramesError: frames of an open take are not stored.
+        RecordingError: the node's own take cannot be begun, or its recording stopped.
     """
     from mocapella.live.node import run_node
     from mocapella.live.node_disk import open_link

@@ -32,8 +32,8 @@ class SpoolLimits:
     """Limits of a spool's disk space.
 
     Attributes:
-        reserve_bytes: free disk space to leave.
-        most_bytes: largest size of the spool of one node.
+        reserve_bytes: free disk space to leave [bytes].
+        most_bytes: largest size of the spool of one node [bytes].
     """
 
     reserve_bytes: int = disk.GIB

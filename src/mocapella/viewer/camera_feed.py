@@ -85,11 +85,11 @@ class FeedSettings:
     """Rates and limits of the requests to the cameras' nodes.
 
     Attributes:
-        rate_hz: highest rate of requests, for all browsers and cameras together.
-        timeout_s: longest time to wait for an answer.
-        patience_s: interval between two requests after a failure.
-        report_s: interval between two requests for the report of a camera that is shown.
-        wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it.
+        rate_hz: highest rate of requests, for all browsers and cameras together [Hz].
+        timeout_s: longest time to wait for an answer [s].
+        patience_s: interval between two requests after a failure [s].
+        report_s: interval between two requests for the report of a camera that is shown [s].
+        wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it [s].
         workers: largest number of simultaneous requests.
     """
 

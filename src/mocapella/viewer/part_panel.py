@@ -13,7 +13,7 @@ from mocapella.model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class PanelPlace:
-    """Place of a folder in a browser's panel.
+    """Place of a new folder in one browser's panel, and the connection to the server.
 
     Attributes:
         gui: controls of the browser.

@@ -94,7 +94,7 @@ def where(name: str) -> str:
 
 
 def asks_for(name: str | None) -> str:
-    """Return the instruction to the user to click on the next marker ``name``; None if all are done."""
+    """Return the instruction to the user to click on a marker; ``name`` is the next marker, or None if all are done."""
     if name is None:
         return "All are pointed at: press Learn"
     if name == SKIN:

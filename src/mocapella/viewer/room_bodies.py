@@ -30,7 +30,7 @@ Float64 = NDArray[np.float64]
 
 SKIN: Final = Rgb(222, 228, 238)
 LOST_OPACITY: Final = 0.3
-"""Opacity of a lost body."""
+"""Opacity of a lost body's mesh, 0 to 1."""
 HALF_M: Final = 0.45
 """Half the width of a standing body [m]."""
 _TAG_M: Final = 0.08
