@@ -1,4 +1,6 @@
-"""The command line: one module for each command. A command imports its packages when it runs: ``--help`` stays quick.
+"""The command line, with one module for each command.
+
+A command imports its packages only when it runs, so that ``--help`` is fast.
 
 Exit status: 0 for success, also if Ctrl-C ends a command that runs until then; 1 for an error of
 `mocapella.errors`; 2 for an invalid command line; 130 if Ctrl-C ends a command before its result is complete.
@@ -13,13 +15,13 @@ from collections.abc import Sequence
 
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
 LONGEST_ERROR = 4000
-"""Longest message of an error, in characters; it may come from another program, and is escaped."""
+"""Longest printed error message, in characters, because a message may come from another program."""
 INTERRUPTED = 130
-"""The exit status that shells expect of a command that Ctrl-C kept from its result."""
+"""Exit status of a command that Ctrl-C ended before its result was complete, as shells expect it."""
 
 
 def main() -> None:
-    """Run the program's command line; Ctrl-C and SIGTERM end the process."""
+    """Run the command line of this process (``sys.argv``), and exit; Ctrl-C and SIGTERM end the process at once."""
     _end_at_once_on_signals(0 if sys.argv[1:2] and sys.argv[1] in RUN_UNTIL_CTRL_C else INTERRUPTED)
     try:
         run(sys.argv[1:])
@@ -29,7 +31,10 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> None:
-    """Run a command line; an error of `mocapella.errors` is printed as one line and gives exit status 1.
+    """Run a command line, and exit; an error of `mocapella.errors` is printed as one line and gives exit status 1.
+
+    Args:
+        arguments: the command and its options, without the program's name.
 
     Raises:
         SystemExit: always, with the exit status.

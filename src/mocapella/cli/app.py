@@ -1,4 +1,4 @@
-"""The command groups, and the introduction that ``mocapella --help`` prints."""
+"""The typer applications of all command groups, and the introduction that ``mocapella --help`` prints."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from mocapella import __version__
 from mocapella.cli.registered import ExportVerbs, NodeVerbs
 
 LOGGED: Final = frozenset({"demo", "serve", "node", "view"})
-"""Commands that run for long, and write a structured log."""
+"""Long-running commands, which write a structured log."""
 REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "export"})
-"""Commands that begin with a line for each plug-in that cannot be used."""
+"""Commands that print a line for each unusable plug-in when they begin."""
 
 LIVE: Final = "Track live"
 RECORDINGS: Final = "Recordings and files"

@@ -33,7 +33,7 @@ DEFAULT_ADDRESS = f"tcp/127.0.0.1:{DEFAULT_PORT}"
 
 _LOG: Final = logging.getLogger("mocapella.cli")
 console = Console(stderr=True, highlight=False)
-"""Everything for people goes to standard error, so that standard output is a program's."""
+"""Console for messages to the user: standard error, because standard output is for results."""
 
 
 def _check_json(target: str | None) -> str | None:
@@ -55,10 +55,10 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Return the path of an output file after a check that it can be written, before any work is done.
+    """Check, before any work is done, that the output file of ``--out`` can be written; return its path.
 
     Raises:
-        SettingsError: it is a folder, or its folder does not exist.
+        SettingsError: the path is a folder, or its folder does not exist.
     """
     if path.is_dir() or not path.parent.is_dir():
         problem = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
@@ -84,10 +84,10 @@ def _list_methods(name: str) -> str:
 
 
 def check_scene(name: str) -> str:
-    """Return a scene's name; print the list for ``help``.
+    """Return the name of a simulated scene if it is known; for ``help``, print the list of scenes and exit.
 
     Raises:
-        SettingsError: no scene has this name; the list is printed, too.
+        SettingsError: no scene has this name; the list is printed as well.
     """
     from mocapella.sources.simulate import scene_summaries
 
@@ -191,7 +191,7 @@ Participants = Annotated[
 
 
 def method_keys(context: typer.Context) -> Iterator[str]:
-    """Yield the settings of the tracking method that the command line names before ``--set help``."""
+    """Yield the lines of ``--set help`` about the settings of the tracking method that the command line names."""
     from mocapella.tracker.method import METHODS
 
     name = str(context.params.get("method", "default"))
@@ -204,7 +204,7 @@ def method_setting_names(name: str) -> list[str]:
     """Return the names of a tracking method's settings.
 
     Raises:
-        SettingsError: there is no such method.
+        SettingsError: no method has this name.
     """
     from mocapella.tracker.method import METHODS
 
@@ -212,13 +212,23 @@ def method_setting_names(name: str) -> list[str]:
 
 
 def chosen(context: typer.Context, name: str, value: T) -> T | None:
-    """Return the value of an option if the command line gives it, else None."""
+    """Return an option's value if the command line gives it, or None for a default.
+
+    Args:
+        context: context of the command.
+        name: name of the command's parameter.
+        value: value of the parameter.
+    """
     source = context.get_parameter_source(name)
     return value if source is not None and source.name == "COMMANDLINE" else None
 
 
 def participant_numbers(text: str | None, option: str = "--participants") -> list[int] | None:
-    """Parse ``"0,1,20"`` as numbers; None if the option is not given.
+    """Parse participants' numbers such as ``0,1,20``; return None if the option is not given.
+
+    Args:
+        text: the option's value; None if it is not given.
+        option: name of the option, for errors.
 
     Raises:
         SettingsError: the text has another form.
@@ -232,17 +242,20 @@ def participant_numbers(text: str | None, option: str = "--participants") -> lis
 
 
 def need_cameras(what: str) -> None:
-    """Check that OpenCV is installed.
+    """Check that OpenCV is installed, which ``what`` needs, such as ``demo arm``.
 
     Raises:
-        SettingsError: it is not; the message names the package's extra that contains it.
+        SettingsError: OpenCV is missing; the message names the extra of the package that contains it.
     """
     if importlib.util.find_spec("cv2") is None:
         raise SettingsError(f"{what} needs OpenCV: uv sync --extra cameras (elsewhere: install 'mocapella[cameras]')")
 
 
 def warn_if_open(what: str, host: str, port: int) -> None:
-    """Print a warning if other machines can connect to the service ``what``."""
+    """Print a warning if other machines can connect to a service at ``host`` and ``port``.
+
+    ``what`` is the subject and verb of the warning, such as ``the view is``.
+    """
     from mocapella.wire.session import is_loopback
 
     if not is_loopback(f"tcp/{host}:{port}"):
@@ -250,7 +263,7 @@ def warn_if_open(what: str, host: str, port: int) -> None:
 
 
 def recording_row(take: RecordingHealth) -> dict[str, Any] | None:
-    """Return a take's final state for ``--json``; None if nothing was recorded."""
+    """Return a take's final state as a JSON object for ``--json``; None if nothing was recorded."""
     if not take.path:
         return None
     return {
@@ -266,14 +279,14 @@ def recording_row(take: RecordingHealth) -> dict[str, Any] | None:
 
 
 def exit_by(recording: dict[str, Any] | None) -> None:
-    """Exit with status 1 if a `recording_row` has a problem."""
+    """Exit with status 1 if the recording, a result of `recording_row`, has a problem."""
     if recording is not None and recording["problem"]:
         raise typer.Exit(1)
 
 
 @contextmanager
 def working(text: str, *, status: int) -> Iterator[None]:
-    """Show ``text`` during a long operation; Ctrl-C ends the command with this exit status."""
+    """Show ``text`` while the context is active; Ctrl-C meanwhile ends the command with exit status ``status``."""
     from mocapella.live.signals import interruptible
 
     try:
@@ -285,7 +298,12 @@ def working(text: str, *, status: int) -> Iterator[None]:
 
 
 def get_ready(method: str, *, status: int = 0) -> None:
-    """Load the method's kernels, or compile them and print a note; Ctrl-C ends the command with this exit status."""
+    """Load a tracking method's compiled kernels; compile them first, with a note, if they are missing.
+
+    Args:
+        method: name of the tracking method.
+        status: exit status of the command if Ctrl-C interrupts it.
+    """
     from mocapella.live.compilation import Compilation
     from mocapella.tracker import is_compiled, warm_up
 
@@ -300,7 +318,7 @@ def get_ready(method: str, *, status: int = 0) -> None:
 
 @contextmanager
 def telling_of_compiling(what: str) -> Iterator[None]:
-    """Print that ``what`` is being compiled if numba compiles a kernel within this context."""
+    """Print a note that ``what`` is being compiled if numba compiles a kernel while the context is active."""
     from mocapella.compiled import on_first_compilation
 
     with on_first_compilation(lambda: _tell_of_compiling(what)):
@@ -312,10 +330,10 @@ def _tell_of_compiling(what: str) -> None:
 
 
 def take_file(path: Path) -> Path:
-    """Return the file of a take at ``path``: the suffix .mcap is added, as by `take_path`.
+    """Return the path of a take's file: the suffix .mcap is added if it is missing.
 
     Raises:
-        RecordingError: an invalid name of a take.
+        RecordingError: the name is no valid name of a take.
     """
     from mocapella.recording.disk import take_path
 
@@ -323,10 +341,14 @@ def take_file(path: Path) -> Path:
 
 
 def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
-    """Return the file that ``--record`` names; a bare name is a take in the folder ``takes``, which is created.
+    """Return the path of the take that ``--record`` names.
+
+    Args:
+        text: the option's value; a name without a folder is a take in ``takes``.
+        takes: folder of the takes, which is created if it is used.
 
     Raises:
-        RecordingError: an invalid name of a take, or a folder that cannot be created.
+        RecordingError: the name is no valid name of a take, or the folder cannot be created.
     """
     from mocapella.recording.disk import ensure_folder
 
@@ -338,24 +360,33 @@ def record_file(text: str, takes: Path = DEFAULT_TAKES) -> Path:
 
 
 def say(text: str) -> None:
-    """Print and log a line."""
+    """Print a line to the user on standard error, and write it to the log."""
     _LOG.info("%s", text)
     show(text)
 
 
 def show(text: str) -> None:
-    """Print a line without wrapping, and without interpreting markup or escape sequences in names."""
+    """Print a line to the user on standard error, without wrapping, and with escape sequences made visible."""
     console.print(visible(text, keep="\n\t"), markup=False, soft_wrap=True)
 
 
 def say_if_never_tracked(summary: dict[str, Any], of: str = "") -> None:
-    """Print why a run never tracked anything, if it did not; ``of`` is a prefix."""
+    """Print the reason if a run has received frames and never tracked anything.
+
+    Args:
+        summary: summary of the run, with ``frames_in`` and ``never_tracked``, the reason.
+        of: prefix of the line, such as the file's name and a colon.
+    """
     if summary["frames_in"] and summary["never_tracked"]:
         say(f"{of}nobody was tracked: {summary['never_tracked']}")
 
 
 def write_json(target: str | None, value: Any) -> None:
-    """Write a result as JSON to the target of ``--json``: a file, or - for standard output; None writes nothing."""
+    """Write a result as JSON to the target of ``--json``: a file, or ``-`` for standard output; None writes nothing.
+
+    Raises:
+        SettingsError: the file cannot be written.
+    """
     if target is None:
         return
     text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
@@ -370,10 +401,10 @@ def write_json(target: str | None, value: Any) -> None:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Parse a size such as ``640x480`` as (width, height).
+    """Parse an image size such as ``640x480`` as (width, height) [px].
 
     Raises:
-        SettingsError: it is something else.
+        SettingsError: the text has another form.
     """
     width, _, height = text.lower().replace("×", "x").partition("x")
     if not all(side.isascii() and side.isdigit() and len(side) <= 5 for side in (width, height)):
@@ -382,7 +413,11 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def most_of(summary: Mapping[str, Any]) -> str:
-    """Return the largest number of simultaneous parts of the method's main type, in words."""
+    """Return the largest numbers of simultaneously tracked parts, by type, as text such as ``most people: 2``.
+
+    Args:
+        summary: summary of a run, with ``most_people`` and so on for each type of scene part.
+    """
     from mocapella.model.part_types import PART_TYPES
 
     counted = [name for name, kind in PART_TYPES.items() if kind.counted is not None]

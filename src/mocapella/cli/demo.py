@@ -1,4 +1,4 @@
-"""``mocapella demo``: tracking in a simulated room, with the same processes and messages as with real sensors."""
+"""``mocapella demo``: track in a simulated room, with the same processes and messages as with real sensors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class What(StrEnum):
-    """Demonstrated type of tracking."""
+    """Types of tracking that the demo can show."""
 
     PEOPLE = "people"
     HANDS = "hands"
@@ -51,7 +51,7 @@ class What(StrEnum):
 
 @dataclass(frozen=True)
 class DemoKeys:
-    """Settings of `demo`."""
+    """Settings of the command `demo`, for ``--set``."""
 
     steadiness: Annotated[bool, KeySpec("Of silhouettes: penalise jitter; false fits every frame independently.")] = (
         True
@@ -142,7 +142,15 @@ def demo(
 
 @dataclass(frozen=True)
 class Show:
-    """Setup of a demo: settings of the server, and the arguments of each node's command."""
+    """Setup of a demo.
+
+    Attributes:
+        setup: the session's configuration.
+        method_settings: settings of the tracking method.
+        nodes: arguments of ``mocapella node`` for each sensor.
+        words: description of the demo, which is printed.
+        view: further options of ``mocapella view``.
+    """
 
     setup: Setup
     method_settings: dict[str, Any]
@@ -153,7 +161,14 @@ class Show:
 
 @dataclass(frozen=True)
 class Wish:
-    """Options of a demo; None where the command line gives no value."""
+    """Options of a demo as given on the command line.
+
+    Attributes:
+        scene: name of the simulated scene; None for the demo's default.
+        method: name of the tracking method.
+        detector: name of the detector of arms; None for the default.
+        seed: seed of the simulated noise.
+    """
 
     scene: str | None
     method: str
@@ -237,7 +252,7 @@ _SHOWS: Final[Mapping[What, Callable[[Wish], Show]]] = {
 
 
 def choose_port(wanted: int | None, default: int) -> int:
-    """Return the requested port; without one, the default port, or a free one if the default is in use."""
+    """Return the TCP port to use: the requested one, else the default, or any free port if the default is in use."""
     from mocapella.errors import BusError
     from mocapella.live.launch import check_port_free, free_port
 

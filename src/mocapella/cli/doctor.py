@@ -74,7 +74,13 @@ def doctor(
 
 
 def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
-    """Yield the findings of all checks."""
+    """Run all checks of this machine, and yield their findings.
+
+    Args:
+        port: TCP port of the bus.
+        view_port: TCP port of the live view.
+        takes: folder of the takes.
+    """
     yield _python()
     yield from _core_packages()
     yield from _extras()

@@ -1,4 +1,7 @@
-"""Functions for commands of ``mocapella node``, also of plug-ins: the epoch, and serving frames on time."""
+"""Functions for the commands of ``mocapella node``, also for plug-ins: common settings, and serving frames on time.
+
+The *epoch* of a source is the Unix time of its time 0; nodes with the same epoch are synchronous.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +26,13 @@ LINGER: Final = KeySpec("Stay this long after the last frame, so that a take get
 DROP_AFTER_MS: Final = KeySpec("Drop results older than this after their image was captured.", "ms", least=1)
 DELAY_MS: Final = KeySpec("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
-"""Printed by a node when it waits for its epoch on standard input."""
+"""Line that a node prints when it waits for its epoch on standard input."""
 NODE_TAKE: Final = "NAME"
 
 
 @dataclass(frozen=True)
 class NodeKeys:
-    """Settings of every node: what it writes to its own disk."""
+    """Settings of every node, for ``--set``: the files that it writes to its own disk."""
 
     spool: Annotated[
         Path, KeySpec("Folder of frames that the server has not stored: merge them with `take merge`.", "folder")
@@ -42,7 +45,11 @@ class NodeKeys:
     ] = 10.0
 
     def disk(self) -> NodeDisk:
-        """Return what the node writes to its disk."""
+        """Return the settings as a `NodeDisk`; create the folder of a take if one is to be recorded.
+
+        Raises:
+            RecordingError: the take's name is invalid, or its folder cannot be created.
+        """
         from mocapella.live.node_disk import NodeDisk
         from mocapella.recording.disk import GIB
 
@@ -68,9 +75,10 @@ Listen = Annotated[
 
 
 def read_epoch() -> float:
-    """Report on standard output that the source is ready, and read its epoch (Unix time of its time 0) [s] from
-    standard
-    input."""
+    """Print `READY` on standard output, and read the epoch, a Unix time [s], from standard input.
+
+    If standard input ends first, exit with status 1.
+    """
     typer.echo(READY)
     line = sys.stdin.readline()
     if not line:  # who started it is gone
@@ -93,20 +101,21 @@ def serve_frames(
     """Serve a sensor's frames, each at its due time, until they end or Ctrl-C; report the result at the end.
 
     Args:
-        frames: function that returns them in the order of their times; called when the run begins.
-        sensor: its name.
-        connect: address of the server.
-        epoch: Unix time [s] of the frames' time 0; None: the beginning of the run.
-        json: target of the summary, as for ``--json``.
+        frames: function that returns the frames in the order of their due times; called when the run begins.
+        sensor: name of the sensor.
+        connect: address of the server, such as ``tcp/127.0.0.1:7447``.
+        epoch: Unix time of the frames' time 0 [s]; None for the beginning of the run.
+        json: file for the summary, or ``-`` for standard output; None writes none.
         wait: whether the run begins only once a server is running.
         linger_s: time to keep running after the last frame, so that a take can fetch missed frames [s].
-        history_frames: number of frames that are kept in memory for a server that missed them.
-        disk: what the node writes to its own disk; by default its spool.
+        history_frames: number of frames that are kept in memory for a server that missed them; None for the default.
+        disk: files that the node writes to its own disk; None for a spool only.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: no server was found during the whole run.
         UnstoredFramesError: frames of an open take are not stored.
+        RecordingError: the node's own take cannot be begun, or its recording stopped.
     """
     from mocapella.live.node import run_node
     from mocapella.live.node_disk import open_link

@@ -1,4 +1,4 @@
-"""``mocapella serve``, and the session that `demo` and `replay --live` share with it."""
+"""``mocapella serve``, and the live session that `demo` and `replay --live` share with it."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ if TYPE_CHECKING:
 
 
 VIEW_HOST = "127.0.0.1"
-"""`view --host` opens another interface, for who wants that."""
+"""Network interface of the view that a session starts; `mocapella view --host` can serve on another."""
 
 
 COMPILING = "compiling the tracking method; tracking begins by itself"
 COMPILING_STOPPED = "compiling the tracking method; then press Start"
 BEGIN_IN_S = 1.0
-"""From the moment that every node is ready until their sources begin: they join the bus meanwhile."""
+"""Time from the moment when every node is ready until their sources begin, so that they can join the bus [s]."""
 
 
 @dataclass
@@ -70,13 +70,14 @@ class LiveSession:
     """A server, its view, and the nodes started with it.
 
     Attributes:
-        server: of the session.
-        view: its process.
-        nodes: their processes.
-        stop: ends the session.
-        compilation: of the method's kernels; tracking cannot begin before its end. None if they are compiled.
+        server: server of the session.
+        view: process of the view.
+        nodes: processes of the nodes.
+        stop: event that ends the session.
+        compilation: compilation of the method's kernels, which must end before tracking can begin; None if they are
+            compiled.
         begins: whether tracking begins by itself after the compilation.
-        shown: set when the view has printed its URL; from the beginning without a view.
+        shown: event that is set when the view has printed its URL; without a view, it is set from the beginning.
     """
 
     server: Server
@@ -106,7 +107,7 @@ class LiveSession:
 
 
 def say_url(url: str) -> None:
-    """Print the address of the live view."""
+    """Print the live view's URL as a line for the user."""
     say(f"live view: {url}")
 
 
@@ -127,13 +128,17 @@ def live_session(
     afterwards (`wait_while`).
 
     Args:
-        settings: of the server.
-        stop: ends the session.
-        view_port: of the view; None without a view.
+        settings: settings of the server.
+        stop: event that ends the session.
+        view_port: TCP port of the view; None for no view.
         on_url: is called with the view's URL.
         view_words: further options of ``mocapella view``.
-        track_at_once: compile before the server listens, so that every frame is tracked.
-        link: one that listens already.
+        track_at_once: whether kernels are compiled before the server listens, so that every frame is tracked.
+        link: link of the server that listens already; None to make one.
+
+    Raises:
+        AddressInUseError, BusError: a port cannot be used.
+        SettingsError: the setup or the method's settings are invalid.
     """
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children, check_port_free
@@ -188,7 +193,7 @@ def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
 
 @dataclass(frozen=True)
 class ServeKeys:
-    """Settings of `serve`."""
+    """Settings of the command `serve`, for ``--set``."""
 
     seconds: Annotated[float | None, KeySpec("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
     view_port: Annotated[int, KeySpec("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
@@ -207,7 +212,7 @@ class ServeKeys:
     ] = None
 
     def check(self, method: str) -> None:
-        """Check that the layout can be saved.
+        """Check that ``save_layout`` can be written, and that the tracking method ``method`` has a sensor layout.
 
         Raises:
             SettingsError: the method has no sensor layout, or the file cannot be written.
@@ -229,7 +234,7 @@ class ServeKeys:
 
 
 class LayoutKeeper:
-    """Saves a server's sensor layout to a file."""
+    """Saves a server's sensor layout, the estimated poses of the sensors, to the file ``path``."""
 
     def __init__(self, server: Server, path: Path) -> None:
         self._server = server
@@ -237,14 +242,18 @@ class LayoutKeeper:
         self._placed: set[str] = set()
 
     def watch(self) -> bool:
-        """Save the layout if a new sensor has a pose; always return False, as a condition of `wait_while`."""
+        """Save the layout if it has a sensor that was not saved before.
+
+        Returns:
+            False, so that it can be the argument ``until`` of `wait_while`.
+        """
         layout = self._server.layout()
         if layout is not None and not layout.sensors.keys() <= self._placed:
             self._save(layout)
         return False
 
     def save(self) -> None:
-        """Save the present layout; without one, the file stays unchanged."""
+        """Save the present layout; if there is none, print a note and leave the file unchanged."""
         layout = self._server.layout()
         if layout is None:
             say(f"no sensor layout saved to {self._path}: no two sensors have been placed; walk where both see you")
@@ -344,10 +353,10 @@ def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:
 
 
 def load_layout_option(path: Path) -> SensorLayout:
-    """Read the sensor layout of the setting ``layout``.
+    """Read the sensor layout from the JSON file of the setting ``layout``.
 
     Raises:
-        InputError: the file cannot be read, or is no layout; for a camera rig, the message names ``--rig``.
+        InputError: the file cannot be read, or is no sensor layout; for a camera rig, the message names ``--rig``.
     """
     from mocapella.calibration.sensor_layout import load_layout
 
@@ -370,11 +379,11 @@ def _is_rig(path: Path) -> bool:
 
 
 def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:
-    """Read the files given to a method into settings, which a take stores for its replay.
+    """Read a tracking method's files, such as a camera rig, into settings, which a take stores for its replay.
 
     Args:
         method: name of the tracking method.
-        files: one or several paths by option; None or empty for options that are not given.
+        files: one or several paths by the option's name, such as ``rig``; None or empty for options not given.
 
     Raises:
         SettingsError: the method does not use such a file; names the methods that do.
@@ -412,7 +421,11 @@ def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:
 
 
 def finish(server: Server) -> dict[str, Any]:
-    """Close the server, print a summary of the session, and return it with the take's final state for ``--json``."""
+    """Stop and close the server; print a summary of the session.
+
+    Returns:
+        The summary as a JSON object for ``--json``, with the take's final state (`recording_row`) as ``recording``.
+    """
     server.halt()  # or the take could have a result more than the summary
     summary = _summary(server)
     recording = recording_row(server.close())
@@ -457,7 +470,11 @@ def _summary(server: Server) -> dict[str, Any]:
 
 
 def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
-    """Start ``mocapella node`` processes, whose sources begin at the same time, once the slowest is ready.
+    """Start nodes, and let their sources begin at the same time once all are ready.
+
+    Args:
+        session: the session; its ``nodes`` get the processes.
+        nodes: arguments of ``mocapella node`` for each node.
 
     Raises:
         MocapellaError: the server has failed.
@@ -478,9 +495,14 @@ def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
 
 
 def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], bool] = lambda: False) -> None:
-    """Wait for Ctrl-C, ``until``, or the end of the time, which begins when the method is compiled.
+    """Wait until the session is stopped, such as by Ctrl-C, until a condition is true, or until a time has passed.
 
-    A view that ends by itself is reported; the session goes on.
+    If the view ends by itself, this is reported, and the session continues.
+
+    Args:
+        session: the session; `LiveSession.begin_if_compiled` is called repeatedly.
+        seconds: time from the end of the compilation until the return [s]; None for no limit.
+        until: condition that ends the waiting, called ten times a second.
 
     Raises:
         MocapellaError: the server has failed.

@@ -1,1 +1,1 @@
-"""Files for other programs."""
+"""Export takes and results to files for other programs: CSV, JSON and TRC."""

@@ -1,4 +1,4 @@
-"""Convert arms of depth images to rows of JSON and of a table (`docs/arms/recordings.md` describes both)."""
+"""Convert arms detected in depth images to JSON rows and to table rows (`docs/arms/recordings.md` describes both)."""
 
 from __future__ import annotations
 
@@ -19,19 +19,26 @@ COLUMNS: Final = (
     "recording", "file", "time_s", "arm", "handedness", "handedness_sure", "gesture", "gesture_sure", "grabbing",
     "joint", "state", "x_m", "y_m", "z_m", "x_px", "y_px", "sd_m", "reason",
 )  # fmt: skip
-"""Columns of the table, with a row per joint, and one row for an image without an arm."""
+"""Columns of the table, which has a row for each joint of an arm, and one row for an image without arms."""
 
 
 def handedness(arm: SeenArm) -> str:
-    """Return left or right, or unknown if that is a guess."""
+    """Return ``left`` or ``right``, or ``unknown`` if the detector's probability for the side is at most 0.5."""
     return "unknown" if arm.left_sure <= 0.5 else "left" if arm.left else "right"
 
 
 def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_points: bool = False) -> dict[str, Any]:
-    """Return an image as a row: its file, its time [s], its arms, and why there are none or which are doubtful.
+    """Return the arms of one depth image as a JSON object with the keys ``file``, ``time_s``, ``arms`` and ``reason``.
+
+    An arm has its handedness, its gesture, and for each joint the state, the position in the camera frame [m], the
+    image position [px] and the standard deviation [m]; unknown values are None.
 
     Args:
-        all_points: write the 23 of `ARM_POINTS` instead of the eight joints.
+        file: the image's file.
+        at_s: time of the image [s].
+        found: the detected arms; its reason says why there is none, or warns about the image.
+        lens: (9,) intrinsics, as in `mocapella.geometry.lens`.
+        all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
     """
     points = range(len(ARM_POINTS)) if all_points else ARM_JOINTS
     return {
@@ -65,7 +72,12 @@ def _arm(arm: SeenArm, lens: Float64, points: Sequence[int]) -> dict[str, Any]:
 
 
 def table_rows(recording: str, row: dict[str, Any]) -> Iterator[list[Any]]:
-    """Yield the table's rows of a `frame_row`, in the order of `COLUMNS`; unknown values are empty."""
+    """Yield the table rows of one image, in the order of `COLUMNS`; unknown values are empty.
+
+    Args:
+        recording: name of the recording, for the first column.
+        row: result of `frame_row`.
+    """
     begin = [as_cell(recording), as_cell(row["file"]), row["time_s"]]
     for arm in row["arms"]:
         of_arm = [arm[name] for name in ("id", "handedness", "handedness_sure", "gesture", "gesture_sure")]

@@ -1,4 +1,4 @@
-"""Export arms as a table: a row for each joint of each arm of each scene."""
+"""Export tracked arms as a CSV: a row for each joint of each arm of each scene."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class ArmTracksReport(msgspec.Struct, frozen=True):
     """Counts of an export.
 
     Attributes:
-        scenes: scenes read.
-        with_arms: scenes with an arm.
-        rows: rows of the file.
-        arms: number of different arms.
+        scenes: number of scenes read.
+        with_arms: number of written scenes with an arm.
+        rows: number of rows in the file.
+        arms: number of different arms, by their ids.
     """
 
     scenes: int
@@ -41,11 +41,15 @@ class ArmTracksReport(msgspec.Struct, frozen=True):
 def write_arm_tracks(
     scenes: Iterable[Scene], path: Path, *, every: int = 1, all_points: bool = False
 ) -> ArmTracksReport:
-    """Write `COLUMNS`; unknown values are empty, and times start with the first scene. The file appears complete.
+    """Write a CSV with `COLUMNS`: joint positions in the world frame [m], and times since the first scene [s].
+
+    Unknown values are empty. The file appears complete or not at all.
 
     Args:
+        scenes: scenes in their order.
+        path: the CSV file; an existing one is replaced.
         every: write each n-th scene.
-        all_points: write the 23 of `ARM_POINTS` instead of the eight joints.
+        all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
 
     Raises:
         SettingsError: the file cannot be written.

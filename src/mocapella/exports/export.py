@@ -1,4 +1,4 @@
-"""The descriptor of an export, a verb of ``mocapella export``."""
+"""The descriptor of an export, a subcommand of ``mocapella export``, and the table of all exports."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class Export:
-    """An export of a take's scenes.
+    """Descriptor of an export of a take's scenes to a file.
 
     Attributes:
-        interface: of `mocapella.registry`.
-        name: the verb after ``mocapella export``.
-        summary: its output, in a line.
-        parts: names of the types of scene parts that it carries; None where it carries every type.
-        command: ``module:function`` of its typer command, which has the take's path as its argument ``take``. The
-            module is imported when the verb runs.
+        interface: version of the plug-in interface, see `mocapella.registry`.
+        name: name of the subcommand of ``mocapella export``.
+        summary: description of the output, in one line.
+        parts: names of the types of scene parts that the file contains; None for all types.
+        command: ``module:function`` of the typer command, which has the take's path as its argument ``take``. The
+            module is imported when the subcommand runs.
     """
 
     interface: int
@@ -30,22 +30,19 @@ class Export:
 
 
 EXPORTS: Final = Table("mocapella.exports", Export, "export")
-"""All exports by name."""
+"""All registered exports by name."""
 
 
 def left_out(export: Export, parts: Mapping[str, int]) -> dict[str, int]:
-    """Return the parts that an export does not carry.
+    """Return the number of scene parts that an export does not contain, by the name of their type.
 
     Args:
         export: the export.
-        parts: number of parts of each type in a take, by the type's name.
-
-    Returns:
-        The number of parts left out, by the type's name.
+        parts: number of parts in a take, by the name of their type.
     """
     return {} if export.parts is None else {name: n for name, n in parts.items() if name not in export.parts}
 
 
 def exports_of(parts: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the exports that carry any of these part types, for example those of a method."""
+    """Return the names of the exports that contain at least one of the scene part types, such as a method's types."""
     return tuple(each.name for each in EXPORTS.values() if each.parts is None or not set(parts).isdisjoint(each.parts))

@@ -1,4 +1,4 @@
-"""Export scenes with any parts as lines of JSON: all fields, arrays as lists, NaN as null."""
+"""Export scenes with all their parts as JSON lines: all fields, arrays as lists, NaN as null."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class SceneLinesReport(msgspec.Struct, frozen=True):
     """Counts of an export.
 
     Attributes:
-        scenes: scenes in the take.
-        written: written lines.
-        parts: number of written parts of each type.
-        unread: number of parts of types that no installed package reads, written as their size only.
+        scenes: number of scenes read.
+        written: number of written lines, one for each written scene.
+        parts: number of written scene parts by the name of their type.
+        unread: number of written parts of types that no installed package reads, by type; only their size is written.
     """
 
     scenes: int
@@ -31,10 +31,11 @@ class SceneLinesReport(msgspec.Struct, frozen=True):
 
 
 def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, every: int = 1) -> SceneLinesReport:
-    """Write a line of JSON for each scene. The file appears complete.
+    """Write a line of JSON for each scene. The file appears complete or not at all.
 
     Args:
-        scenes: (run, log_ns, scene) in their order; ``log_ns`` is of the server's clock.
+        scenes: (run, log_ns, scene) in their order: the run's number, the time at which the server stored the scene, on
+            its monotonic clock, and the scene.
         path: the file; an existing one is replaced.
         every: write each n-th scene.
 
@@ -63,7 +64,13 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
 
 
 def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
-    """Return a scene for JSON; an `UnknownPart` as its name and size."""
+    """Return a scene as JSON in one line, without the line break; of an `UnknownPart`, only type and size.
+
+    Args:
+        run: number of the run that made the scene.
+        log_ns: time at which the server stored the scene, on its monotonic clock.
+        scene: the scene.
+    """
     row = {
         "run": run,
         "log_ns": log_ns,

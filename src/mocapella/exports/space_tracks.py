@@ -19,21 +19,22 @@ Float64 = NDArray[np.float64]
 
 COLUMNS: Final = ("frame", "time_s", "point", "x_m", "y_m", "z_m", "sd_m", "views", "residual_px")
 UP: Final = {"y": (0, 1, 2), "z": (1, 2, 0), "-y": (0, 1, 2)}
-"""World axes that become X, Y, Z of a TRC, whose Y is up; if z is up in the world: y, z and x."""
+"""Indices of the world axes that become X, Y and Z of a TRC, whose Y is up, by the world's upward axis."""
 
 
 def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: float | None = None) -> None:
-    """Write a file of the suffix's format. It appears complete or not at all.
+    """Write named 3D points as CSV or TRC, by the path's suffix. The file appears complete or not at all.
 
     Args:
-        tracks: a CSV has only known points; a TRC has empty values for the others.
-        path: ends with .csv or .trc.
-        up: the upward axis of the world: y, z, or -y if the world is a camera's space. A CSV always has the axes of the
-            rig.
-        hz: frame rate, if the tracks have no times.
+        tracks: the points. A CSV has rows for known points only; a TRC has empty values for unknown ones.
+        path: the file, ending with .csv or .trc; an existing one is replaced.
+        up: the world's upward axis: y or z, or -y if the world is a camera frame with y down. It rotates a TRC, whose
+            Y is up; a CSV keeps the world's axes.
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
 
     Raises:
         SettingsError: the suffix or axis is unknown, the rate is not above 0, or the file cannot be written.
+        InputError: a TRC is to be written, and the tracks have no times and no rate is given.
     """
     writers: dict[str, Callable[[], str]] = {
         ".csv": lambda: as_csv(tracks, hz),
@@ -59,7 +60,12 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
 
 
 def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
-    """Return the CSV with `COLUMNS`, a row for each known point."""
+    """Return the text of a CSV with `COLUMNS`, with a row for each known point, positions in the world frame.
+
+    Args:
+        tracks: the points.
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -83,7 +89,13 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
 
 
 def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = None) -> str:
-    """Return a TRC in metres with Y up.
+    """Return the text of a TRC in metres with Y up; unknown points are empty.
+
+    Args:
+        tracks: the points.
+        name: the file's name, for the header.
+        up: the world's upward axis, a key of `UP`.
+        hz: frame rate to compute times from; None for the times of the tracks [Hz].
 
     Raises:
         InputError: the tracks have no times, and no rate is given.
@@ -110,5 +122,5 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
 
 
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:
-    """Return the times (frames,) of the tracks, or else computed from their frame numbers and a rate [s]."""
+    """Return the times (frames,) of the tracks [s]: frame number / ``hz``, or without a rate the tracks' own times."""
     return tracks.frames / hz if hz is not None else tracks.at_s

@@ -1,1 +1,1 @@
-"""Takes on disk that survive a kill, and the study log of 2015."""
+"""Write and read takes, which survive a kill of the recording process, and files such as the study log."""

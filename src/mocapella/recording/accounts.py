@@ -1,4 +1,4 @@
-"""The accounts of all nodes of a take: counts by sensor, and the rows that the take stores."""
+"""The ledgers of all nodes of a take (`mocapella.recording.ledger`): frame counts by sensor, and rows for the take."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from mocapella.model.session import UnknownEnd
 from mocapella.recording.ledger import NodeLedger
 
 Node = tuple[str, int]
-"""A sensor's name and a node's number."""
+"""A node's key: the sensor's name, and the random number of the process that serves it."""
 
 
 class Accounts:
-    """The accounts of a take's nodes. One thread changes them; others may read the counts.
+    """The ledgers of a take's nodes: which frames were received, stored and lost. One thread writes, others may read.
 
     Attributes:
-        nodes: account of each node.
-        pending: number of frames that wait for the next commit.
-        duplicates: number of repeated frames.
+        nodes: ledger of each node.
+        pending: number of received frames that are not on the disk yet.
+        duplicates: number of frames that were received more than once.
     """
 
     def __init__(self, nodes: dict[Node, NodeLedger]) -> None:
@@ -30,43 +30,51 @@ class Accounts:
 
     @property
     def stored(self) -> int:
-        """Number of the take's frames on the disk, over all sensors."""
+        """Number of the take's frames on the disk, of all sensors together."""
         return sum(self.frames.values())
 
     @property
     def frames(self) -> dict[str, int]:
-        """Number of stored frames by sensor."""
+        """Number of frames on the disk by sensor; sensors without any are left out."""
         return self._by_sensor(lambda ledger: ledger.stored)
 
     @property
     def gaps(self) -> dict[str, int]:
-        """Number of frames by sensor that are missing between the first and the last of each of its nodes."""
+        """Number of frames by sensor that are missing between the first and the last received frame of each node."""
         return self._by_sensor(lambda ledger: ledger.gap)
 
     @property
     def lost(self) -> dict[str, int]:
-        """Number of frames by sensor that belong to the take and are not on the disk: sent less stored."""
+        """Number of frames by sensor that belong to the take and are not on the disk: sent minus stored."""
         return self._by_sensor(lambda ledger: ledger.lost)
 
     @property
     def unknown(self) -> tuple[UnknownEnd, ...]:
-        """Nodes that have not said their last frame."""
+        """Nodes that have not reported the number of their last frame."""
         afters = ((node, self.nodes[node].unknown_after) for node in sorted(self.nodes))
         return tuple(UnknownEnd(sensor, node_id, after) for (sensor, node_id), after in afters if after is not None)
 
     def change(self, node: Node, change: Callable[[NodeLedger], bool]) -> None:
-        """Change the account of a node; if ``change`` returns true, its row is stored with the next commit."""
+        """Call ``change`` with a node's ledger; if it returns true, `take_rows` returns the ledger's row next time."""
         if change(self.nodes.setdefault(node, NodeLedger())):
             self._changed.add(node)
 
     def agree_on_all(self) -> None:
-        """Let the account of each node without an agreement, such as one that answers nothing, begin with what came."""
+        """For each node without an agreed first frame number, agree on its first received frame.
+
+        Such nodes do not answer the server's request to record.
+        """
         for node, ledger in self.nodes.items():
             if not ledger.agreed and ledger.expect(ledger.first):
                 self._changed.add(node)
 
     def receive(self, node: Node, number: int) -> bool:
-        """Add a frame; return False if it is there already or does not belong to the take."""
+        """Note a received frame; return False if it is a duplicate or does not belong to the take.
+
+        Args:
+            node: its node.
+            number: its sequence number.
+        """
         ledger = self.nodes.get(node)
         if ledger is None:
             ledger = self.nodes[node] = NodeLedger()
@@ -77,7 +85,10 @@ class Accounts:
         return True
 
     def take_rows(self, *, last: bool = False) -> list[bytes]:
-        """Return the rows that have changed since the last call; with ``last``, also those without an end."""
+        """Return the ledger rows that have changed since the last call, as JSON to store in the take.
+
+        With ``last``, at the end of a take, the rows of nodes without a reported last frame are returned as well.
+        """
         if last:
             self._changed.update(node for node, ledger in self.nodes.items() if ledger.unknown_after is not None)
         changed, self._changed = self._changed, set()
@@ -93,7 +104,7 @@ class Accounts:
         """Correct the counts of stored frames after a disk has failed; all other received frames count as pending.
 
         Args:
-            found: accounts of the frames that were read back from the disk, by node.
+            found: ledgers of the frames that were read back from the disk, by node.
         """
         received = self.stored + self.pending
         for node, ledger in self.nodes.items():

@@ -1,4 +1,4 @@
-"""Tracked bodies as a JSON file, and the files to start tracking from: an earlier result, or named 3D joints."""
+"""Read tracked bodies from JSON files: results of silhouette tracking, or named 3D joints to start tracking from."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ Triple = tuple[float, float, float]
 FORMAT: Final = "mocapella followed body"
 PEOPLE_FORMAT: Final = "mocapella followed people"
 VERSION: Final = 1
-"""Version of both file layouts."""
+"""Version of both file formats: of one body, and of several people."""
 ALONE: Final = ""
-"""Key of the only body of a run without names."""
+"""Key of the body in a run that tracks a single, unnamed person."""
 LONGEST_NAME: Final = 40
 _MOST_BYTES: Final = 1 << 30
 FARTHEST_M: Final = 1000.0
-"""Largest distance of a joint from the origin; beyond it, the unit is probably not metres [m]."""
+"""Largest absolute coordinate of a joint; beyond it, the file's unit is probably not metres [m]."""
 
 
 class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A body in one frame, as in the file.
 
     Attributes:
-        frame: its number in the videos.
-        time_s: of capture, from the videos' start.
-        root_twist: of T_world_model: translation part [m], then rotation vector [rad].
-        angles: by joint name [rad].
-        joints: positions of the landmarks, by name [m].
+        frame: the frame's number in the videos.
+        time_s: capture time since the start of the videos [s].
+        root_twist: twist of T_world_model, the pose of the body's root: translation part [m], then rotation vector
+            [rad].
+        angles: joint angles by joint name [rad].
+        joints: world positions of the body's landmarks by name [m].
         overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
-        left_out: why a camera's image was not used, by camera.
+        left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost; the pose is then the last known one.
     """
 
@@ -55,7 +56,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lost: bool = False
 
     def pose(self, joint_names: Sequence[str]) -> TreePose:
-        """Return the pose of a model with these joints; a joint that the file does not have is at 0."""
+        """Return the pose for a body model with the named joints; a joint that the file lacks has angle 0."""
         angles = np.array([self.angles.get(name, 0.0) for name in joint_names], dtype=np.float64)
         return TreePose(exp_twist(self.root_twist), angles)
 
@@ -71,7 +72,18 @@ def frame_of(
     left_out: Mapping[str, str],
     lost: bool,
 ) -> FollowedFrame:
-    """Return a pose as in the file."""
+    """Return a body's pose in one frame in the form of the file.
+
+    Args:
+        frame: the frame's number in the videos.
+        time_s: capture time since the start of the videos [s].
+        pose: root pose and joint angles of the body model.
+        joint_names: names of the joint angles of ``pose``, in their order.
+        landmarks: world positions (3,) of landmarks by name [m].
+        overlap: intersection over union of the model's and the image's silhouettes, by camera.
+        left_out: the reason why a camera's image was not used, by camera.
+        lost: whether the body is lost.
+    """
     twist = tuple(float(x) for x in log_motion(pose.T_world_model))
     angles = dict(zip(joint_names, pose.angles.tolist(), strict=True))
     joints = {name: tuple(at.tolist()) for name, at in landmarks.items()}
@@ -82,13 +94,13 @@ def frame_of(
 
 
 class FollowedBody(msgspec.Struct, frozen=True):
-    """A file of one tracked body.
+    """Content of a file with one tracked body.
 
     Attributes:
-        format, version: of the file.
-        model: male, female, legs, or a mesh file.
+        format, version: name and version of the file format.
+        model: body model: male, female, legs, or the path of a mesh file.
         height_m: subject height, if given; None for mesh files.
-        proportions: known lengths of segments [m], by name.
+        proportions: measured lengths of body segments by name [m].
         frames: the tracked frames.
     """
 
@@ -101,11 +113,11 @@ class FollowedBody(msgspec.Struct, frozen=True):
 
 
 class FollowedPeople(msgspec.Struct, frozen=True):
-    """A file of several tracked bodies, each as in a file of its own.
+    """Content of a file with several tracked bodies.
 
     Attributes:
-        format, version: of the file.
-        people: bodies by name.
+        format, version: name and version of the file format.
+        people: each body by its person's name, as in a file of one body.
         rows: frames of an unfinished run (`bodies_writer.py`), each with all bodies by name.
     """
 
@@ -119,39 +131,39 @@ _File = TypeVar("_File", FollowedBody, FollowedPeople)
 
 
 def is_followed_people(data: Any) -> bool:
-    """Whether JSON content claims to be a file of several bodies."""
+    """Whether decoded JSON has the format name of a file with several bodies; other fields are not checked."""
     return isinstance(data, dict) and data.get("format") == PEOPLE_FORMAT
 
 
 def is_followed_body(data: Any) -> bool:
-    """Whether JSON content claims to be a file of one body, rather than named joints."""
+    """Whether decoded JSON has frames, like a file of one body, rather than named joints; they are not checked."""
     return isinstance(data, dict) and "frames" in data
 
 
 def read_json(path: Path) -> Any:
-    """Return the content of a JSON file.
+    """Return the decoded content of a JSON file of at most 1 GiB.
 
     Raises:
-        InputError: it cannot be read, or is not JSON.
+        InputError: the file cannot be read, or is not JSON.
     """
     data = read_whole(path, fix="name a file that exists", most_bytes=_MOST_BYTES)
     return decode_json(data, file=path, fix="see docs/silhouettes.md for what --start reads")
 
 
 def read_followed_body(path: Path) -> FollowedBody:
-    """Read a file of one body.
+    """Read a file of one tracked body.
 
     Raises:
-        InputError: it is another kind of file, has another version, or no frames; names the field.
+        InputError: the file has another format or version, or no frames; names the field.
     """
     return _checked(_converted(read_json(path), FollowedBody, FORMAT, path), path, "frames")
 
 
 def read_followed_people(path: Path) -> dict[str, FollowedBody]:
-    """Read a file of one or several bodies; return them by name, or a single one under `ALONE`.
+    """Read a file of one or several tracked bodies; return them by name, an unnamed one under the key `ALONE`.
 
     Raises:
-        InputError: it is another kind of file, has another version, or a body has no frames; names the field.
+        InputError: the file has another format or version, or a body has no frames; names the field.
     """
     data = read_json(path)
     if not is_followed_people(data):
@@ -185,10 +197,10 @@ def _checked(found: FollowedBody, path: Path, field: str) -> FollowedBody:
 
 
 def check_person_name(name: str) -> str:
-    """Return the name of a person if it is valid.
+    """Return a person's name unchanged if it is valid.
 
     Raises:
-        SettingsError: it is not printable, or ambiguous on a command line.
+        SettingsError: the name is empty, longer than `LONGEST_NAME`, not printable, or has an equals sign.
     """
     if not (0 < len(name.strip()) == len(name) <= LONGEST_NAME and name.isprintable() and "=" not in name):
         raise SettingsError(
@@ -198,7 +210,11 @@ def check_person_name(name: str) -> str:
 
 
 def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
-    """Return joint positions (3,) [m] by person and joint name from JSON content; a single person under `ALONE`.
+    """Return world positions (3,) of joints [m] by person and joint name from decoded JSON.
+
+    Args:
+        data: joints by person, or the joints of a single person; the key of the single person is `ALONE`.
+        path: the JSON file, named in errors.
 
     Raises:
         InputError: the content has another form; names the person, the joint and its value.
@@ -210,12 +226,12 @@ def joints_of_people(data: Any, path: Path) -> dict[str, dict[str, Float64]]:
 
 
 def named_joints(data: Any, path: Path, whose: str = "") -> dict[str, Float64]:
-    """Return joint positions (3,) [m] by name from JSON content.
+    """Return world positions (3,) of joints [m] by joint name from decoded JSON; underscores become spaces.
 
     Args:
-        data: the content.
-        path: its file, for errors.
-        whose: prefix of a field's name in an error.
+        data: the JSON object, with three coordinates for each name.
+        path: the JSON file, named in errors.
+        whose: prefix of the joint's name in errors, such as ``anna.``.
 
     Raises:
         InputError: the content has another form; names the joint and its value.

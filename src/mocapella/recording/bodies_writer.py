@@ -1,9 +1,9 @@
-"""Write tracked bodies frame by frame to a file that can be read at any time.
+"""Write tracked bodies frame by frame to a JSON file that can be read at any time.
 
-During a run, its frames are in a file beside the result: ``out.part.json`` for ``out.json``. After every frame, it is
-valid JSON that `bodies_file.py` reads, so a killed run leaves its frames. For one body, it has the layout of the
-result without the summary; for several, each row has all bodies. At the end it becomes the result, which appears
-complete or not at all.
+During a run, the frames are in a part file beside the result: ``out.part.json`` for ``out.json``. After every frame,
+it is valid JSON that `bodies_file.py` reads, so a killed run leaves its frames. For one body, it has the layout of the
+result without the summary; for several, each row has all bodies. At the end of the run, the part file is completed and
+renamed to the result, which therefore appears complete or not at all.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ _Row = TypeVar("_Row")
 
 
 class BodiesWriter:
-    """Writes the file of one run. A context manager; left before `finish`, the part file stays.
+    """Writes the result file of one tracking run. A context manager; left before `finish`, the part file stays.
 
     Args:
-        path: of the result; None writes a temporary file, which is removed at the end.
-        bodies: the tracked bodies by name, without frames.
-        how: values of the whole run for the file.
+        path: the result file; None writes a temporary file, which is removed at the end.
+        bodies: the tracked bodies by name, without frames; a single unnamed one under the key `ALONE`.
+        how: further fields of the file that describe the run, such as its settings.
 
     Attributes:
-        part: file of the frames during the run; None if ``path`` is.
-        bodies: see above.
+        path: the result file, or None.
+        part: the part file during the run; None after `finish`, or if ``path`` is None.
+        bodies: as above.
         frames: number of written frames.
 
     Raises:
-        RecordingError: the file cannot be written there.
+        RecordingError: the file cannot be created.
     """
 
     def __init__(self, path: Path | None, bodies: Mapping[str, FollowedBody], how: Mapping[str, Any]) -> None:
@@ -60,17 +61,17 @@ class BodiesWriter:
         self._begin = self._end
 
     def add(self, rows: Mapping[str, FollowedFrame]) -> None:
-        """Write the next frame: a row of each body.
+        """Append the next frame to the file; ``rows`` has the frame of each body by name.
 
         Raises:
-            DiskFullError, RecordingError: it could not be written; earlier frames are kept.
+            DiskFullError, RecordingError: the frame could not be written; earlier frames are kept.
         """
         data = msgspec.json.encode(rows[ALONE] if ALONE in self.bodies else rows)
         self._put(b",\n" if self.frames else b"\n", data)
         self.frames += 1
 
     def rows(self, of: type[_Row]) -> Iterator[dict[str, _Row]]:
-        """Yield each written frame: the rows by body, with the fields of the given type."""
+        """Read the written frames back: yield each as values by body's name, decoded as the msgspec type ``of``."""
         for line in self._lines():
             if ALONE in self.bodies:
                 yield {ALONE: decode_json(line, of)}
@@ -78,10 +79,14 @@ class BodiesWriter:
                 yield decode_json(line, dict[str, of])  # type: ignore[valid-type]
 
     def finish(self, summary: Mapping[str, Any], summaries: Mapping[str, Mapping[str, Any]]) -> None:
-        """Write the result with the summaries of the run and of each body by name.
+        """Complete the file and rename it to the result.
+
+        Args:
+            summary: JSON fields that describe the result of the run.
+            summaries: JSON fields that describe the result for each body, by name.
 
         Raises:
-            DiskFullError, RecordingError: it could not be written; the part file is kept.
+            DiskFullError, RecordingError: the result could not be written; the part file is kept.
         """
         try:
             if ALONE in self.bodies:
@@ -97,7 +102,7 @@ class BodiesWriter:
             raise self._as_ours(error) from error
 
     def copy_to(self, out: IO[str]) -> None:
-        """Also write the result to a stream."""
+        """Copy the file's content to a text stream."""
         self._file.seek(0)
         decoder = codecs.getincrementaldecoder("utf-8")()
         while piece := self._file.read(PIECE):
@@ -105,7 +110,7 @@ class BodiesWriter:
         out.flush()
 
     def close(self) -> None:
-        """Close the part file, and remove it if it has no frame."""
+        """Close the file; remove the part file if it has no frame."""
         self._file.close()
         if self.part is not None and not self.frames:
             self.part.unlink(missing_ok=True)
@@ -190,7 +195,7 @@ class BodiesWriter:
 
 
 def left_behind(path: Path) -> list[Path]:
-    """Return the part files of unfinished results of that name: their runs go on, or were killed."""
+    """Return the part files that exist for the result ``path``: of runs that were killed or still go on."""
     found: list[Path] = []
     for part in _part_names(path):
         if not part.exists():

@@ -22,23 +22,23 @@ except ImportError:  # Windows has no advisory locks of this kind; there the exc
 GIB: Final = 1 << 30
 SUFFIX: Final = ".mcap"
 MAX_NAME_BYTES: Final = 200
-"""Longest name of a take; file systems allow 255, and ``.part12.mcap`` or ``.merging.mcap`` is appended."""
+"""Longest name of a take, in bytes; file systems allow 255, and a suffix such as ``.merging.mcap`` is appended."""
 
 _RESERVED = re.compile(r"\.(part\d+|merging)$", re.IGNORECASE)
 _PART_OR_TAKE = re.compile(r"(\.(part\d+|merging))?\.mcap$", re.IGNORECASE)
 _FORBIDDEN = re.compile(r'[\x00-\x1f\x7f/\\<>:"|?*]')
 PRIVATE: Final = 0o600
-"""Mode of recordings: people did not agree that other users of the computer see them."""
+"""File mode of recordings: only the user may read them, because they show people."""
 _PRIVATE_FOLDER: Final = 0o700
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 _data_sync = getattr(os, "fdatasync", os.fsync)  # not on every system
 
 
 def take_path(folder: Path | str, name: str) -> Path:
-    """Return the path of a take: ``folder/name.mcap``. The name is untrusted.
+    """Return the path of a take, ``folder/name.mcap``, after checking the untrusted name.
 
     Raises:
-        RecordingError: the name is empty, too long, or leads out of the folder; says what a name may be.
+        RecordingError: the name is empty, too long, leads out of the folder, or is reserved; names the valid ones.
     """
     stem = name[: -len(SUFFIX)] if name.lower().endswith(SUFFIX) else name
     problem = ""
@@ -65,7 +65,7 @@ def take_path(folder: Path | str, name: str) -> Path:
 
 
 def next_name(take: str) -> str:
-    """Return the name of the next take: its last number plus one, or with ``-2`` if it has none."""
+    """Return the name of the take after ``take``: the number at its end plus one, or ``-2`` appended to it."""
     match = re.fullmatch(r"(.*?)(\d+)", take)
     if match is None:
         return f"{take}-2"
@@ -74,7 +74,7 @@ def next_name(take: str) -> str:
 
 
 def free_name(folder: Path, name: str) -> str:
-    """Return the name itself, or the next one that no take or part in the folder has."""
+    """Return ``name`` if no take or part in the folder has it, else the first free one that `next_name` gives."""
     try:
         taken = {_PART_OR_TAKE.sub("", entry.name).lower() for entry in folder.iterdir()}
     except OSError:  # missing or unreadable: recording into it reports that
@@ -85,10 +85,10 @@ def free_name(folder: Path, name: str) -> str:
 
 
 def ensure_folder(folder: Path) -> None:
-    """Make the folder, unless it exists.
+    """Make the folder as `make_private` does, unless it exists.
 
     Raises:
-        RecordingError: it cannot be made, or its path is a file.
+        RecordingError: the folder cannot be made, or its path is a file.
     """
     try:
         make_private(folder)
@@ -97,10 +97,10 @@ def ensure_folder(folder: Path) -> None:
 
 
 def make_private(folder: Path) -> None:
-    """Make a folder and its missing parents for this user only; an existing one is unchanged.
+    """Make a folder and its missing parents, accessible to this user only; existing folders are unchanged.
 
     Raises:
-        OSError: it cannot be made, or its path is a file.
+        OSError: the folder cannot be made, or its path is a file.
     """
     for one in (*reversed(folder.parents), folder):
         if not one.is_dir():
@@ -110,35 +110,35 @@ def make_private(folder: Path) -> None:
 
 
 def part_path(path: Path, number: int) -> Path:
-    """Return the path of part ``number`` (1, 2, …) of a take: the take itself, ``NAME.part2.mcap``, …"""
+    """Return the path of a file of an interrupted take ``path``: for part 1 the take, then ``NAME.part2.mcap``, …"""
     return path if number == 1 else path.with_name(f"{path.stem}.part{number}{SUFFIX}")
 
 
 def merging_path(path: Path) -> Path:
-    """Return the path at which the parts of a take are merged before they replace it."""
+    """Return the path of the temporary file into which a take's parts are merged, before it replaces the take."""
     return path.with_name(f"{path.stem}.merging{SUFFIX}")
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the existing parts of a take in order, the take itself first."""
+    """Return the files of a take in order: ``path`` itself, then the parts that exist beside it."""
     pattern = re.compile(re.escape(path.stem) + r"\.part(\d+)\.mcap")
     found = [(int(m[1]), entry) for entry in path.parent.iterdir() if (m := pattern.fullmatch(entry.name))]
     return (path, *(entry for _, entry in sorted(found)))
 
 
 def next_part(path: Path) -> int:
-    """Return the number of the next part."""
+    """Return the number of the first unused part of the take ``path``, 2 or more."""
     last = re.search(r"\.part(\d+)\.mcap$", parts_of(path)[-1].name)
     return int(last[1]) + 1 if last else 2
 
 
 def check_can_record(path: Path, reserve_bytes: int = GIB) -> None:
-    """Check, before anything is created, that a take can be recorded.
+    """Check, before anything is created, that a take can be recorded to ``path``.
 
     Raises:
         RecordingError: the folder is missing, no folder, or cannot be written to.
-        DiskFullError: there is less free space than the reserve; names both.
-        TakeExistsError: the name is in use.
+        DiskFullError: the disk has fewer free bytes than ``reserve_bytes``; names both.
+        TakeExistsError: the take or one of its parts exists.
     """
     check_folder(path.parent, reserve_bytes)
     taken = next((part for part in parts_of(path) if os.path.lexists(part)), None)
@@ -147,7 +147,12 @@ def check_can_record(path: Path, reserve_bytes: int = GIB) -> None:
 
 
 def check_folder(folder: Path, reserve_bytes: int) -> None:
-    """Check the folder as `check_can_record` does."""
+    """Check that a folder exists, can be written to, and has ``reserve_bytes`` of free space.
+
+    Raises:
+        RecordingError: the folder is missing, no folder, or cannot be written to.
+        DiskFullError: the disk has fewer free bytes than ``reserve_bytes``; names both.
+    """
     if not folder.is_dir():
         what = "is no folder" if folder.exists() else "does not exist"
         raise RecordingError(f"cannot record into {folder}: it {what}; make the folder or choose another")
@@ -159,19 +164,19 @@ def check_folder(folder: Path, reserve_bytes: int) -> None:
 
 
 def name_taken(path: Path, why: str = "it exists") -> TakeExistsError:
-    """Return the error for a name in use."""
+    """Return the error for a take whose file name is in use; ``why`` is its reason in the message."""
     return TakeExistsError(f"cannot record to {path}: {why}, and nothing is overwritten; choose another name")
 
 
 def too_little(free: int, needed: int) -> str:
-    """Return ``'0.4 GiB are free and 1.0 GiB are needed; …'``."""
+    """Return the text of an error about space, from bytes: ``0.40 GiB are free and 1.00 GiB are needed; …``."""
     return (
         f"{free / GIB:.2f} GiB are free and {needed / GIB:.2f} GiB are needed; free some space or choose another disk"
     )
 
 
 def free_bytes(folder: Path) -> int:
-    """Return the free space for this user."""
+    """Return the number of free bytes on the folder's disk for this user."""
     return shutil.disk_usage(folder).free
 
 
@@ -181,18 +186,18 @@ def is_full(error: OSError) -> bool:
 
 
 def as_ours(error: OSError, what: str) -> RecordingError:
-    """Return our error for one of the disk."""
+    """Return a `DiskFullError` or `RecordingError` for an error of the disk; ``what`` begins its message."""
     if is_full(error):
         return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
     return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")
 
 
 def create_new(path: Path) -> int:
-    """Create a new file; return its descriptor.
+    """Create a new file that only this user can read; return its open descriptor, for reading and writing.
 
     Raises:
         TakeExistsError: the file exists, also as a dangling link.
-        DiskFullError, RecordingError: the file system refuses.
+        DiskFullError, RecordingError: the file cannot be created.
     """
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -205,7 +210,10 @@ def create_new(path: Path) -> int:
 
 
 def lock(fd: int) -> bool:
-    """Lock the file until it is closed or the process ends; return False if another process has locked it."""
+    """Lock an open file until it is closed or the process ends; return False if another process has locked it.
+
+    On systems without such locks, return True without an effect.
+    """
     if fcntl is None:
         return True
     try:
@@ -218,17 +226,17 @@ def lock(fd: int) -> bool:
 
 
 def removed(fd: int) -> bool:
-    """Whether the open file was removed: its bytes are gone when it is closed."""
+    """Whether the file of an open descriptor was removed, so that its content is lost when it is closed."""
     return os.fstat(fd).st_nlink == 0
 
 
 def size(fd: int) -> int:
-    """Return the size of the open file."""
+    """Return the size of an open file, in bytes."""
     return os.fstat(fd).st_size
 
 
 def leads_to(path: Path, fd: int) -> bool:
-    """Whether the path still leads to the open file."""
+    """Whether the path still names the open file: it was neither removed, moved nor replaced."""
     try:
         return os.path.samestat(path.stat(), os.fstat(fd))
     except OSError:
@@ -236,19 +244,19 @@ def leads_to(path: Path, fd: int) -> bool:
 
 
 def write_all(fd: int, data: bytes) -> None:
-    """Write all data, in several system calls if necessary."""
+    """Write all bytes to an open file, in several system calls if necessary."""
     rest = memoryview(data)
     while rest:
         rest = rest[os.write(fd, rest) :]
 
 
 def sync(fd: int) -> None:
-    """Return when the file's bytes are on the disk."""
+    """Flush an open file's content from the system's cache to the disk."""
     _data_sync(fd)
 
 
 def sync_folder(folder: Path) -> None:
-    """Return when the names in the folder are on the disk."""
+    """Flush a folder's entries, such as new and renamed files, to the disk; no effect on Windows."""
     if os.name == "nt":  # folders cannot be opened there
         return
     with _descriptor(folder) as fd:

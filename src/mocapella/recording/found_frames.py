@@ -1,6 +1,6 @@
-"""Frames that a take lacks and other files have: spools of nodes, or takes that nodes recorded themselves.
+"""Find frames that a take lacks in other files: spools of nodes, or takes that nodes recorded themselves.
 
-A node's number is random, so a frame is found by sensor, node and number whichever file has it.
+A node's number is random, so (sensor, node, sequence number) identifies a frame in every file.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ class FoundFrames:
     """Frames to be added to a take.
 
     Attributes:
-        frames: file and place of each frame.
-        rows: accounts of their nodes.
-        log_ns: storage time that they get: the take's last one, because other files have other clocks.
+        frames: the file that has the frame, and the frame's position in it, for each frame.
+        rows: changed ledgers of the frames' nodes.
+        log_ns: the frames' log time in the take, on the server's clock: the take's last one, because other files have
+            other clocks.
     """
 
     frames: tuple[tuple[Path, FrameRef], ...]
@@ -32,19 +33,19 @@ class FoundFrames:
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of frames by sensor."""
+        """Number of found frames by sensor."""
         return Counter(ref.sensor for _, ref in self.frames)
 
     @property
     def sources(self) -> list[Path]:
-        """Files that they are in."""
+        """Files that have the frames."""
         return list(dict.fromkeys(path for path, _ in self.frames))
 
     def read(self) -> Iterator[tuple[str, bytes, int]]:
-        """Yield topic, bytes and number of each frame.
+        """Read the frames: yield (topic in the take, encoded frame, sequence number) of each.
 
         Raises:
-            DamagedTakeError: a file became shorter.
+            DamagedTakeError: a file became shorter than when it was indexed.
         """
         for path in self.sources:
             with path.open("rb") as file:
@@ -57,9 +58,13 @@ class FoundFrames:
 
 
 def found_frames(index: TakeIndex, others: Sequence[tuple[Path, TakeIndex]]) -> FoundFrames:
-    """Find the frames that belong to a take and are in other files only.
+    """Find the frames that belong to a take and are only in other files.
 
-    A node that the take does not know is added if the file was kept for this take.
+    A node that the take does not know is added if the other file is a spool of this take, with the same `take_id`.
+
+    Args:
+        index: index of the take; its ledgers are updated with the found frames.
+        others: path and index of each other file.
     """
     frames: list[tuple[Path, FrameRef]] = []
     changed: dict[tuple[str, int], NodeLedger] = {}

@@ -1,6 +1,6 @@
-"""Read files of 2D points: folders of OpenPose, CSV of Caliscope and FreeMoCap-like tools, and Mocapella's CSV.
+"""Read 2D points from files: folders of OpenPose, CSV of Caliscope and FreeMoCap-like tools, and Mocapella's CSV.
 
-Mocapella's has a row for each point that a camera saw in a frame, with the columns ``frame, camera, point, x_px,
+Mocapella's CSV has a row for each point that a camera saw in a frame, with the columns ``frame, camera, point, x_px,
 y_px`` and optionally ``confidence`` and ``time_s``, in any order; docs/triangulation.md describes it.
 """
 
@@ -35,21 +35,21 @@ BODY_25B: Final = (
     "RSmallToe", "RHeel",
 )  # fmt: skip
 OPENPOSE_ORDERS: Final = {"BODY_25B": BODY_25B, "BODY_25": BODY_25}
-"""Orders of OpenPose's points. Both have 25 points, and a file does not name its order."""
+"""Names of OpenPose's keypoints in order, by pose model. Both have 25, and a file does not name its model."""
 
 
 def read_image_tracks(
     paths: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
 ) -> ImageTracks:
-    """Read 2D points of one folder of OpenPose JSON per camera, or of one CSV.
+    """Read 2D points from one folder of OpenPose JSON per camera, or from one CSV.
 
     Args:
-        paths: the folders, or the file.
-        order: of OpenPose's points, see `OPENPOSE_ORDERS`.
-        progress: receives the name of each file.
+        paths: the folders, or the one CSV file.
+        order: OpenPose's pose model, a key of `OPENPOSE_ORDERS`; unused for a CSV.
+        progress: receives the name of each file before it is read.
 
     Raises:
-        InputError: names file, row, field and value.
+        InputError: a file is missing or invalid; names file, row, field and value.
     """
     if not paths:
         raise InputError("no points are named", fix="name a CSV, or a folder of OpenPose JSON for each camera")
@@ -74,7 +74,14 @@ def read_image_tracks(
 def read_openpose(
     folders: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
 ) -> ImageTracks:
-    """Read OpenPose JSON, a folder per camera and a file per frame; of several people, the most confident is used.
+    """Read OpenPose JSON, a folder per camera and a file per frame.
+
+    Of several people in a file, the one with the largest sum of confidences is used. Times are NaN.
+
+    Args:
+        folders: a folder for each camera; the camera gets its name.
+        order: OpenPose's pose model, a key of `OPENPOSE_ORDERS`.
+        progress: receives the name of each file before it is read.
 
     Raises:
         InputError: a folder has no JSON, or a file is not OpenPose's or has another number of points.
@@ -114,10 +121,10 @@ def read_openpose(
 
 
 def read_csv(path: Path) -> ImageTracks:
-    """Read Caliscope's CSV or Mocapella's, recognised by the columns.
+    """Read 2D points from Caliscope's CSV or Mocapella's, recognised by the columns.
 
     Raises:
-        InputError: names file, row, field and value.
+        InputError: the file is invalid; names file, row, field and value.
     """
     fix = "give a CSV in UTF-8"
     columns, rows = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)

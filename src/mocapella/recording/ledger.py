@@ -1,7 +1,8 @@
-"""Account of one node's frames in a take: which belong to it, which are stored, and which are lost.
+"""The ledger of one node's frames in a take: which belong to the take, which are stored, and which are lost.
 
-The law is *sent = stored + lost*: of the frames from `NodeLedger.first` to before `NodeLedger.end`, each is stored
-once, or counts as lost. While the end is unknown, the account says after which number nothing is known.
+Frames are identified by their sequence numbers. The law is *sent = stored + lost*: each frame from `NodeLedger.first`
+to before `NodeLedger.end` is stored once, or counts as lost. While the end is unknown, `NodeLedger.unknown_after` is
+the last number that is known.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**62)]
 
 
 class LedgerRow(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a take stores of a node, besides its frames; the last row counts.
+    """A node's ledger as stored in a take, besides its frames; a later row of the node replaces an earlier one.
 
     Attributes:
-        sensor, node_id: the node.
-        first: number of its first frame that belongs to the take.
-        end: number after its last frame that belongs to the take; None if the node has not said it.
-        heard: number after the last frame that it is known to have sent.
-        oldest: the node no longer has frames below this number.
+        sensor, node_id: identity of the node.
+        first: sequence number of the node's first frame that belongs to the take.
+        end: sequence number after the node's last frame that belongs to the take; None if the node has not reported it.
+        heard: sequence number after the last frame that the node is known to have sent.
+        oldest: the node no longer has frames below this sequence number, so they cannot be requested again.
     """
 
     sensor: str
@@ -36,16 +37,20 @@ class LedgerRow(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class NodeLedger:
-    """Account of one node's frames. Without `expect`, a take only knows what came, as takes of older versions do.
+    """Ledger of one node's frames in a take.
+
+    Without a call of `expect`, the frames belong to the take from the first received one on, as in takes of older
+    versions.
 
     Attributes:
-        first: number of the first frame that belongs to the take.
-        end: number after the last frame that belongs to it; None until the node has said it.
-        heard: number after the last frame that the node is known to have sent.
-        oldest: the node no longer has frames below this number.
-        agreed: whether node and server agreed on the first number.
+        first: sequence number of the first frame that belongs to the take.
+        end: sequence number after the last frame that belongs to the take; None until the node has reported it.
+        heard: sequence number after the last frame that the node is known to have sent.
+        oldest: the node no longer has frames below this sequence number, so they cannot be requested again.
+        agreed: whether node and server agreed on ``first``.
         stored: number of frames on the disk.
-        acknowledged: every frame below this number that belongs to the take and exists is on the disk.
+        acknowledged: every frame below this sequence number that belongs to the take, and that the node still had, is
+            on the disk.
     """
 
     def __init__(self) -> None:
@@ -56,13 +61,13 @@ class NodeLedger:
         self._received = SequenceRanges()
 
     def __len__(self) -> int:
-        """Number of received frames, on the disk or not."""
+        """Number of received frames, whether on the disk or not."""
         return len(self._received)
 
     def expect(self, first: int) -> bool:
-        """Include the frames from ``first`` on; return whether this changed the account.
+        """Agree that the frames from sequence number ``first`` on belong to the take; return whether this is a change.
 
-        A first number is lowered by a later one, and never raised.
+        A later call can lower the number, but never raise it.
         """
         if self.agreed and first >= self.first:
             return False
@@ -72,13 +77,17 @@ class NodeLedger:
         return True
 
     def hear(self, after: int, oldest: int = 0) -> bool:
-        """Note that the node has sent all frames below ``after`` and has none below ``oldest``; return a change."""
+        """Note that the node has sent all frames below ``after`` and no longer has those below ``oldest``.
+
+        Returns:
+            Whether the ledger changed.
+        """
         changed = after > self.heard or oldest > self.oldest
         self.heard, self.oldest = max(self.heard, after), max(self.oldest, oldest)
         return changed
 
     def finish(self, end: int) -> bool:
-        """Note that no frame from ``end`` on belongs to the take; return whether this was news."""
+        """Note that no frame from sequence number ``end`` on belongs to the take; return False if the end was known."""
         if self.end is not None:
             return False
         self.end = max(end, self._received.last + 1 if len(self._received) else self.first)
@@ -86,13 +95,13 @@ class NodeLedger:
         return True
 
     def receive(self, number: int) -> bool:
-        """Add a frame; return False if it is there already or does not belong to the take."""
+        """Note a received frame by its sequence number; return False for a duplicate, or one outside the take."""
         if (self.agreed and number < self.first) or (self.end is not None and number >= self.end):
             return False
         return self.put_back(number)
 
     def put_back(self, number: int) -> bool:
-        """Add a frame that the take has, as when it is read; return False if it was added before."""
+        """Note a frame that is read from the take's file; return False if it was noted before."""
         if not self._received.add(number):
             return False
         self.first = self._received.first if not self.agreed else min(self.first, number)
@@ -100,17 +109,17 @@ class NodeLedger:
         return True
 
     def has(self, number: int) -> bool:
-        """Whether a frame was received."""
+        """Whether the frame with this sequence number was received."""
         return number in self._received
 
     def commit(self) -> None:
-        """Note that all received frames are on the disk."""
+        """Note that all received frames are on the disk: update ``stored`` and ``acknowledged``."""
         self.stored = len(self._received)
         self.acknowledged = self._received.first_missing(max(self.first, self.oldest))
 
     @property
     def after(self) -> int:
-        """Number after the last frame that belongs to the take, as far as known."""
+        """Sequence number after the last frame that belongs to the take, as far as known."""
         return self.heard if self.end is None else self.end
 
     @property
@@ -125,29 +134,29 @@ class NodeLedger:
 
     @property
     def gap(self) -> int:
-        """Number of frames that are missing between the first and the last that was received."""
+        """Number of missing frames from ``first`` to the last received frame."""
         return self._received.last + 1 - self.first - len(self._received) if len(self._received) else 0
 
     @property
     def unknown_after(self) -> int | None:
-        """Number of the last frame that is known, if the node never said its end; −1: none. Else None."""
+        """Sequence number of the last known frame while the end is unknown, or −1 without any; None if it is known."""
         return self.heard - 1 if self.agreed and self.end is None else None
 
     def missing(self, below: int | None = None) -> Iterator[tuple[int, int]]:
-        """Yield the (first, last) of each gap among the frames that belong to the take, up to before ``below``."""
+        """Yield the first and last sequence number of each gap in the take's frames, up to before ``below``."""
         end = self.after if below is None else min(below, self.after)
         yield from self._received.gaps(self.first, end)
 
     def obtainable(self, below: int) -> Iterator[tuple[int, int]]:
-        """Yield the gaps as `missing` does, of frames that the node may still have."""
+        """Yield gaps as `missing` does, only of frames that can be requested because the node may still have them."""
         yield from self._received.gaps(max(self.first, self.oldest), min(below, self.after))
 
     def row(self, sensor: str, node_id: int) -> LedgerRow:
-        """Return what a take stores of the account."""
+        """Return the ledger as a row for the take."""
         return LedgerRow(sensor, node_id, self.first, self.end, self.heard, self.oldest)
 
     def read(self, row: LedgerRow) -> None:
-        """Restore the account from a row of the take; frames that were received before still count."""
+        """Restore the ledger from a row of the take; frames that were noted before still count as received."""
         self.agreed, self.first, self.end = True, row.first, row.end
         if len(self._received):
             self.first = min(self.first, self._received.first)

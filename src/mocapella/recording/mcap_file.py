@@ -1,4 +1,4 @@
-"""Write an append-only MCAP file, with one chunk and its checksum per flush.
+"""Write an MCAP file by appending, with one chunk of messages and its checksum per flush.
 
 The record layouts are those of the ``mcap`` library, but not its ``Writer``, for three reasons. After a failed write,
 it cannot close the file properly; here a flush happens completely or not at all. It keeps objects for every chunk,
@@ -44,7 +44,12 @@ _MAX_UINT32: Final = 0xFFFFFFFF
 
 
 class McapFile:
-    """Writes to a file descriptor. Errors are `OSError`; earlier flushed data stay intact."""
+    """Writes an MCAP file to an open descriptor. Errors are `OSError`; earlier flushed data stay intact.
+
+    Args:
+        fd: descriptor of an empty file, opened for writing.
+        library: name and version of the writing program, for the file's header.
+    """
 
     def __init__(self, fd: int, library: str) -> None:
         self._fd = fd
@@ -63,7 +68,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Number of bytes of the file that are completely written."""
+        """Number of bytes written to the file by completed flushes."""
         return self._size
 
     @property
@@ -72,14 +77,14 @@ class McapFile:
         return len(self._front) + len(self._chunk)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add the schema of a message type; return its id."""
+        """Add the schema of a message type, in MCAP's terms; return its id for `add_channel`."""
         record = _bytes(Schema(len(self._schemas) + 1, data=data, encoding=encoding, name=name))
         self._schemas.append(record)
         self._front += record
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int) -> int:
-        """Add a channel; return its id."""
+        """Add a channel for messages of one topic, encoding and schema id; return its id for `add_message`."""
         record = _bytes(Channel(len(self._channels) + 1, topic, encoding, {}, schema))
         self._channels.append(record)
         self._front += record
@@ -87,13 +92,21 @@ class McapFile:
         return len(self._channels)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a metadata record; it is written before the messages of the next flush."""
+        """Add a metadata record with values by key; it is written before the messages of the next flush."""
         record = _bytes(Metadata(name=name, metadata=values))
         self._new_metadata.append((len(self._front), len(record), name))
         self._front += record
 
     def add_message(self, channel: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int) -> None:
-        """Add a message to the next flush."""
+        """Add a message to the next flush.
+
+        Args:
+            channel: id of the channel.
+            data: the encoded message.
+            log_ns: time at which it was recorded, on the caller's clock.
+            publish_ns: time at which it was published, on the caller's clock.
+            sequence: its sequence number; the file keeps the lower 32 bits.
+        """
         chunk = self._chunk
         index = self._index.get(channel)
         if index is None:
@@ -107,10 +120,10 @@ class McapFile:
         self._chunk_last = max(self._chunk_last, log_ns)
 
     def flush(self, *, durable: bool = True) -> None:
-        """Write all added records, and return when they are on the disk (``durable``).
+        """Append all added records to the file; if ``durable``, return only when they are on the disk.
 
         Raises:
-            OSError: the file is unchanged, and the added records are discarded.
+            OSError: the disk failed; the file is unchanged, and the added records are discarded.
         """
         if not self.pending_bytes:
             return
@@ -126,10 +139,10 @@ class McapFile:
         self._clear()
 
     def finish(self) -> None:
-        """Flush, write the index and the end of the file, and return when all is on the disk.
+        """Flush, then append the index and the end of the file, and return when all is on the disk.
 
         Raises:
-            OSError: the file has all flushed data, but no index.
+            OSError: the disk failed; the file has all flushed data, but no index.
         """
         self.flush()
         end = _bytes(DataEnd(self._crc))

@@ -42,7 +42,15 @@ _Record = TypeVar("_Record", Channel, Metadata)
 
 
 class MessageRead(msgspec.Struct, frozen=True, gc=False):
-    """A message, and the byte offset of its data in the file."""
+    """A message of the file.
+
+    Attributes:
+        topic: topic of its channel.
+        sequence: its sequence number, modulo 2^32.
+        log_ns, publish_ns: times of recording and of publication, on the recording process's clock.
+        offset: byte offset of ``data`` in the file.
+        data: the encoded message.
+    """
 
     topic: str
     sequence: int
@@ -53,14 +61,14 @@ class MessageRead(msgspec.Struct, frozen=True, gc=False):
 
 
 class MetadataRead(msgspec.Struct, frozen=True):
-    """A metadata record."""
+    """A metadata record of the file: its name, and its values by key."""
 
     name: str
     values: dict[str, str]
 
 
 class Damage(msgspec.Struct, frozen=True):
-    """Bytes ``start`` to ``end`` are unreadable, for the given reason."""
+    """A damaged section of the file: byte ``start`` to before ``end``; ``problem`` describes the fault."""
 
     start: int
     end: int
@@ -68,7 +76,7 @@ class Damage(msgspec.Struct, frozen=True):
 
 
 class End(msgspec.Struct, frozen=True):
-    """The last event: whether the file was closed properly, and the length of an incomplete record at its end."""
+    """Last event of a scan: whether the file was closed properly, and the size of an incomplete record at its end."""
 
     closed: bool
     torn_bytes: int
@@ -90,15 +98,20 @@ class _Tail(msgspec.Struct, frozen=True):
 
 
 def is_closed(file: BinaryIO, size: int) -> bool:
-    """Whether the file is complete: no process is writing it, and none was killed while writing."""
+    """Whether an MCAP file of ``size`` bytes has a complete end: no process writes it, or was killed while writing."""
     return _read_tail(file, size) is not None
 
 
 def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
-    """Yield the contents of the first ``size`` bytes of a file, in order.
+    """Read an MCAP file from start to end: yield its messages, metadata and damaged sections in order, then an `End`.
+
+    Args:
+        file: the open file.
+        size: number of bytes to read.
+        name: the file's name, for errors.
 
     Raises:
-        InputError: a chunk is compressed, unlike Mocapella's; names ``name``.
+        InputError: a chunk is compressed, unlike Mocapella's.
         OSError: the file cannot be read.
     """
     tail = _read_tail(file, size)

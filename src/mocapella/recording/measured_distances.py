@@ -1,4 +1,4 @@
-"""Read distances measured with a ruler, and the disparities seen there, from a CSV."""
+"""Read stereo disparities at distances measured with a ruler from a CSV, to calibrate depth from disparity."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ COLUMNS = ("distance_cm", "disparity_px")
 
 
 def read_measured_distances(path: Path) -> tuple[Float64, Float64]:
-    """Return distances [m] and disparities [px], (rows,) each, of a CSV with `COLUMNS` in any order.
+    """Read a CSV with `COLUMNS` in any order; return distances (rows,) [m] and disparities (rows,) [px].
 
     Raises:
-        InputError: names file, row, field and value.
+        InputError: the file is invalid, or a distance is not above 0; names file, row, field and value.
     """
     fix = "give a CSV in UTF-8"
     columns, rows = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)

@@ -1,4 +1,4 @@
-"""Merge the parts of an interrupted take, or frames from other files into it: copy, compare, and only then replace.
+"""Merge the parts of an interrupted take, or add frames from other files to a take: copy, compare, then replace.
 
 A recording whose server was killed continues in ``NAME.part2.mcap``, and so on. The parts are copied to
 ``NAME.merging.mcap``; after a check that it holds everything, it replaces ``NAME.mcap`` in one step, and the other
@@ -39,13 +39,15 @@ class _Entry(msgspec.Struct, frozen=True):
 
 
 def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
-    """Make one clean take of an interrupted one, also if its server never came back.
+    """Merge the parts of an interrupted take into one file, properly closed; a closed take stays unchanged.
 
-    A clean take stays unchanged.
+    Args:
+        path: the take, ``NAME.mcap``.
+        reserve_bytes: free disk space to leave beside the copy.
 
     Raises:
         InputError: the take does not exist.
-        RecordingError: it is being recorded, or the copy differs from the parts.
+        RecordingError: the take is being recorded, or the copy differs from the parts.
         DiskFullError: there is no space for the copy.
         DamagedTakeError: a part is damaged; all parts are kept.
     """
@@ -71,9 +73,14 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int = disk.GIB) -> dict[str, int]:
-    """Add the frames that a take lacks and other files have, such as nodes' spools; return their number by sensor.
+    """Add the frames that a take lacks from other files, such as nodes' spools; return their number by sensor.
 
     Only frames that belong to the take are added. The parts of an interrupted take are merged, too.
+
+    Args:
+        path: the take, ``NAME.mcap``.
+        others: files with frames, which are takes themselves; they stay unchanged.
+        reserve_bytes: free disk space to leave beside the copy.
 
     Raises:
         InputError: the take or a file cannot be read.
@@ -91,7 +98,16 @@ def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int
 
 
 def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = None) -> None:
-    """Merge as `merge_parts` does, with further frames; the caller holds the take's lock."""
+    """Merge a take's parts and further frames into one file that replaces the take; the caller holds the take's lock.
+
+    Args:
+        path: the take, ``NAME.mcap``.
+        reserve_bytes: free disk space to leave beside the copy.
+        found: frames of other files to add.
+
+    Raises:
+        DiskFullError, RecordingError, DamagedTakeError: as in `merge_parts`; all parts are kept.
+    """
     scratch = disk.merging_path(path)
     added = [] if found is None else found.sources
     try:
@@ -120,7 +136,7 @@ def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = Non
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove the parts that a closed take lists as merged into it."""
+    """Delete the part files that were merged into a closed take, according to its metadata."""
     beside = {part.name: part for part in disk.parts_of(path)[1:]}
     if not beside or not closed(path):
         return
@@ -133,7 +149,7 @@ def remove_leftovers(path: Path) -> None:
 
 
 def closed(path: Path) -> bool:
-    """Whether the file was closed properly."""
+    """Whether the MCAP file was closed properly, so that it has an end and an index."""
     with path.open("rb") as file:
         return is_closed(file, path.stat().st_size)
 

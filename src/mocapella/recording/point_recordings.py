@@ -1,4 +1,4 @@
-"""Read short recordings of points, in space or in one camera's image, for tuning filters."""
+"""Read short recordings of named points, 3D or in one camera's image, for tuning filters."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ SPACE, PICTURE = ("x_m", "y_m", "z_m"), ("x_px", "y_px")
 
 
 class PointRecording(msgspec.Struct, frozen=True, eq=False):
-    """Points over time.
+    """Positions of points over time.
 
     Attributes:
-        at_s: (frames,) rising [s].
-        points: (frames, points, 2 or 3) [px] or [m]; NaN where not seen.
+        at_s: (frames,) times, as in the file, ascending [s].
+        points: (frames, points, 2) image positions [px], or (frames, points, 3) positions in space [m]; NaN where not
+            seen. The points are in the order of their names.
         unit: ``px`` or ``m``.
     """
 
@@ -31,10 +32,12 @@ class PointRecording(msgspec.Struct, frozen=True, eq=False):
 
 
 def read_point_recording(path: Path) -> PointRecording:
-    """Read a CSV with ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``: what `mocapella track points` writes.
+    """Read a CSV with the columns ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``.
+
+    `mocapella track points` writes such files.
 
     Raises:
-        InputError: names file, row, field and value; of two cameras in one file, too.
+        InputError: the file is invalid, or has points of two cameras; names file, row, field and value.
     """
     fix = "give a CSV in UTF-8"
     columns, table = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)

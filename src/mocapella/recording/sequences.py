@@ -1,4 +1,4 @@
-"""Store the received sequence numbers of a node as ranges, so that hours of frames take a few bytes."""
+"""A set of sequence numbers, stored as ranges, so that hours of received frames take a few bytes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 
 class SequenceRanges:
-    """A growing set of sequence numbers, held as runs of consecutive numbers."""
+    """A growing set of sequence numbers, stored as ranges of consecutive numbers."""
 
     def __init__(self) -> None:
         self._firsts: list[int] = []
@@ -15,7 +15,7 @@ class SequenceRanges:
         self._count = 0
 
     def add(self, number: int) -> bool:
-        """Add a number; return False if it was present."""
+        """Add a sequence number; return False if the set has it already."""
         firsts, lasts = self._firsts, self._lasts
         if lasts and number == lasts[-1] + 1:
             lasts[-1] = number
@@ -57,7 +57,7 @@ class SequenceRanges:
         return self._lasts[-1]
 
     def gaps(self, begin: int, end: int) -> Iterator[tuple[int, int]]:
-        """Yield the gaps from ``begin`` to before ``end``, each as (first, last) missing."""
+        """Yield the (first, last) missing number of each gap, from ``begin`` to before ``end``."""
         i = bisect_right(self._firsts, begin)
         at = begin if i == 0 else max(begin, self._lasts[i - 1] + 1)
         while at < end:
@@ -70,6 +70,6 @@ class SequenceRanges:
             i += 1
 
     def first_missing(self, begin: int) -> int:
-        """The smallest number from ``begin`` on that is not present."""
+        """Return the smallest number from ``begin`` on that is not in the set."""
         i = bisect_right(self._firsts, begin)
         return begin if i == 0 else max(begin, self._lasts[i - 1] + 1)

@@ -1,6 +1,7 @@
-"""A node's spool: takes of the frames that no server has stored yet, beside the server's own takes.
+"""A node's spool on the disk: files with the frames that no server has stored yet.
 
-Each file is a take of its own, with the identity of the take that lacks its frames: `merge_frames` adds them to it.
+Each file is a take of its own. A file that remains at the end has the `take_id` of the server's take that lacks its
+frames; `mocapella.recording.merge.merge_frames` adds them to it.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ SPOOL_FOLDER: Final = Path("spool")
 
 @dataclass(frozen=True)
 class SpoolLimits:
-    """Limits of a spool.
+    """Limits of a spool's disk space.
 
     Attributes:
-        reserve_bytes: free disk space that is left.
-        most_bytes: largest size of the spool of one node.
+        reserve_bytes: free disk space to leave [bytes].
+        most_bytes: largest size of the spool of one node [bytes].
     """
 
     reserve_bytes: int = disk.GIB
@@ -40,12 +41,12 @@ class SpoolLimits:
 
 
 class DiskSpool:
-    """The spool of one node; the folder is made when it is needed.
+    """The spool of one node.
 
     Args:
-        folder: of the files.
-        sensor, node_id: the node.
-        limits: of the space.
+        folder: folder of the spool's files; it is made when the first file is.
+        sensor, node_id: identity of the node.
+        limits: limits of the disk space; None for the defaults.
     """
 
     def __init__(self, folder: Path, sensor: str, node_id: int, limits: SpoolLimits | None = None) -> None:
@@ -54,7 +55,7 @@ class DiskSpool:
         self._sizes: dict[int, int] = {}
 
     def write(self, first: int, frames: Sequence[bytes]) -> None:
-        """Store consecutive frames.
+        """Store encoded frames with consecutive sequence numbers from ``first`` on in one file.
 
         Raises:
             RecordingError: there is no space, or the disk failed; nothing is stored.
@@ -67,10 +68,10 @@ class DiskSpool:
         self._sizes[first] = size
 
     def read(self, first: int) -> Sequence[bytes]:
-        """Return frames as written.
+        """Return the encoded frames that `write` stored from sequence number ``first`` on.
 
         Raises:
-            RecordingError: they cannot be read.
+            RecordingError: the file cannot be read.
         """
         try:
             return [stored.raw for stored in read_take(self._path(first)).frames()]
@@ -78,13 +79,18 @@ class DiskSpool:
             raise RecordingError(f"spooled frames cannot be read: {error}") from error
 
     def remove(self, first: int) -> None:
-        """Remove frames as written."""
+        """Delete the file that `write` stored from sequence number ``first`` on."""
         self._sizes.pop(first, None)
         with suppress(OSError):
             self._path(first).unlink()
 
     def keep(self, take_id: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
-        """Write frames into a file for the take, and return its path.
+        """Write the frames that a server's take lacks into a file that can be merged into the take; return its path.
+
+        Args:
+            take_id: identity of the take.
+            frames: sequence number and encoded frame of each available frame.
+            numbers: sequence numbers of the node's frames that belong to the take.
 
         Raises:
             RecordingError: the disk is full or failed.
@@ -95,7 +101,7 @@ class DiskSpool:
         return path
 
     def close(self) -> None:
-        """Remove the parts, whose frames are stored or kept."""
+        """Delete the files that `write` made, whose frames are stored elsewhere by now; files of `keep` stay."""
         for first in list(self._sizes):
             self.remove(first)
         with suppress(OSError):  # it is missing, or other files are in it

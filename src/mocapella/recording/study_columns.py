@@ -12,9 +12,9 @@ from mocapella.model.topology import topology
 
 TOPOLOGY: Final = topology("kinect_v2")
 JOINTS: Final = tuple(sorted(TOPOLOGY.joints))
-"""Joints in the order of the columns: alphabetical, not the sensor's."""
+"""Names of the Kinect v2's joints in the order of the columns, which is alphabetical and not the topology's."""
 JOINT_PLACES: Final = tuple(TOPOLOGY.index(joint) for joint in JOINTS)
-"""Index of each joint of `JOINTS` on a joint axis."""
+"""Index of each joint of `JOINTS` in the topology, and thus on the joint axis of arrays."""
 
 FLOATS: Final = ("init_angle", "init_dist", "tilt_deg", "height_cm")
 """Fields of `StudyRow` that are floats."""
@@ -23,7 +23,7 @@ INTEGERS: Final = {name: TITLES[name] for name in TITLES if name not in (*FLOATS
 KINECT: Final = TITLES["kinect_id"]
 POSITIONS: Final = tuple(f"{joint}_{axis}" for joint in JOINTS for axis in "XYZ")
 HEADER: Final = (*TITLES.values(), *POSITIONS)
-"""The header as written."""
+"""Titles of the 87 columns, in the order of written files."""
 MAX_KINECT_LENGTH: Final = 64
 
 _OPTIONAL = ("Study_Id", "Kinect_Config")
@@ -44,7 +44,11 @@ _TITLES = {_plain(title): title for title in HEADER} | _OTHER_NAMES
 
 
 def layout(cells: list[str], file: str) -> dict[str, int]:
-    """Map each column's title in `HEADER` to its index in a row.
+    """Map each column's title in `HEADER` to its index in a file's rows.
+
+    Args:
+        cells: the file's header.
+        file: the file's name, for errors.
 
     Raises:
         InputError: a column is unknown, repeated, or missing.
@@ -93,7 +97,7 @@ def _some(cell: str) -> str:
 
 
 def kinect_problem(kinect: str) -> str:
-    """Return the fault of a Kinect's id as a cell of the log; empty if it has none."""
+    """Return the reason why a Kinect's id cannot be a cell of the log; empty if it can."""
     if not kinect:
         return "the Kinect's id is empty"
     if len(kinect) > MAX_KINECT_LENGTH:
@@ -104,10 +108,10 @@ def kinect_problem(kinect: str) -> str:
 
 
 def kinect_cell(kinect: str) -> str:
-    """Return the id as written: with an apostrophe before ``=+-@``, which a spreadsheet would take for a formula.
+    """Return a Kinect's id as a cell of the log, with an apostrophe before ``=+-@``, which begin spreadsheet formulas.
 
     Raises:
-        SettingsError: the id cannot be in a cell.
+        SettingsError: the id cannot be a cell; names the reason.
     """
     problem = kinect_problem(kinect)
     if problem:

@@ -1,4 +1,4 @@
-"""Export scenes as rows of the study log, in the reference sensor's camera space, as in the thesis."""
+"""Export scenes as a study log: a row for each view of each person, in the reference sensor's camera space."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ class ExportReport(msgspec.Struct, frozen=True):
     """Counts of an export.
 
     Attributes:
-        results: scenes in state tracking, with people.
-        written: every n-th result.
-        rows: of the file.
-        without_reference: people of the written results without a view of the reference sensor; their rows are in the
-            camera space of their first view.
-        mirrored: rows with swapped left and right labels according to the method; they keep the sensor's labels.
+        results: number of scenes in the phase *tracking* with people.
+        written: number of these scenes that were written, every n-th.
+        rows: number of rows in the file.
+        without_reference: number of people, summed over the written scenes, without a view of the reference sensor;
+            their rows are in the camera space of their first view.
+        mirrored: number of rows whose view has left and right swapped, according to the tracking method; they keep
+            the sensor's labels.
     """
 
     results: int
@@ -49,17 +50,17 @@ def rows_of(
     tracker_time_ms: int,
     kinect_ids: Mapping[str, str] | None = None,
 ) -> list[StudyRow]:
-    """Return the rows of one result: every view of every person, mapped into the camera space of the reference view.
+    """Return the study log's rows of one scene: every view of every person, in the camera space of the reference view.
 
     The reference view has ``skeleton_id`` 0: the view of the sensor ``reference``, or else the person's first. Joints
     without a column are left out; columns without a joint of the topology are missing values.
 
     Args:
-        scene: the result.
+        scene: the tracker's result.
         setup: gives participant, placement and scenario.
-        reference: name of a sensor, or None for each person's first view.
-        tracker_time_ms: since the start of the year 1 [ms].
-        kinect_ids: ``kinect_id`` by the sensor's name; the name itself by default.
+        reference: name of the reference sensor, or None for each person's first view.
+        tracker_time_ms: wall clock at the result, since the start of the year 1 [ms].
+        kinect_ids: the log's ``kinect_id`` by the sensor's name; the name itself by default.
 
     Source:
         the thesis' equations 7 and 8: T = R(θ)(p − C), and back with the reference sensor's θ and C.
@@ -92,10 +93,11 @@ def rows_of(
 
 
 def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the angle θ [rad] and the z of the centre C [m] of the motion T = R(θ)(p − C).
+    """Write a sensor's pose as in the thesis, T = R(θ)(p − C); return the angle θ [rad] and C's z [m].
 
     Args:
-        T_world_sensor: (4, 4). For a tilted sensor, θ is the direction of its x axis seen from above.
+        T_world_sensor: (4, 4). C is the world's origin in camera space. For a tilted sensor, θ is the direction of its
+            x axis seen from above.
     """
     C = rigid.inverse(T_world_sensor)[:3, 3]
     return float(np.arctan2(T_world_sensor[0, 2], T_world_sensor[0, 0])), float(C[2])
@@ -110,11 +112,11 @@ def export_study_log(
     every: int = 1,
     kinect_ids: Mapping[str, str] | None = None,
 ) -> ExportReport:
-    """Write every n-th result, starting with the first, as a study log.
+    """Write every n-th result, a scene with tracked people, as a study log, starting with the first.
 
     Args:
-        scenes: each with its ``tracker_time_ms``; scenes without tracking or people are skipped.
-        path: of a new file, ``.csv`` or ``.csv.gz``.
+        scenes: scenes, each with its ``tracker_time_ms``; those without tracking or people are skipped.
+        path: path of the new file, ``.csv`` or ``.csv.gz``.
         setup, reference, kinect_ids: as in `rows_of`.
         every: n; the thesis logs every other result.
 

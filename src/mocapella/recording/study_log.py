@@ -36,13 +36,13 @@ _AT_THE_LENS: Final = 1e-6
 
 
 def read_study_log(path: Path | str) -> StudyLog:
-    """Read a study log, ``.csv`` or ``.csv.gz``, with any of the three headers.
+    """Read a study log, ``.csv`` or ``.csv.gz``, with any of the three known headers.
 
-    A joint at −9999 or at (0, 0, 0) is missing. ``Study`` and ``KinectConfig``, which the oldest files do not
-    have, become −9999.
+    Joints at −9999 or at (0, 0, 0) are missing and become NaN. The columns ``Study_Id`` and ``Kinect_Config``, which
+    the oldest files lack, become −9999.
 
     Raises:
-        InputError: the file cannot be read, has no rows, or has an invalid row or field; names it.
+        InputError: the file cannot be read, has no rows, or has an invalid row or field; names row and field.
     """
     file = str(path)
     blocks = text_blocks(Path(path), fix=_WANTED)
@@ -218,8 +218,8 @@ def write_study_log(path: Path | str, rows: Iterable[StudyRow]) -> int:
     Positions have the fewest digits that restore the same float32.
 
     Args:
-        path: of a new file.
-        rows: any number; one is held at a time.
+        path: path of the new file.
+        rows: the rows, read one at a time.
 
     Returns:
         The number of written rows.
@@ -227,7 +227,7 @@ def write_study_log(path: Path | str, rows: Iterable[StudyRow]) -> int:
     Raises:
         TakeExistsError: the file exists; it is not overwritten.
         DiskFullError, RecordingError: it cannot be written there, there are no rows, or a value cannot be written.
-        SettingsError: the id of a Kinect cannot be in the log.
+        SettingsError: a Kinect's id cannot be a cell of the log.
     """
     path = Path(path)
     if not path.name.endswith((".csv", ".csv.gz")):

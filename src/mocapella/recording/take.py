@@ -1,4 +1,4 @@
-"""Contents of a take: its origin, its channels, and its missing frames.
+"""Values that describe a take: the names of its channels, how it was made, and its stored and missing frames.
 
 A take is one MCAP file. `mocapella.recording.take_writer` writes it, `mocapella.recording.take_reader` reads it.
 """
@@ -34,17 +34,17 @@ MERGED_METADATA: Final = "mocapella.merged"
 
 @dataclass(frozen=True)
 class TakeInfo:
-    """Origin of a take, or of a run in it.
+    """How a take, or a run in it, was made.
 
     Attributes:
-        setup: at the start.
-        method_settings: of the tracker's method, by name.
-        started_unix_ns: wall clock at the start.
-        started_ns: the server's clock at the same time; every ``log_ns`` in the take is on this clock.
-        version: of Mocapella.
-        schema_version: of the messages.
-        packages: descriptors of other packages that the run used, such as ``tracking method heat``, and each package
-            with its version; empty in older takes.
+        setup: the session's configuration at the start.
+        method_settings: settings of the tracking method, by name.
+        started_unix_ns: wall clock at the start, since 1970 [ns].
+        started_ns: the server's monotonic clock at the start [ns]; every ``log_ns`` in the take is on this clock.
+        version: version of Mocapella.
+        schema_version: version of the message schema.
+        packages: package with its version, by each plug-in that the run may have used, such as ``tracking method
+            heat``; empty in older takes.
         take_id: random identity of the take, the same in all its runs and parts; empty in older takes.
     """
 
@@ -59,18 +59,18 @@ class TakeInfo:
 
     @property
     def method(self) -> str:
-        """Name of the tracker's method."""
+        """Name of the tracking method."""
         return self.setup.method
 
 
 @dataclass(frozen=True)
 class Run:
-    """The part of a take made by one tracker, within which the scenes' steps rise.
+    """The section of a take that one tracker made, within which the scenes' step numbers rise.
 
     Attributes:
-        number: 0, 1, … in the take.
-        part: 1, plus 1 for each time that the server was killed and the recording was resumed.
-        info: its origin.
+        number: number of the run in the take, from 0.
+        part: number of the take's file that has the run: 1, plus 1 for each resumption after a kill of the server.
+        info: how the run was made.
     """
 
     number: int
@@ -80,7 +80,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Command:
-    """A command to the tracker, such as recalibrate, carried out before step ``before_step``."""
+    """A command to the tracker, such as recalibrate.
+
+    Attributes:
+        before_step: number of the first scene that the tracker made after the command.
+        log_ns: time of the command, on the server's clock.
+        values: the command's name and arguments.
+    """
 
     before_step: int
     log_ns: int
@@ -88,7 +94,13 @@ class Command:
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame, when the server stored it (on its clock), and the received bytes."""
+    """A frame of a take.
+
+    Attributes:
+        log_ns: time at which the server received the frame, on the server's clock.
+        frame: the decoded frame.
+        raw: the frame's bytes as received.
+    """
 
     log_ns: int
     frame: SensorFrame
@@ -97,14 +109,14 @@ class StoredFrame(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class NodeFrames:
-    """Frames of one node in the take.
+    """Stored and missing frames of one node in a take.
 
     Attributes:
-        sensor, node_id: the node.
-        first, last: numbers of the first and the last frame that belong to the take, as far as known.
-        stored: number of its frames in the take.
-        missing: (first, last) of each gap.
-        end_known: whether the node said which frame was its last; true for older takes, which do not ask.
+        sensor, node_id: identity of the node.
+        first, last: sequence numbers of the first and the last frame that belong to the take, as far as known.
+        stored: number of the node's frames in the take.
+        missing: first and last sequence number of each gap.
+        end_known: whether the node reported the number of its last frame; True for older takes, which lack it.
     """
 
     sensor: str
@@ -117,13 +129,18 @@ class NodeFrames:
 
     @property
     def lost(self) -> int:
-        """Number of frames that belong to the take and are missing."""
+        """Number of frames that belong to the take and are missing in it."""
         return self.last - self.first + 1 - self.stored
 
 
 @dataclass(frozen=True)
 class Interruption:
-    """An interruption by a killed server: last entry before it (server's clock), and wall clock at the restart."""
+    """An interruption of a recording by a kill of the server.
+
+    Attributes:
+        last_log_ns: log time of the last entry before the interruption, on the server's clock.
+        resumed_unix_ns: wall clock when the recording was resumed, since 1970 [ns].
+    """
 
     last_log_ns: int
     resumed_unix_ns: int
@@ -134,16 +151,17 @@ class TakeReport:
     """Result of a recording.
 
     Attributes:
-        path: the take.
-        parts: its files: only the take itself, unless the parts of an interrupted one could not be merged.
+        path: path of the take.
+        parts: files of the take: only ``path``, unless the parts of an interrupted take could not be merged.
         frames: number of stored frames by sensor.
         lost: number of missing frames by sensor.
-        unknown: ends that no node has said.
-        duplicates: number of repeated frames, which are stored once.
+        unknown: nodes that have not reported the number of their last frame.
+        duplicates: number of frames that were received again, and stored only once.
         scenes: number of stored scenes.
-        size_bytes, seconds: of the whole take.
-        clean: whether it was closed properly, in one file, and the last frame of every node is known.
-        problem: why not, or why the recording stopped; empty if there was none.
+        size_bytes: size of all files.
+        seconds: time from the take's first entry to its last [s].
+        clean: whether the take was closed properly, in one file, and the last frame of every node is known.
+        problem: why the take is in several files, or why the recording stopped; empty if there was no problem.
     """
 
     path: Path
@@ -160,23 +178,23 @@ class TakeReport:
 
 
 def new_take_id() -> str:
-    """Return a random identity for a take."""
+    """Return a new take's random identity, 32 hexadecimal digits."""
     return secrets.token_hex(16)
 
 
 def encode_run(run: Run) -> bytes:
-    """Return the run as JSON."""
+    """Encode a run's description as JSON, for a message of a take."""
     return msgspec.json.encode(run)
 
 
 def run_metadata(run: Run) -> dict[str, str]:
-    """Return the run as MCAP metadata, with a checksum, which MCAP metadata lack."""
+    """Return a run's description as the values of an MCAP metadata record, with a checksum, which such records lack."""
     text = encode_run(run).decode()
     return {"run": text, "crc32": f"{zlib.crc32(text.encode()):08x}"}
 
 
 def run_from_metadata(values: dict[str, str], file: str) -> Run | None:
-    """Return the run; None if the checksum is wrong.
+    """Decode the values that `run_metadata` made; return None if the checksum is wrong.
 
     Raises:
         SchemaVersionError, DamagedTakeError: as in `decode_run`.
@@ -186,11 +204,11 @@ def run_from_metadata(values: dict[str, str], file: str) -> Run | None:
 
 
 def decode_run(data: bytes, file: str) -> Run:
-    """Read a run.
+    """Decode a run's description from JSON; ``file`` is the take, named in errors.
 
     Raises:
-        SchemaVersionError: the take was made with another schema; names both versions.
-        DamagedTakeError: the bytes are no run.
+        SchemaVersionError: the take was made with another message schema; names both versions.
+        DamagedTakeError: the bytes are no description of a run.
     """
     try:
         raw = decode_json(data)

@@ -15,7 +15,7 @@ from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
-    """An `McapFile` with the channels of a take."""
+    """An `McapFile` with the channels of a take, which writes to an open descriptor."""
 
     def __init__(self, fd: int) -> None:
         super().__init__(fd, f"mocapella {__version__}")
@@ -23,7 +23,15 @@ class TakeFile(McapFile):
         self._schema_of: dict[str, int] = {}
 
     def add(self, topic: str, data: bytes, log_ns: int, sequence: int = 0, publish_ns: int | None = None) -> None:
-        """Add a message to one of the channels of a take."""
+        """Add a message to the next flush.
+
+        Args:
+            topic: topic of the message's channel, such as `mocapella.recording.take.SCENES`.
+            data: the encoded message.
+            log_ns: time of the entry, on the server's clock.
+            sequence: sequence number of a frame, else 0.
+            publish_ns: MCAP's time of publication, on the server's clock; None for ``log_ns``.
+        """
         channel = self._channel_of.get(topic)
         if channel is None:
             channel = self._channel_of[topic] = self._open(topic, data)
@@ -31,7 +39,7 @@ class TakeFile(McapFile):
         self.add_message(channel, data, log_ns=log_ns, publish_ns=published, sequence=sequence)
 
     def add_run(self, run: Run) -> None:
-        """Begin a run: write a metadata record for tools, and a message, which a checksum covers."""
+        """Add a run's description to the next flush, twice: as a metadata record, and as a message in a chunk."""
         self.add_metadata(take.RUN_METADATA, take.run_metadata(run))
         self.add(take.RUNS, take.encode_run(run), run.info.started_ns, run.number)
 
@@ -45,7 +53,12 @@ class TakeFile(McapFile):
 
 
 def channel_format(topic: str, data: bytes) -> MessageFormat:
-    """Return the format of a topic's messages; ``data`` is the first message."""
+    """Return the MCAP format of a topic's messages.
+
+    Args:
+        topic: the channel's topic.
+        data: the first message; it determines the type of frames.
+    """
     if topic.startswith(take.FRAMES):
         return format_of(data)
     if topic.startswith(take.TRUTH):

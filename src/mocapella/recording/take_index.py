@@ -1,4 +1,4 @@
-"""Index a take: one pass over its files, which checks them and decodes no arrays."""
+"""Index a take in one pass over its files, which checks them and finds each message, without decoding arrays."""
 
 from __future__ import annotations
 
@@ -24,11 +24,17 @@ from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
 
 NAMED_AT_MOST: Final = 5
-"""Number of scenes without a frame that a problem names; it only counts more of them."""
+"""Largest number of scenes that the report of scenes without frames names; the others are only counted."""
 
 
 class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Position of a message's bytes, and its log time."""
+    """Position of a message in the files of a take.
+
+    Attributes:
+        part: index of the file, from 0.
+        offset, length: position and size of the message's data in the file, in bytes.
+        log_ns: log time of the message, on the server's clock.
+    """
 
     part: int
     offset: int
@@ -37,7 +43,7 @@ class Ref(msgspec.Struct, frozen=True, gc=False):
 
 
 class FrameRef(msgspec.Struct, frozen=True, gc=False):
-    """Position and identity of a frame."""
+    """Position of a frame in the files of a take, and the frame's identity (`SensorFrame`)."""
 
     ref: Ref
     sensor: str
@@ -46,7 +52,15 @@ class FrameRef(msgspec.Struct, frozen=True, gc=False):
 
 
 class SceneRef(msgspec.Struct, frozen=True, gc=False):
-    """Position of a scene, its frame, and its time."""
+    """Position of a scene in the files of a take, and the scene's identity.
+
+    Attributes:
+        ref: position of the scene's message.
+        run: number of the run that made the scene.
+        step: number of the scene in the run.
+        at_ns: capture time of the scene's frame, on the server's clock.
+        sensor, node_id, sequence: identity of the scene's frame.
+    """
 
     ref: Ref
     run: int
@@ -58,7 +72,21 @@ class SceneRef(msgspec.Struct, frozen=True, gc=False):
 
 
 class TakeIndex:
-    """Index of a take, in the order of its files."""
+    """Index of a take's messages, in the order of storage.
+
+    Attributes:
+        clean: whether all files were closed properly and nothing is damaged.
+        problems: faults of the take, a line each.
+        runs: descriptions of the runs.
+        interruptions: interruptions of the recording by kills of the server.
+        frames, scenes: positions and identities of the frames and scenes.
+        commands: run and position of each command.
+        others: positions of other messages by topic.
+        nodes: ledger by sensor and node.
+        parts: number of scene parts by the name of their type.
+        first_ns, last_ns: smallest and largest log time, on the server's clock; None and 0 without messages.
+        damaged_parts: indices of files that are damaged, from 0.
+    """
 
     def __init__(self) -> None:
         self.clean = True
@@ -78,28 +106,34 @@ class TakeIndex:
 
     @property
     def seconds(self) -> float:
-        """Time from the first entry to the last, on the server's clock [s]."""
+        """Time from the first message to the last, on the server's clock [s]."""
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / NS_PER_S
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was readable."""
+        """Whether no message and no run was readable."""
         return self.first_ns is None and not self.runs
 
     def frame_of(self, scene: SceneRef) -> FrameRef | None:
-        """Return the frame of a scene, or None if the take does not have it."""
+        """Return the frame that the tracker turned into a scene, or None if the take lacks it."""
         place = self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
         return None if place is None else self.frames[place]
 
     def add_file(self, path: Path, part: int) -> None:
-        """Index one file of the take."""
+        """Read one file of the take, and add its messages to the index; ``part`` is the file's index, from 0.
+
+        Raises:
+            OSError: the file cannot be read.
+            InputError: a chunk is compressed.
+            SchemaVersionError, DamagedTakeError: as in `mocapella.recording.take.decode_run`.
+        """
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             for event in scan(file, size, str(path)):
                 self._add(event, part, path)
 
     def find_orphans(self) -> None:
-        """Report the scenes whose frame is missing."""
+        """Add a problem if the take lacks the frames of some scenes; call it after the last file."""
         orphans = [scene for scene in self.scenes if self.frame_of(scene) is None]
         if orphans:
             named = [f"run {s.run} step {s.step} ({s.sensor} frame {s.sequence})" for s in orphans[:NAMED_AT_MOST]]
@@ -182,7 +216,7 @@ class TakeIndex:
         return self.nodes.setdefault((sensor, node_id), NodeLedger())
 
     def close_accounts(self) -> None:
-        """Complete the nodes' accounts after the last file; report the ends that no node has said."""
+        """Complete the nodes' ledgers after the last file; add a problem for each node whose last frame is unknown."""
         for (sensor, node_id), ledger in self.nodes.items():
             ledger.commit()
             if ledger.unknown_after is not None:
@@ -202,11 +236,11 @@ class TakeIndex:
 
 
 def index_take(parts: Sequence[Path]) -> TakeIndex:
-    """Index the files of a take in order.
+    """Index a take from its files, in the order of its parts.
 
     Raises:
         InputError: a file is missing or cannot be read.
-        SchemaVersionError: the take was made with another schema.
+        SchemaVersionError: the take was made with another message schema.
     """
     index = TakeIndex()
     for number, path in enumerate(parts):

@@ -1,6 +1,6 @@
-"""Read a take: complete, cut off, or in the parts of an interrupted recording.
+"""Read a take: complete, truncated, or in the parts of an interrupted recording.
 
-`read_take` scans the files once, checks every chunk and indexes the entries; frames are read from disk on demand.
+`read_take` scans the files once, checks every chunk and indexes the messages; frames are read from the disk on demand.
 """
 
 from __future__ import annotations
@@ -43,11 +43,14 @@ def _decode_values(data: bytes) -> dict[str, Any]:
 
 
 class Take:
-    """A take on disk.
+    """A take on disk; `read_take` opens it.
+
+    A time ``log_ns`` is the log time of an entry, on the server's clock. An argument ``run`` is a run's number, or None
+    for all runs.
 
     Attributes:
-        path: the take.
-        parts: its files; more than one if it was interrupted and is not merged yet.
+        path: path of the take.
+        parts: files of the take; more than one if its recording was interrupted and the parts are not merged yet.
     """
 
     def __init__(self, path: Path, parts: Sequence[Path], index: TakeIndex) -> None:
@@ -56,12 +59,12 @@ class Take:
 
     @property
     def clean(self) -> bool:
-        """Whether it was closed properly and nothing in it is damaged."""
+        """Whether the take was closed properly, in one file, and nothing in it is damaged or unknown."""
         return self._index.clean
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Faults of the take, one line each."""
+        """Faults of the take, a line each."""
         return tuple(self._index.problems)
 
     @property
@@ -71,25 +74,25 @@ class Take:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The runs of trackers in it."""
+        """Runs of the take: the sections that one tracker each made."""
         return tuple(self._index.runs)
 
     @property
     def take_id(self) -> str:
-        """Random identity of the take; empty in older takes, and if it cannot be read."""
+        """Random identity of the take, the same in all its files; empty in older takes, and if it cannot be read."""
         return self._index.runs[0].info.take_id if self._index.runs else ""
 
     @property
     def interruptions(self) -> tuple[Interruption, ...]:
-        """The interruptions by killed servers."""
+        """Interruptions of the recording by kills of the server."""
         return tuple(self._index.interruptions)
 
     @property
     def info(self) -> TakeInfo:
-        """Origin of the take (its first run).
+        """How the take was made, according to its first run.
 
         Raises:
-            DamagedTakeError: neither of its two copies can be read.
+            DamagedTakeError: neither of the two copies of this description can be read.
         """
         if not self._index.runs:
             raise DamagedTakeError("how it was made cannot be read", file=self.path)
@@ -97,33 +100,33 @@ class Take:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors with frames, sorted."""
+        """Sorted names of the sensors with frames in the take."""
         return tuple(sorted({sensor for (sensor, _), ledger in self._index.nodes.items() if len(ledger)}))
 
     @property
     def frame_count(self) -> int:
-        """Number of frames."""
+        """Number of frames in the take."""
         return len(self._index.frames)
 
     @property
     def scene_count(self) -> int:
-        """Number of scenes."""
+        """Number of scenes in the take."""
         return len(self._index.scenes)
 
     @property
     def part_counts(self) -> dict[str, int]:
-        """Return the number of parts of each type in all scenes, by name, also of types that are not installed."""
+        """Number of parts in all scenes by the name of their type, also for types that no installed package reads."""
         return dict(self._index.parts)
 
     @property
     def unread_frame_types(self) -> tuple[str, ...]:
-        """Return the frame types that no installed package reads, judging by the first frame of each node."""
+        """Names of the frame types that no installed package reads, judging by the first frame of each node."""
         firsts = {(frame.sensor, frame.node_id): frame for frame in reversed(self._index.frames)}
         frames = (stored.frame for stored in self._frames(firsts.values()))
         return tuple(sorted({frame.kind for frame in frames if isinstance(frame, UnknownFrame)}))
 
     def frames(self, sensor: str | None = None) -> Iterator[StoredFrame]:
-        """Yield frames in the order of storage; of one sensor, or all.
+        """Yield the frames of one sensor, or of all, in the order of storage.
 
         Raises:
             DamagedTakeError: a frame's bytes are not a valid frame.
@@ -131,9 +134,9 @@ class Take:
         yield from self._frames(frame for frame in self._index.frames if sensor in (None, frame.sensor))
 
     def frames_in_sequence(self, sensor: str) -> Iterator[StoredFrame]:
-        """Yield one sensor's frames in the order of capture, node after node.
+        """Yield one sensor's frames by their sequence numbers, node after node.
 
-        Frames that were fetched later are stored later; here they are in their order.
+        In the order of storage, frames that were lost and requested again come later.
 
         Raises:
             DamagedTakeError: a frame's bytes are not a valid frame.
@@ -143,7 +146,7 @@ class Take:
         yield from self._frames(sorted(frames, key=lambda frame: (nodes[frame.node_id], frame.sequence)))
 
     def scenes(self, run: int | None = None) -> Iterator[tuple[int, Scene]]:
-        """Yield (log_ns, scene) in order; of one run, or all.
+        """Yield (log_ns, scene) of one run, or of all, in order.
 
         Raises:
             DamagedTakeError: a scene's bytes are not a valid scene.
@@ -152,27 +155,27 @@ class Take:
         yield from self._decoded(refs, decode_scene)
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
-        """Yield (log_ns, ground truth) of a simulated sensor."""
+        """Yield (log_ns, ground truth) for the frames of a simulated sensor."""
         yield from self._decoded(self._index.others.get(take.TRUTH + sensor, []), decode_truth)
 
     def statuses(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield (log_ns, status of the session)."""
+        """Yield (log_ns, status of the session as a decoded JSON object, see `SessionStatus`)."""
         yield from self._decoded(self._index.others.get(take.STATUS, []), _decode_values)
 
     def clock_probes(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield (log_ns, raw probes of the nodes' clocks)."""
+        """Yield (log_ns, raw measurements of a node's clock offset as a decoded JSON object)."""
         yield from self._decoded(self._index.others.get(take.CLOCK, []), _decode_values)
 
     def commands(self, run: int | None = None) -> Iterator[Command]:
-        """Return the commands to the tracker; of one run, or all."""
+        """Yield the commands to the tracker, of one run or of all."""
         refs = (ref for number, ref in self._index.commands if run in (None, number))
         for log_ns, stored in self._decoded(refs, _decode_command):
             yield Command(stored.before_step, log_ns, stored.command)
 
     def arrivals(self, run: int | None = None) -> Iterator[Arrival]:
-        """Yield the tracked frames in the tracker's order, with their times; of one run, or all.
+        """Yield the tracked frames of one run, or of all, in the tracker's order, with capture times on its clock.
 
-        A scene without its frame is skipped; `problems` names it.
+        Scenes whose frame is missing are skipped; `problems` names them.
         """
         with ExitStack() as stack:
             files = self._open(stack)
@@ -181,16 +184,16 @@ class Take:
                     yield arrival
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
-        """Yield everything that a tracker needs to make the same scenes again.
+        """Yield the inputs that trackers need to make the same scenes again.
 
-        A `Run` stands for a new tracker of its setup; the run's arrivals and commands follow in their order.
+        A `Run` stands for a new tracker with the run's setup; its frames and commands follow in the tracker's order.
         """
         for run in self._index.runs:
             yield run
             yield from self.replay_run(run.number)
 
     def complete(self) -> tuple[NodeFrames, ...]:
-        """Return the stored and missing frames of each node, by sensor and node."""
+        """Return the stored and missing frames of each node, sorted by sensor and node."""
         return tuple(
             NodeFrames(
                 sensor,
@@ -212,7 +215,7 @@ class Take:
                 yield StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
 
     def replay_run(self, run: int) -> Iterator[Command | Arrival]:
-        """Yield one run's arrivals and commands in their order."""
+        """Yield one run's tracked frames and commands in the tracker's order."""
         waiting = list(self.commands(run))[::-1]
         scenes = [scene for scene in self._index.scenes if scene.run == run]
         with ExitStack() as stack:
@@ -262,14 +265,14 @@ class Take:
 
 
 def read_take(path: Path | str) -> Take:
-    """Open a take, or its readable rest; `Take.problems` lists its faults.
+    """Open a take, of a damaged one the readable sections; `Take.problems` lists the faults.
 
     Unmerged parts of an interrupted recording (`merge_parts`) are read as one take.
 
     Raises:
         InputError: the file is missing, empty, no MCAP file, or no take.
         DamagedTakeError: nothing in the take is readable.
-        SchemaVersionError: the take was made with another schema.
+        SchemaVersionError: the take was made with another message schema.
     """
     path = Path(path)
     parts, is_mcap = _parts(path)

@@ -1,7 +1,7 @@
 """Write a take so that a kill loses at most the entries since the last flush, and nothing acknowledged.
 
 The writer has no thread and no clock. Its owner calls `TakeWriter.flush` several times a second, on a thread that may
-wait for the disk. Each node has an account (`mocapella.recording.accounts`), whose row is stored when it changes.
+wait for the disk. Each node has a ledger of its frames (`mocapella.recording.ledger`), which is stored when it changes.
 """
 
 from __future__ import annotations
@@ -29,14 +29,16 @@ from mocapella.recording.take_index import TakeIndex, index_take
 class TakeWriter:
     """Writes a take; made by `create` or `resume_or_create`.
 
-    After any error it closes the take as far as possible, `report` has the stored contents, and writing has no effect.
+    An argument ``log_ns`` is the time of the entry on the server's monotonic clock. After an error of `flush` or
+    `close`, the take is closed as far as possible, ``report`` describes the stored contents, and further writing raises
+    `RecordingError`.
 
     Attributes:
-        path: the take.
-        take_id: identity of the take, also when it is resumed.
-        accounts: of its nodes.
+        path: path of the take.
+        take_id: identity of the take, which stays the same when the recording is resumed.
+        accounts: ledgers of the nodes' frames.
         scenes: number of stored scenes.
-        report: the result, once the take is closed.
+        report: result of the recording; None until the take is closed.
     """
 
     def __init__(
@@ -77,9 +79,14 @@ class TakeWriter:
     def create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
         """Create a new take.
 
+        Args:
+            path: path of the take.
+            info: how the take is made.
+            reserve_bytes: the recording stops when the disk has less free space.
+
         Raises:
             RecordingError: the folder is missing, no folder, or cannot be written to.
-            DiskFullError: less free space than the reserve.
+            DiskFullError: the disk has less free space than the reserve.
             TakeExistsError: the name is in use. In each case, nothing is created.
         """
         disk.check_can_record(path, reserve_bytes)
@@ -94,7 +101,7 @@ class TakeWriter:
         Raises:
             TakeExistsError: the take was closed properly, is being recorded elsewhere, or is no Mocapella take.
             RecordingError, DiskFullError: as in `create`.
-            SchemaVersionError: the take was begun with another schema.
+            SchemaVersionError: the take was begun with another message schema.
         """
         disk.check_folder(path.parent, reserve_bytes)
         if not os.path.lexists(path):
@@ -120,7 +127,7 @@ class TakeWriter:
 
     @property
     def size_bytes(self) -> int:
-        """Size of the file being written."""
+        """Number of written bytes of the file, without earlier parts."""
         return self._file.size
 
     @property
@@ -129,7 +136,7 @@ class TakeWriter:
         return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) / NS_PER_S
 
     def start_run(self, info: TakeInfo) -> None:
-        """Begin the run of a new tracker, whose steps start at 0; flush all entries before it.
+        """Flush all earlier entries, then begin the run of a new tracker, whose scenes are numbered from 0.
 
         Raises:
             DiskFullError, RecordingError: as in `flush`.
@@ -138,7 +145,7 @@ class TakeWriter:
         self._begin_run(info)
 
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
-        """Add a frame as received; return False if it is already stored, or does not belong to the take."""
+        """Add an encoded frame as received; return False if it is a duplicate, or does not belong to the take."""
         self._check_open()
         if not self.accounts.receive((sensor, node_id), sequence):
             return False
@@ -147,24 +154,30 @@ class TakeWriter:
         return True
 
     def write_scene(self, data: bytes, log_ns: int) -> None:
-        """Add an encoded scene."""
+        """Add a scene, encoded by `mocapella.schema.encode_scene`."""
         self._write(take.SCENES, data, log_ns)
         self._pending_scenes += 1
 
     def write_truth(self, data: bytes, *, sensor: str, log_ns: int) -> None:
-        """Add an encoded ground truth of a simulation."""
+        """Add the ground truth of a simulated sensor's frame, encoded by `mocapella.schema.encode_truth`."""
         self._write(take.TRUTH + sensor, data, log_ns)
 
     def write_status(self, status: SessionStatus, log_ns: int) -> None:
-        """Add the session's status."""
+        """Add the session's status at a time, as JSON."""
         self._write(take.STATUS, msgspec.json.encode(status), log_ns)
 
     def write_clock(self, probes: Mapping[str, Any], log_ns: int) -> None:
-        """Add raw probes of a node's clock, so that its offset can be computed again."""
+        """Add raw measurements of a node's clock offset, a JSON object, so that it can be estimated again."""
         self._write(take.CLOCK, msgspec.json.encode(probes), log_ns)
 
     def write_command(self, values: Mapping[str, Any], log_ns: int, before_step: int) -> None:
-        """Add a command, and the first step of the tracker after it."""
+        """Add a command to the tracker.
+
+        Args:
+            values: the command's name and arguments.
+            log_ns: time of the command, on the server's clock.
+            before_step: number of the first scene that the tracker makes after the command.
+        """
         data = msgspec.json.encode({"before_step": before_step, "command": values})
         self._write(take.COMMANDS, data, log_ns)
 
@@ -172,9 +185,9 @@ class TakeWriter:
         """Write all entries to the disk, and return when they are durable.
 
         Raises:
-            DiskFullError: the disk is full, or less than the reserve is left.
-            RecordingError: the disk failed, or the file was removed or truncated. In each case, the take is closed,
-                and the report has what is readable.
+            DiskFullError: the disk is full, or has less free space than the reserve.
+            RecordingError: the disk failed, or the file was removed or changed by another program. In each case, the
+                take is closed, and the report describes the readable contents.
         """
         self._check_open()
         try:
@@ -187,13 +200,13 @@ class TakeWriter:
             raise self._stopped(DiskFullError(why))
 
     def close(self) -> TakeReport:
-        """Finish the take, and merge its parts if it was interrupted.
+        """Flush and close the take, and merge its parts if its recording was interrupted; return the report.
 
         If the parts cannot be merged, they are kept and read as one take, and the report gives the reason. A second
         call returns the same report.
 
         Raises:
-            DiskFullError, RecordingError: the end could not be written; flushed entries stay readable.
+            DiskFullError, RecordingError: the end of the file could not be written; flushed entries stay readable.
         """
         if self.report is not None:
             return self.report

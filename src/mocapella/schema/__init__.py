@@ -1,6 +1,6 @@
-"""The message schema, and the only package that encodes and decodes it.
+"""Encode and decode all protobuf messages of Mocapella: frames, scenes and ground truths.
 
-It is a package of its own because the bus and the recording need it, and neither may import the other.
+It is a package of its own because the wire and the recording need it, and neither may import the other.
 """
 
 from mocapella.conventions import SCHEMA_VERSION

@@ -1,4 +1,4 @@
-"""Encode and decode arms of a depth camera and of a scene; invalid messages are refused."""
+"""Encode and decode arms: in the frames of a depth camera, and in scenes. Invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ UInt8 = NDArray[np.uint8]
 MAX_ARMS: Final = 64
 MAX_CAMERAS: Final = 64
 MAX_REASON: Final = 1000
-"""Longest text, in characters."""
+"""Longest ``reason`` of a frame, in characters; it says why no arm was detected."""
 
 
 def encode_arm_frame(frame: ArmFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes."""
+    """Encode a frame of arms as a protobuf message; equal frames give equal bytes."""
     return pb.ArmFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -54,7 +54,7 @@ def encode_arm_frame(frame: ArmFrame) -> bytes:
 
 
 def arm_frame_of(m: pb.ArmFrame) -> ArmFrame:
-    """Check a message, and decode it as a frame.
+    """Decode a frame of arms from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
@@ -113,7 +113,7 @@ def _decode_arm(m: pb.SeenArm) -> SeenArm:
 
 
 def encode_arm(arm: TrackedArm) -> pb.Arm:
-    """Encode an arm of a scene."""
+    """Encode an arm of a scene as a protobuf message."""
     T = arm.T_world_palm
     return pb.Arm(
         id=arm.id,
@@ -132,7 +132,7 @@ def encode_arm(arm: TrackedArm) -> pb.Arm:
 
 
 def decode_arm(m: pb.Arm) -> TrackedArm:
-    """Decode an arm of a scene.
+    """Decode an arm of a scene from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

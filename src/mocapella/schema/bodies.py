@@ -1,4 +1,4 @@
-"""Encode and decode fitted bodies of a scene; invalid messages are refused."""
+"""Encode and decode fitted body models of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import F4, F8, MAX_NAME, STATES, array, choices, names, points, sensor_name, transform
 
 MAX_VIEWS: Final = 64
-"""Largest number of cameras of a body."""
+"""Largest number of camera views of a body."""
 MAX_LINE: Final = 8192
-"""Largest number of points of an outline."""
+"""Largest number of points of a silhouette's outline in one camera."""
 MAX_BUILD: Final = 8192
 MAX_REASON: Final = 1000
-"""Longest text, in characters."""
+"""Longest reason why a view is not used, in characters."""
 _FARTHEST_RAD: Final = 100.0
 
 
 def encode_body(body: TrackedBody) -> Any:
-    """Encode a body."""
+    """Encode a fitted body as a protobuf message."""
     return pb.Body(
         id=body.id,
         name=body.name,
@@ -42,10 +42,10 @@ def encode_body(body: TrackedBody) -> Any:
 
 
 def decode_body(m: Any) -> TrackedBody:
-    """Decode a body.
+    """Decode a fitted body from a parsed protobuf message, and check its values.
 
     Raises:
-        WireError: a field has the wrong length or an impossible value; names the field.
+        WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
     """
     if len(m.name) > MAX_NAME:
         raise WireError(f"Body.name has {len(m.name)} characters; at most {MAX_NAME} are read")

@@ -50,7 +50,10 @@ _MESSAGE: Final = pb.BodyFrame
 
 
 def encode_body_frame(frame: BodyFrame) -> bytes:
-    """Encode a frame. Joints that are not tracked are written as 0 and read back as NaN."""
+    """Encode a frame of skeletons as a protobuf message.
+
+    Joints that are not tracked are written as 0, and are NaN again after decoding.
+    """
     states = frame.states.tobytes()
     gone = logical_not(frame.states.reshape(-1)).nonzero()[0] if 0 in states else None
     message = _MESSAGE(
@@ -77,7 +80,7 @@ def encode_body_frame(frame: BodyFrame) -> bytes:
 
 
 def decode_body_frame(data: bytes) -> BodyFrame:
-    """Decode and check a frame.
+    """Decode and check a frame of skeletons from a protobuf message's bytes.
 
     Raises:
         SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
@@ -86,7 +89,7 @@ def decode_body_frame(data: bytes) -> BodyFrame:
 
 
 def body_frame_of(m: Any) -> BodyFrame:
-    """Check a message, and decode it as a frame.
+    """Decode a frame of skeletons from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is missing, too long, of the wrong length, not finite or out of range; names it.

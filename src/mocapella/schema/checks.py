@@ -1,6 +1,7 @@
-"""Checks of all decoded messages.
+"""Check the fields of decoded protobuf messages.
 
-Each function raises a `WireError` with the field, its value, and the valid values.
+An invalid field raises a `WireError` with the field, its value, and the valid values. An argument ``field`` is the
+field's name in such errors, such as ``Hand.angles_rad``.
 Untrusted text is shortened before it is compared or printed: a name of sixteen megabytes must cost nothing.
 """
 
@@ -22,16 +23,16 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import Topology, topology, topology_names
 
 MAX_BODIES: Final = 1024
-"""Largest number of bodies; a frame with more is refused before memory is allocated for it."""
+"""Largest number of bodies in a frame; a frame with more is refused before memory is allocated for it."""
 MAX_POINTS: Final = 1024
-"""Largest number of markers of a camera, or points of a scene."""
+"""Largest number of markers in a frame, or of named points in a scene."""
 MAX_NAME: Final = 80
 """Longest name of a marker or an object, in characters."""
 MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
 MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
-"""Largest scene; its nested messages take about forty times their bytes in memory."""
+"""Largest encoded scene, in bytes; decoded, its nested messages take about forty times as much memory."""
 MAX_COORDINATE: Final = COORDINATE.high
-"""Largest coordinate [m]."""
+"""Largest absolute coordinate in a sensor's frame [m]."""
 
 F4: Final = np.dtype("<f4")
 F8: Final = np.dtype("<f8")
@@ -46,11 +47,16 @@ _RIGID: Final = 1e-4
 
 
 def parse(kind: Any, data: bytes, limit: int) -> Any:
-    """Parse a protobuf message of a class.
+    """Parse the bytes of a protobuf message, and check its schema version.
+
+    Args:
+        kind: the message's class.
+        data: its bytes.
+        limit: largest number of bytes.
 
     Raises:
-        WireError: it has more than ``limit`` bytes, or is no such message.
-        SchemaVersionError: this program does not support its version.
+        WireError: the bytes are too many, or no message of this class.
+        SchemaVersionError: this program does not support the message's schema version.
     """
     if len(data) > limit:
         raise WireError(f"{kind.DESCRIPTOR.name} of {len(data)} bytes; at most {limit} are read")
@@ -70,7 +76,11 @@ def parse(kind: Any, data: bytes, limit: int) -> Any:
 
 @lru_cache(maxsize=64)
 def known_topology(name: str) -> Topology:
-    """Return a topology by name, or raise a `WireError` with the known names."""
+    """Return the topology with a name.
+
+    Raises:
+        WireError: no topology has this name; lists the known ones.
+    """
     try:
         return topology(name[:80])
     except SettingsError:
@@ -79,7 +89,11 @@ def known_topology(name: str) -> Topology:
 
 @lru_cache(maxsize=4096)
 def sensor_name(name: str) -> str:
-    """Return a valid sensor name, or raise a `WireError` that describes valid names."""
+    """Return a sensor's name unchanged if it is valid.
+
+    Raises:
+        WireError: the name is invalid; describes valid names.
+    """
     try:
         return check_sensor_name(name[:80], recorded=True)
     except SettingsError as error:
@@ -87,7 +101,7 @@ def sensor_name(name: str) -> str:
 
 
 def identity(frame: SensorFrame) -> dict[str, Any]:
-    """Return the fields of a message that identify its frame."""
+    """Return the schema version and the common fields of a `SensorFrame`, as keyword arguments of its message."""
     return {
         "schema_version": SCHEMA_VERSION,
         "sensor": frame.sensor,
@@ -99,12 +113,16 @@ def identity(frame: SensorFrame) -> dict[str, Any]:
 
 
 def identity_of(m: Any) -> tuple[str, int, int, int, int]:
-    """Return the first fields of a `SensorFrame` from a message; raise `WireError` if the sensor's name is invalid."""
+    """Return a message's (sensor, node_id, sequence, time_ns, sent_ns), the first fields of a `SensorFrame`.
+
+    Raises:
+        WireError: the sensor's name is invalid.
+    """
     return sensor_name(m.sensor), m.node_id, m.sequence, m.time_ns, m.sent_ns
 
 
 def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str) -> NDArray[Any]:
-    """Return the packed values of a field, read-only, after checking their length against ``shape``."""
+    """Return a field's packed values as a read-only array of the given type and shape; check their length."""
     wanted = dtype.itemsize * math.prod(shape)
     if len(data) != wanted:
         raise WireError(f"{field} has {len(data)} bytes; {shape} {dtype.name} want {wanted}")
@@ -112,7 +130,7 @@ def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str)
 
 
 def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.uint8]:
-    """Return ``count`` bytes, each in ``allowed``."""
+    """Return a field's bytes as an array (count,) uint8; check that each value is one of ``allowed``."""
     values = array(data, U1, (count,), field)
     strange = data.translate(None, allowed)
     if strange:
@@ -121,7 +139,10 @@ def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.u
 
 
 def points(data: bytes, shape: tuple[int, ...], field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
-    """Return float64 coordinates [m], each NaN (not seen) or within ``limit``, which is symmetric."""
+    """Return a field's coordinates as a float64 array of the given shape [m].
+
+    Each must be NaN (not seen), or within ``limit``, a range that is symmetric about 0.
+    """
     values = array(data, F8, shape, field)
     far = values[np.abs(values) > limit.high]
     if far.size:
@@ -130,7 +151,7 @@ def points(data: bytes, shape: tuple[int, ...], field: str, limit: Range = SCENE
 
 
 def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
-    """Return float32 standard deviations, each NaN (unknown), or 0 or more."""
+    """Return a field's standard deviations as an array (count,) float32; each must be NaN (unknown), or 0 or more."""
     sd = array(data, F4, (count,), field)
     if (sd < 0).any() or np.isinf(sd).any():
         raise WireError(f"{field} has a value that is no standard deviation; 0 or more is wanted, or NaN")
@@ -138,7 +159,12 @@ def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
 
 
 def names(given: Any, field: str) -> tuple[str, ...]:
-    """Return at most `MAX_POINTS` names of points: unique, each of 1 to `MAX_NAME` characters."""
+    """Return a field's names as a tuple; at most `MAX_POINTS`, unique, each of 1 to `MAX_NAME` characters.
+
+    Args:
+        given: the names as in the message.
+        field: the field's name, for errors.
+    """
     if len(given) > MAX_POINTS:
         raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
     unique = tuple(given)
@@ -151,10 +177,15 @@ def names(given: Any, field: str) -> tuple[str, ...]:
 
 
 def transform(data: bytes, field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
-    """Return a rigid motion (4, 4) from its upper three rows, 12 packed float64 by rows [m].
+    """Return the matrix (4, 4) of a rigid motion, translation in metres.
+
+    Args:
+        data: its upper three rows, as 12 packed float64 in row-major order.
+        field: the field's name, for errors.
+        limit: valid range of the translation's coordinates, symmetric about 0 [m].
 
     Raises:
-        WireError: wrong length, not a rotation, or a translation beyond ``limit``.
+        WireError: the length is wrong, the matrix is no rotation, or the translation is beyond ``limit``.
     """
     T = np.eye(4)
     T[:3] = array(data, F8, (3, 4), field)
@@ -170,7 +201,7 @@ def transform(data: bytes, field: str, limit: Range = SCENE_COORDINATE) -> NDArr
 
 
 def sensor_pose(tilt: float, height: float, message: str) -> None:
-    """Raise a `WireError` for an impossible tilt [rad] or height [m]; ``message`` is the message's name for errors."""
+    """Check a sensor's tilt [rad] and height above the floor [m]; ``message`` is the message's name for errors."""
     if not (tilt in TILT and height in FRAME_HEIGHT):
         raise WireError(
             f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "

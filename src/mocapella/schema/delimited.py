@@ -1,4 +1,4 @@
-"""Length-delimited messages on a stream, each after its length as a varint: protobuf's ``writeDelimitedTo``."""
+"""Length-delimited messages on a byte stream, each preceded by its length as a varint (``writeDelimitedTo``)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LONGEST_VARINT = 5
 
 
 def delimited(message: bytes) -> bytes:
-    """Return a message with its length before it."""
+    """Return a message's bytes, preceded by their number as a varint."""
     length, prefix = len(message), bytearray()
     while length > 0x7F:
         prefix.append(length & 0x7F | 0x80)
@@ -22,9 +22,12 @@ def delimited(message: bytes) -> bytes:
 
 
 class DelimitedReader:
-    """Splits a stream, received in chunks of any size, into messages.
+    """Splits a byte stream, received in chunks of any size, into messages.
 
-    A length is checked as soon as it is complete, before its message has arrived.
+    A message's length is checked before the message has arrived.
+
+    Args:
+        limit: largest length of a message, in bytes.
     """
 
     def __init__(self, limit: int = MAX_MESSAGE_BYTES) -> None:
@@ -33,14 +36,14 @@ class DelimitedReader:
 
     @property
     def pending(self) -> int:
-        """Number of bytes of an incomplete message."""
+        """Number of received bytes of the last, incomplete message."""
         return len(self._buffer)
 
     def feed(self, piece: bytes) -> Iterator[bytes]:
-        """Return the messages completed by this chunk.
+        """Yield the messages that the stream's next chunk completes, without their lengths.
 
         Raises:
-            WireError: a length is no varint or above the limit; the rest of the stream is unusable.
+            WireError: a length is no varint, or above the limit; the remaining stream is then unusable.
         """
         self._buffer += piece
         while (found := self._length()) is not None:

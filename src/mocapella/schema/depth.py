@@ -24,15 +24,15 @@ Float64 = NDArray[np.float64]
 
 MAX_DEPTH_SIDE_PX: Final = 4096
 MAX_DEPTH_PX: Final = 1 << 22
-"""Largest number of pixels; the unpacked size of a message is checked before unpacking."""
+"""Largest number of pixels of an image; the unpacked size of a message is checked before unpacking."""
 UNITS_M: Final = (1e-6, 0.1)
-"""Smallest and largest metres per unit."""
+"""Smallest and largest size of a unit of depth [m]."""
 _LEVEL: Final = 1
 _MAX_LENS: Final = 1e6
 
 
 def encode_depth_frame(frame: DepthFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes with the same version of Zstandard."""
+    """Encode a depth frame as a protobuf message; equal frames give equal bytes with the same version of Zstandard."""
     return pb.DepthFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -44,7 +44,7 @@ def encode_depth_frame(frame: DepthFrame) -> bytes:
 
 
 def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
-    """Check a message, and decode it as a frame.
+    """Decode a depth frame from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.
@@ -63,7 +63,7 @@ def depth_frame_of(m: pb.DepthFrame) -> DepthFrame:
 
 
 def pack_depth(depth: UInt16) -> bytes:
-    """Compress an image (height, width)."""
+    """Compress a depth image (height, width) uint16 without loss; `unpack_depth` restores it."""
     along = depth.copy()
     along[:, 1:] -= depth[:, :-1]
     both = along.copy()
@@ -75,10 +75,15 @@ def pack_depth(depth: UInt16) -> bytes:
 
 
 def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
-    """Return the image (height, width) that `pack_depth` compressed.
+    """Return the depth image (height, width) uint16 that `pack_depth` compressed.
+
+    Args:
+        data: the compressed image.
+        size_px: (width, height) of the image.
+        field: the message's field, for errors.
 
     Raises:
-        WireError: the data are invalid, or of an image of another size.
+        WireError: the data are invalid, or the image has another size.
     """
     width, height = size_px
     wanted = 2 * width * height
@@ -102,7 +107,15 @@ def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
 
 
 def image_size(width: int, height: int, message: str) -> tuple[int, int]:
-    """Return the size (width, height) of a depth image, or raise a `WireError` with the valid sizes."""
+    """Check an image's size; return (width, height) [px].
+
+    Args:
+        width, height: as in the message [px].
+        message: the message's name, for errors.
+
+    Raises:
+        WireError: the size is invalid; names the valid sizes.
+    """
     sides = 0 < width <= MAX_DEPTH_SIDE_PX and 0 < height <= MAX_DEPTH_SIDE_PX
     if not (sides and width * height <= MAX_DEPTH_PX):
         wanted = f"1 to {MAX_DEPTH_SIDE_PX} pixels each, and at most {MAX_DEPTH_PX} in all"
@@ -111,7 +124,11 @@ def image_size(width: int, height: int, message: str) -> tuple[int, int]:
 
 
 def lens_of(data: bytes, field: str) -> Float64:
-    """Return a lens (9,), or raise a `WireError` with its fault."""
+    """Decode a camera's intrinsics (9,), as in `mocapella.geometry.lens`, from packed float64.
+
+    Raises:
+        WireError: the length is wrong, a value is too large, or a focal length is not above 0; names ``field``.
+    """
     lens = array(data, F8, (9,), field)
     if not ((np.abs(lens) <= _MAX_LENS).all() and (lens[:2] > 0).all()):  # NaN compares false
         wanted = f"nine numbers within ±{_MAX_LENS:g}, of which the first two, fx and fy, are above 0, are wanted"

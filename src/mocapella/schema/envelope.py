@@ -1,4 +1,4 @@
-"""Envelope of plug-ins' frames: the common fields, the type's name, and the content encoded by the plug-in."""
+"""Envelope message for plug-ins' frames: the common fields, the type's name, and the content encoded by the plug-in."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocapella.schema.checks import MAX_MESSAGE_BYTES, MAX_NAME, identity, ident
 
 @cache
 def protobuf_format(message: str) -> MessageFormat:
-    """Return the format of a protobuf message for a take, which Foxglove and other MCAP tools can read."""
+    """Return the MCAP format of a protobuf message, such as ``BodyFrame``, with the schema that MCAP tools need."""
     file = FileDescriptorProto()
     pb.DESCRIPTOR.CopyToProto(file)
     schema = FileDescriptorSet(file=[file]).SerializeToString()
@@ -24,22 +24,22 @@ def protobuf_format(message: str) -> MessageFormat:
 
 
 ENVELOPE: Final = protobuf_format("OtherFrame")
-"""Format of all plug-ins' frames."""
+"""MCAP format of all plug-ins' frames."""
 
 
 def seal(frame: SensorFrame, kind: str, content: bytes) -> bytes:
-    """Encode a plug-in's frame as a message.
+    """Encode a plug-in's frame as an envelope message.
 
     Args:
-        frame: with the sensor, sequence number and times of the message.
-        kind: name of its type.
-        content: the other fields, encoded by the plug-in.
+        frame: gives the message's sensor, node, sequence number and times.
+        kind: name of the frame's type.
+        content: the frame's other fields, encoded by the plug-in.
     """
     return pb.OtherFrame(**identity(frame), kind=kind, content=content).SerializeToString()
 
 
 def unseal(data: bytes) -> tuple[tuple[str, int, int, int, int], bytes]:
-    """Return the first fields of a `SensorFrame`, and the content, of a message made by `seal`.
+    """Return (sensor, node_id, sequence, time_ns, sent_ns) and the content of a message made by `seal`.
 
     Raises:
         SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
@@ -52,13 +52,17 @@ def kind_of(data: bytes) -> str:
     """Return the frame type's name of a message made by `seal`.
 
     Raises:
-        WireError: the name is invalid.
+        SchemaVersionError, WireError: the message or the name is invalid.
     """
     return str(_parsed(data).kind)
 
 
 def open_unknown(data: bytes) -> UnknownFrame:
-    """Decode a frame whose type no installed package has."""
+    """Decode the envelope of a frame whose type no installed package can read; its content stays encoded.
+
+    Raises:
+        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
+    """
     message = _parsed(data)
     return UnknownFrame(*identity_of(message), message.kind, message.content)
 

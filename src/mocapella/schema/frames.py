@@ -1,4 +1,4 @@
-"""Encode and decode frames of any type by its descriptor."""
+"""Encode and decode frames of all registered types (`mocapella.model.frame_types`)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mocapella.schema.envelope import ENVELOPE, kind_of, open_unknown, seal
 
 
 def encode_frame(frame: SensorFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes."""
+    """Encode a frame of any type as a protobuf message; equal frames give equal bytes."""
     if isinstance(frame, UnknownFrame):
         return seal(frame, frame.kind, frame.content)
     return by_class()[type(frame)].encode(frame)
@@ -27,9 +27,9 @@ def decode_frame(data: bytes) -> Any:
     """Decode and check a frame of any type; return an `UnknownFrame` if no installed package has its type.
 
     Raises:
-        SchemaVersionError: it has another schema version; names both.
-        WireError: it is no frame, or a field is missing, too long, of the wrong length, not finite or out of range;
-            names the field and the expected value.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are no frame, or a field is missing, too long, of the wrong length, not finite or out of
+            range; names the field and the expected value.
     """
     message = parse(
         pb.BodyFrame, data, MAX_MESSAGE_BYTES
@@ -43,7 +43,7 @@ def decode_frame(data: bytes) -> Any:
 
 
 def format_of(data: bytes) -> MessageFormat:
-    """Return the format of a frame's message for a take.
+    """Return the MCAP format of an encoded frame, for its channel in a take.
 
     Raises:
         WireError: the bytes are no frame.

@@ -1,4 +1,4 @@
-"""Encode and decode hands, points and objects of a scene; invalid messages are refused."""
+"""Encode and decode hands, named points and objects of a scene; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from mocapella.schema.checks import (
 
 
 def encode_hand(hand: TrackedHand) -> Any:
-    """Encode a part."""
+    """Encode a hand as a protobuf message."""
     return pb.Hand(
         id=hand.id,
         left=hand.left,
@@ -43,7 +43,7 @@ def encode_hand(hand: TrackedHand) -> Any:
 
 
 def decode_hand(m: Any) -> TrackedHand:
-    """Decode a part.
+    """Decode a hand from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field has the wrong length or an impossible value; names the field.
@@ -65,7 +65,7 @@ def decode_hand(m: Any) -> TrackedHand:
 
 
 def encode_points(found: TrackedPoints) -> Any:
-    """Encode a part."""
+    """Encode a scene's named points as a protobuf message."""
     return pb.Points(
         names=found.names,
         positions_m=found.positions.astype(F8, copy=False).tobytes(),
@@ -75,7 +75,7 @@ def encode_points(found: TrackedPoints) -> Any:
 
 
 def decode_points(m: Any) -> TrackedPoints:
-    """Decode a part.
+    """Decode a scene's named points from a parsed protobuf message, and check their values.
 
     Raises:
         WireError: as in `decode_hand`.
@@ -90,7 +90,7 @@ def decode_points(m: Any) -> TrackedPoints:
 
 
 def encode_object(tracked: TrackedObject) -> Any:
-    """Encode a part."""
+    """Encode a rigid object as a protobuf message."""
     return pb.Object(
         name=tracked.name,
         T_world_object=_upper_rows(tracked.T_world_object),
@@ -100,7 +100,7 @@ def encode_object(tracked: TrackedObject) -> Any:
 
 
 def decode_object(m: Any) -> TrackedObject:
-    """Decode a part.
+    """Decode a rigid object from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: as in `decode_hand`.

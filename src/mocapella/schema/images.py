@@ -16,7 +16,7 @@ _KNOWN: Final = frozenset(IMAGE_FORMATS)
 
 
 def encode_image_frame(frame: ImageFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes."""
+    """Encode an image frame as a protobuf message; equal frames give equal bytes."""
     data = frame.data
     return pb.ImageFrame(
         **identity(frame),
@@ -29,7 +29,7 @@ def encode_image_frame(frame: ImageFrame) -> bytes:
 
 
 def image_frame_of(m: pb.ImageFrame) -> ImageFrame:
-    """Check a message, and decode it as a frame; the encoded image itself is checked when it is decoded.
+    """Decode an image frame from a parsed protobuf message, and check its fields; a compressed image stays compressed.
 
     Raises:
         WireError: a field has the wrong length or an impossible value; names the field and the expected value.

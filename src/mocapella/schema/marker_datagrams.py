@@ -1,4 +1,4 @@
-"""Markers of one image as a line of text in a datagram, as sent by small programs on a Raspberry Pi.
+"""Encode and decode UDP datagrams with the markers of one image as a line of text, as small camera programs send them.
 
     x,y;x,y;…                           a pair for each marker, in an order that both sides know
     #SEQUENCE,TIME_US;x,y;x,y;…         the same, from a program that numbers and times its images
@@ -24,12 +24,12 @@ from mocapella.errors import WireError
 Float64 = NDArray[np.float64]
 
 MAX_DATAGRAM_BYTES: Final = 1472
-"""Payload of one Ethernet frame; six markers take about sixty bytes."""
+"""Largest size of a datagram: the payload of one Ethernet frame. Six markers take about sixty bytes."""
 MAX_MARKERS: Final = 64
-"""Largest number of markers, which fit into a datagram with subpixel digits."""
+"""Largest number of markers in a datagram, which has space for them with two decimals."""
 MAX_SEQUENCE: Final = 2**63 - 1
 MAX_TIME_US: Final = 2**53
-"""Largest time: 285 years, and exact in every language's numbers [µs]."""
+"""Largest capture time: 285 years, and exact as a 64-bit float [µs]."""
 
 _TEXT: Final = re.compile(rb"[\x20-\x7e]*\Z")
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]{1,17}(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][+-]?[0-9]{1,3})?\Z")
@@ -41,7 +41,7 @@ _SHOWN: Final = 40
 
 
 class DatagramProblem(StrEnum):
-    """Reasons to refuse a datagram, as keys of the counts."""
+    """Reasons for which a datagram is refused; refused datagrams are counted by reason."""
 
     EMPTY = "empty"
     TOO_LONG = "too long"
@@ -55,7 +55,7 @@ class DatagramProblem(StrEnum):
 
 
 class DatagramError(WireError):
-    """An invalid datagram. ``problem`` is the reason's key; the message describes the fault."""
+    """An invalid datagram. ``problem`` is the reason for which it is refused; the message describes the fault."""
 
     def __init__(self, problem: DatagramProblem, message: str) -> None:
         self.problem = problem
@@ -67,8 +67,8 @@ class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         positions_px: (markers, 2) x to the right, y down; the middle of the first pixel is (0, 0); NaN = not seen.
-        sequence: number of the program's image; None if not given.
-        time_us: capture time on the program's own clock; None if not given.
+        sequence: number that the sending program gave the image; None if the datagram has none.
+        time_us: capture time on the sending program's clock [µs]; None if the datagram has none.
     """
 
     positions_px: Float64
@@ -77,7 +77,7 @@ class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
 
 
 def encode_marker_datagram(datagram: MarkerDatagram, decimals: int = 2) -> bytes:
-    """Encode a datagram; a marker that is not seen is an empty pair (``;;``)."""
+    """Encode a datagram, with this number of decimals; a marker that is not seen becomes a comma without numbers."""
     pairs = [
         f"{x:.{decimals}f},{y:.{decimals}f}" if math.isfinite(x) and math.isfinite(y) else ","
         for x, y in datagram.positions_px.tolist()
@@ -94,10 +94,10 @@ def decode_marker_datagram(
     """Decode a datagram; time and memory are bounded by `MAX_DATAGRAM_BYTES`.
 
     Args:
-        data: as received.
-        names: of the markers, in the order of the pairs.
+        data: the datagram as received.
+        names: the markers' names, in the order of the pairs.
         size_px: (width, height) of the images.
-        zero_is_lost: whether the program writes ``0,0`` for a marker that it does not see.
+        zero_is_lost: whether the sending program writes ``0,0`` for a marker that it does not see.
 
     Raises:
         DatagramError: it is invalid; no other error is raised.

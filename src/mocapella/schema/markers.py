@@ -16,7 +16,7 @@ MAX_SIDE_PX: Final = 65_536
 
 
 def encode_marker_frame(frame: MarkerFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes."""
+    """Encode a marker frame as a protobuf message; equal frames give equal bytes."""
     return pb.MarkerFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -30,7 +30,7 @@ def encode_marker_frame(frame: MarkerFrame) -> bytes:
 
 
 def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
-    """Check a message, and decode it as a frame.
+    """Decode a marker frame from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

@@ -14,7 +14,7 @@ from mocapella.schema.checks import F4, F8, STATES, choices, deviations, points,
 
 
 def encode_person(person: Person) -> Any:
-    """Encode a person."""
+    """Encode a person as a protobuf message, with the fused skeleton and the views."""
     return pb.Person(
         id=person.id,
         positions_m=person.positions.astype(F8, copy=False).tobytes(),
@@ -26,7 +26,7 @@ def encode_person(person: Person) -> Any:
 
 
 def decode_person(m: Any, kind: Topology) -> Person:
-    """Decode a person with the joints of ``kind``.
+    """Decode a person from a parsed protobuf message, whose skeletons have the topology ``kind``; check its values.
 
     Raises:
         WireError: a field has the wrong length or an impossible value; names the field.

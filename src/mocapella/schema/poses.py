@@ -1,4 +1,4 @@
-"""Encode and decode pose frames; invalid messages are refused."""
+"""Encode and decode frames with poses of rigid bodies; invalid messages are refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UNIT: Final = 1e-3
 
 
 def encode_pose_frame(frame: PoseFrame) -> bytes:
-    """Encode a frame; equal frames give equal bytes."""
+    """Encode a pose frame as a protobuf message; equal frames give equal bytes."""
     return pb.PoseFrame(
         **identity(frame),
         space=frame.space,
@@ -38,7 +38,7 @@ def encode_pose_frame(frame: PoseFrame) -> bytes:
 
 
 def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
-    """Check a message, and decode it as a frame.
+    """Decode a pose frame from a parsed protobuf message, and check its values.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

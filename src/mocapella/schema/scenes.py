@@ -38,7 +38,7 @@ _SINGLE: Final = frozenset({"points"})
 
 
 def encode_scene(scene: Scene) -> bytes:
-    """Encode a scene; equal scenes give equal bytes."""
+    """Encode a scene as a protobuf message; equal scenes give equal bytes."""
     state = scene.state
     message = pb.Scene(
         schema_version=SCHEMA_VERSION,
@@ -60,7 +60,7 @@ def encode_scene(scene: Scene) -> bytes:
 
 
 def decode_scene(data: bytes) -> Scene:
-    """Decode and check a scene.
+    """Decode and check a scene from a protobuf message's bytes.
 
     Raises:
         SchemaVersionError, WireError: as in `decode_frame`.
@@ -121,7 +121,7 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
 
 
 def count_parts(message: pb.Scene) -> Counter[str]:
-    """Return the number of parts of each type in a scene's message, without decoding them."""
+    """Return the number of parts in a parsed scene message by the name of their type, without decoding them."""
     counts = Counter[str]()
     for kind in _with_fields():
         single = kind.field in _SINGLE
@@ -136,7 +136,7 @@ def _with_fields() -> tuple[PartType, ...]:
 
 
 def encode_truth(truth: Truth) -> bytes:
-    """Encode a simulation's ground truth."""
+    """Encode the ground truth of one simulated frame as a protobuf message."""
     message = pb.Truth(
         schema_version=SCHEMA_VERSION,
         sensor=truth.sensor,
@@ -153,7 +153,7 @@ def encode_truth(truth: Truth) -> bytes:
 
 
 def decode_truth(data: bytes) -> Truth:
-    """Decode and check a simulation's ground truth.
+    """Decode and check the ground truth of one simulated frame from a protobuf message's bytes.
 
     Raises:
         SchemaVersionError, WireError: as in `decode_frame`.

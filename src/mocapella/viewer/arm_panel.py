@@ -1,4 +1,4 @@
-"""Panel with quality metrics of the tracked arms, shown in one browser while arms are tracked."""
+"""Panel folder with quality metrics of the tracked arms, in one browser."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from mocapella.viewer.palette import AMBER, GREEN, GREY
 from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 EVERY_S: Final = 0.25
-"""Figures that change faster cannot be read."""
+"""Shortest time between two updates of the metrics, so that they can be read [s]."""
 _MANY: Final = 6.0
 """Misdetections a minute from which the panel marks them."""
 
 
 class ArmPanel:
-    """The folder "Arms" of the panel, visible while arms are tracked."""
+    """The folder "Arms" of one browser's panel, visible while arms are tracked."""
 
     def __init__(self, place: PanelPlace) -> None:
         self._folder = place.gui.add_folder("Arms", order=place.order, visible=False)
@@ -30,7 +30,7 @@ class ArmPanel:
         self._visible, self._shown_s = False, -EVERY_S
 
     def show(self, state: PanelState) -> None:
-        """Update the metrics, at most a few times a second."""
+        """Update the metrics, at most every `EVERY_S`; show or hide the folder."""
         if state.visible != self._visible:
             self._visible = self._folder.visible = state.visible
         quality = None if state.shown is None else state.shown.quality
@@ -41,7 +41,7 @@ class ArmPanel:
 
 
 def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
-    """Return as HTML each hand's gesture, the noise of each joint, and the misdetections per minute."""
+    """Return each hand's gesture, each joint's noise [mm], and the misdetections per minute as HTML."""
     grey = GREY.css
     hands = "".join(
         f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {escape(arm.gesture) or 'no gesture'}"

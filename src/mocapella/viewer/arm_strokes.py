@@ -1,4 +1,4 @@
-"""An arm as lines and balls: a colour for each digit, white for the rest; and depth images in their lanes."""
+"""Draw arms as lines and balls, a colour for each digit and white for the other joints, on the stage and in lanes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DIGIT_COLOURS: Final = (
 )  # fmt: skip
 WHITE: Final = Rgb(235, 240, 248)
 COLOURS: Final = (WHITE, WHITE, WHITE, *DIGIT_COLOURS)
-"""Of the eight joints."""
+"""Colours of the eight joints `ARM_JOINTS`."""
 _RADII_M: Final = np.array([0.024, 0.018, 0.02, *[0.0115] * 5])
 _LINE_M: Final = np.array([0.010, 0.008, *[0.0055] * 5])
 _HOLLOW: Final = 0.45
@@ -29,12 +29,12 @@ _OF_LANE: Final = 0.6
 
 
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
-    """Return the strokes of an arm: lines, balls, and translucent balls for inferred joints.
+    """Return the strokes of an arm: lines, balls for measured joints, and translucent balls for inferred joints.
 
     Args:
-        p: (8, 3) of `mocapella.model.arms.ARM_JOINTS` where they are drawn [m].
-        states: (8,) `JointState`.
-        scale: factor of enlargement.
+        p: (8, 3) positions of the joints `mocapella.model.arms.ARM_JOINTS` in the view's space [m]; NaN if unknown.
+        states: (8,) `JointState` of each joint.
+        scale: enlargement of lines and balls.
     """
     known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
     paints = np.array([colour.paint for colour in COLOURS], np.uint8)
@@ -59,12 +59,12 @@ def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
 
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in it.
+    """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in the image.
 
     Args:
-        frame: what the camera saw.
-        origin: (3,) front of the lane, in the view's space [m].
-        colour: of the camera.
+        frame: the arms that were detected in the camera's image.
+        origin: (3,) middle of the lane's front edge, in the view's space [m].
+        colour: colour of the border, which is the camera's.
     """
     picture = LanePicture(frame.size_px, origin, _OF_LANE)
     lines, balls = [picture.edge(colour)], []

@@ -1,4 +1,4 @@
-"""Progress of a calibration with a board, as HTML: each camera's detections, the next step, and the rig's errors."""
+"""Progress of a camera calibration as HTML: each camera's detections, the next step, and the rig's quality."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from mocapella.model.board_progress import BoardProgress, CameraProgress, RigQua
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, SensorColours
 
 WIDTH = 136
-"""Of a camera's small picture [px]; two stand beside each other in the panel."""
+"""Width of a camera's small image; two fit beside each other in the panel [px]."""
 _UNKNOWN_SIZE = (4, 3)
 _DARK, _LINE = "#141b28", "#2c3748"
 
 
 def board_html(progress: BoardProgress, colours: SensorColours, typed: str) -> str:
-    """Return the progress as HTML, with the next step in large letters.
+    """Return the progress of a camera calibration as HTML, with the next step in large letters.
 
     Args:
-        progress: of the calibration.
-        colours: of the cameras.
-        typed: description of the board that the next calibration would use.
+        progress: state of the calibration.
+        colours: colours of the cameras.
+        typed: description of the calibration board that the user has entered for the next calibration.
     """
     parts = [_headline(progress, typed)]
     if progress.problem:

@@ -1,4 +1,4 @@
-"""The folder for camera calibration in one browser. All its content comes from the view's process."""
+"""The panel folder for the calibration of cameras with a calibration board, in one browser."""
 
 from __future__ import annotations
 
@@ -29,7 +29,16 @@ Send = Callable[[str, dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class BoardFields:
-    """Values of the panel's inputs that describe the board."""
+    """Values of the panel's inputs that describe the calibration board.
+
+    Attributes:
+        kind: one of `KINDS`.
+        file: name of a TOML file that describes the board, for the kind `FILE`.
+        columns, rows: number of squares in a row and in a column.
+        square_mm: side of a square [mm].
+        marker_mm: side of a ChArUco board's marker [mm].
+        dictionary: name of the markers' ArUco dictionary, such as ``DICT_4X4_50``.
+    """
 
     kind: str
     file: str
@@ -50,10 +59,10 @@ class BoardFields:
         return f"ChArUco board ({self.dictionary}), {squares}, markers of {self.marker_mm:g} mm"
 
     def arguments(self) -> dict[str, Any]:
-        """Return the arguments of the command ``calibrate``.
+        """Return the arguments of the server's command ``calibrate``.
 
         Raises:
-            SettingsError: an invalid field; the message names it and the valid values.
+            SettingsError: a field is invalid; the message names it and the valid values.
         """
         if self.kind == FILE:
             if not self.file.strip():
@@ -78,7 +87,16 @@ class BoardFields:
 
 
 class BoardPanel:
-    """The folder of the calibration with a board: its inputs, buttons and progress."""
+    """The folder for the calibration of cameras with a board: inputs, buttons and progress.
+
+    Args:
+        gui: controls of the browser.
+        colours: colours of the cameras.
+        send: sends a command with its arguments to the server.
+        refuse: shows a title and a message when the inputs are invalid.
+        order: position among the panel's folders.
+        expanded: whether the folder is unfolded at first.
+    """
 
     def __init__(
         self,
@@ -120,14 +138,14 @@ class BoardPanel:
 
     @property
     def fields(self) -> BoardFields:
-        """Present values of the inputs."""
+        """Present values of the inputs that describe the board."""
         return BoardFields(
             self._kind.value, self._file.value, self._columns.value, self._rows.value, self._square.value,
             self._marker.value, self._dictionary.value,
         )  # fmt: skip
 
     def show(self, progress: BoardProgress) -> None:
-        """Show the progress of the calibration; does nothing if neither it nor an input has changed."""
+        """Show the progress of the calibration; do nothing if neither the progress nor an input has changed."""
         fields = self.fields
         if progress is self._progress and fields == self._shown:
             return
@@ -170,7 +188,7 @@ class BoardPlace:
     """Creates the `BoardPanel` once the session has a camera, if the server can calibrate.
 
     Args:
-        make: makes the panel; its argument is whether the panel is unfolded.
+        make: makes the panel; its argument is whether the folder is unfolded at first.
     """
 
     def __init__(self, make: Callable[[bool], BoardPanel]) -> None:
@@ -178,7 +196,12 @@ class BoardPlace:
         self._panel: BoardPanel | None = None
 
     def show(self, status: SessionStatus | None, progress: BoardProgress | None) -> None:
-        """Show the progress, and create the panel before if necessary; ``progress`` is None without calibration."""
+        """Show the progress of the calibration; create the panel first if necessary.
+
+        Args:
+            status: status of the session, with its sensors.
+            progress: progress of the calibration; None if the server cannot calibrate.
+        """
         if progress is None:
             return
         if self._panel is None:

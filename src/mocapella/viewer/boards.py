@@ -1,4 +1,4 @@
-"""Boards over the stage with the cameras' images and the outlines of the fitted bodies."""
+"""Panels above the stage, here called *boards*, with the cameras' images and the outlines of the fitted bodies."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from mocapella.viewer.room import ImageLines, called, drawing_of
 Float64 = NDArray[np.float64]
 
 BOARDS: Final = "/board"
-"""Scene node of the boards; its children move with the camera's target."""
+"""Name of the boards' scene node; its children move with the target of the browser's camera."""
 EMPTY: Final = Rgb(106, 114, 129)
-"""Of a board without a picture; seen from before, where little light is, it is a dark slate."""
+"""Colour of a board without an image, which looks dark in the light from behind."""
 _RIM_M: Final = 0.015
 """So much a board is wider than its picture, which is before it by as much."""
 _ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
@@ -32,7 +32,7 @@ _ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
 _OVER_M, _BEHIND_M = 0.35, 1.2
 """Where it begins: over the highest head at the start, and behind it."""
 BOARDS_BEHIND: Final = np.array([0.0, 0.0, layout.SENSORS_ORIGIN[2] - _BEHIND_M])
-"""The boards' middle where the camera does not go along: over the sensors' gallery."""
+"""Origin (3,) of the boards if the camera does not follow people: above the sensors' gallery [m]."""
 _LINES_LIFT: Final = 0.003
 """So far lines are before a picture, over its width."""
 _LINE_M: Final = 0.014
@@ -48,8 +48,8 @@ class ShownBoard:
 
     Attributes:
         words: text above the board.
-        picture: camera image; None if there is none at present.
-        lines: drawn over the image.
+        picture: the camera's image; None if no image is available.
+        lines: lines drawn over the image; None for no lines.
     """
 
     words: str
@@ -58,7 +58,10 @@ class ShownBoard:
 
 
 def image_lines(scene: Scene, troubles: PluginErrors) -> dict[str, ImageLines]:
-    """Return the lines that the scene's parts draw over camera images, by camera."""
+    """Return the lines to draw over camera images by camera, such as outlines of body models, for a scene's parts.
+
+    Errors of drawings are reported to ``troubles``.
+    """
     found: dict[str, list[ImageLines]] = {}
     for name, parts in scene.parts.items():
         how = drawing_of(name, troubles)
@@ -79,7 +82,12 @@ def _joined(told: list[ImageLines]) -> ImageLines:
 
 
 def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
-    """Return each camera's picture plane: side by side from the left of the screen, all ``tall_m`` high [m]."""
+    """Return the plane of each camera's image: equally high, side by side from the left of the screen.
+
+    Args:
+        sizes_px: (width, height) of each camera's image, by camera.
+        tall_m: height of the people below the images [m].
+    """
     if not sizes_px:
         return {}
     ratios = [width / height for width, height in sizes_px.values()]
@@ -96,7 +104,11 @@ def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[
 
 
 class BoardNodes:
-    """The boards of one browser; their planes are relative to a frame that `place` moves."""
+    """Scene nodes of the boards in one browser.
+
+    Attributes:
+        planes: plane of each board by camera, relative to the origin that `place` moves.
+    """
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
@@ -106,12 +118,18 @@ class BoardNodes:
         self.planes: Mapping[str, Plane] = {}
 
     def place(self, at: Float64) -> None:
-        """Move all boards: ``at`` (3,) is the new origin of their frame [m]."""
+        """Move the common origin of all boards to a position (3,) in the view's space [m]."""
         if np.abs(at - self._root.position).max() > _NEAR_M:
             self._root.position = at
 
     def draw(self, planes: Mapping[str, Plane], boards: Mapping[str, ShownBoard], *, new_pictures: bool) -> None:
-        """Show exactly these boards on their planes; unless ``new_pictures``, shown images are not replaced."""
+        """Show exactly these boards on their planes, by camera.
+
+        Args:
+            planes: plane of each board, relative to the boards' origin.
+            boards: content of each board.
+            new_pictures: whether images that are already shown are replaced by newer ones.
+        """
         self.planes = planes
         for name, plane in planes.items():
             node = self._nodes.get(name)

@@ -1,4 +1,4 @@
-"""Meshes of fitted bodies, made again from their builds on a thread of their own, each once."""
+"""Cache of the meshes of fitted bodies, built on a separate thread from the bodies' descriptions."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mocapella.model.body_builds import mesh_of_build
 from mocapella.model.rigged_mesh import RiggedMesh, posed, rest
 
 MOST: Final = 64
-"""So many meshes are kept; the oldest are let go."""
+"""Largest number of cached meshes; the oldest are dropped."""
 
 
 class BodyMeshCache:
-    """Cache of body meshes, by the JSON description of the mesh (`TrackedBody.build`)."""
+    """Cache of body meshes by their JSON description (`mocapella.model.scene.TrackedBody.build`)."""
 
     def __init__(self) -> None:
         self._meshes: dict[str, RiggedMesh | None] = {}
@@ -23,7 +23,10 @@ class BodyMeshCache:
         self._worker: ThreadPoolExecutor | None = None
 
     def mesh(self, build: str) -> RiggedMesh | None:
-        """Return the mesh at once; None while it is being built, or if it cannot be built."""
+        """Return the mesh without waiting; None while it is being built, or if it cannot be built.
+
+        ``build`` is the JSON description; a new one starts the building on the cache's thread.
+        """
         if not build:
             return None
         with self._lock:
@@ -36,7 +39,7 @@ class BodyMeshCache:
         return None
 
     def put(self, build: str, mesh: RiggedMesh) -> None:
-        """Store a mesh that is already built, such as one read from a file."""
+        """Store a mesh that is already built, such as one read from a file, for the JSON description ``build``."""
         with self._lock:
             self._keep(build, mesh)
 
@@ -55,4 +58,4 @@ class BodyMeshCache:
 
 
 SHELF: Final = BodyMeshCache()
-"""Of this process: a build says all that its mesh is."""
+"""Cache of this process, shared by all views, because a description determines its mesh."""

@@ -1,4 +1,4 @@
-"""Panel of fitted bodies: the overlap of outlines in each camera, and charts of the joint angles."""
+"""Panel folder of fitted bodies: the overlap of the silhouettes in each camera, and charts of the joint angles."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mocapella.viewer.palette import AMBER, GREY, Rgb
 from mocapella.viewer.part_panel import PanelPlace, PanelState
 
 WINDOW_S: Final = 5.0
-"""So much of the angles is shown."""
+"""Time span of the charts [s]."""
 CHARTS_EVERY_S: Final = 0.2
 CHARTS: Final = ("knee flexion", "hip flexion")
-"""What is shown at first, where the model has it."""
+"""Joint angles shown at first, if the body model has them."""
 GOOD_OVERLAP: Final = 0.7
 _PLAIN: Final = Rgb(222, 228, 238)
 
 
 class BodyPanel:
-    """The folder "Bodies", visible from the first body on."""
+    """The folder "Bodies" of one browser's panel, visible from the first tracked body on."""
 
     def __init__(self, place: PanelPlace) -> None:
         self._gui = place.gui
@@ -40,11 +40,11 @@ class BodyPanel:
 
     @property
     def whose(self) -> str:
-        """Name of the body whose joint angles are shown."""
+        """Name of the body whose joint angles the charts show."""
         return str(self._whose.value)
 
     def show(self, state: PanelState) -> None:
-        """Update the overlaps and the charts."""
+        """Update the overlaps, and the charts at most every `CHARTS_EVERY_S`."""
         bodies: Sequence[TrackedBody] = state.parts
         self._had = self._had or bool(bodies)
         if (visible := state.visible and self._had) != self._visible:
@@ -83,12 +83,15 @@ class BodyPanel:
 
 
 def called(body: TrackedBody) -> str:
-    """The body's name, or number."""
+    """Return a body's name, or ``body`` and its id if it has none."""
     return body.name or f"body {body.id}"
 
 
 def outlines_html(bodies: Sequence[TrackedBody]) -> str:
-    """Return as HTML each camera's overlap with each body, or why it is not used, and a legend of the lines."""
+    """Return the overlap of model and silhouette for each camera and body as HTML, with a legend of the lines.
+
+    If a camera's image is not used, the reason is shown.
+    """
     cameras = dict.fromkeys(view.camera for body in bodies for view in body.views)
     gone = ", ".join(escape(called(body)) for body in bodies if body.lost and body.name)
     missing = f'<div style="color:{AMBER.css}">not there: {gone}</div>' if gone else ""
@@ -114,7 +117,7 @@ def outlines_html(bodies: Sequence[TrackedBody]) -> str:
 
 
 def overlap_colour(overlap: float) -> Rgb:
-    """Return the colour of the outlines' overlap: plain if they agree, amber if they do not, grey if unknown."""
+    """Return the colour of an overlap, 0 to 1: plain from `GOOD_OVERLAP` on, amber below it, grey for NaN (unknown)."""
     return GREY if np.isnan(overlap) else _PLAIN if overlap >= GOOD_OVERLAP else AMBER
 
 

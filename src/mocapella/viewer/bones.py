@@ -1,6 +1,7 @@
-"""From joints to strokes: one stretched instance of a small mesh for each bone and joint.
+"""Convert skeletons to strokes: one stretched instance of a small mesh for each bone and joint.
 
-All skeletons of a stage become one set of strokes, so that a browser draws them in one go.
+All skeletons of a stage become one set of strokes, so that a browser draws them in one go. Positions are in the view's
+space.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from mocapella.model.topology import Topology
 Float32 = NDArray[np.float32]
 
 INFERRED_THICKNESS = 0.45
-"""An inferred bone is drawn this much as thick as a tracked one."""
+"""Thickness of an inferred bone, as a fraction of a tracked bone's."""
 SURE_SD_M, UNSURE_SD_M = 0.03, 0.12
-"""Up to the first a joint is drawn as sure; from the second on, as unsure as can be. About 9 in 10 joints that sensors
-track are below the first, half of the inferred ones beyond 0.08 m (simulated room, method ``default``)."""
+"""Standard deviations of a coordinate [m]: a joint below the first is drawn as certain, above the second as fully
+uncertain. About 90 % of the tracked joints are below the first, half of the inferred ones above 0.08 m (simulated room,
+method ``default``)."""
 UNSURE_THICKNESS = 0.3
 LARGEST_HALO_M = 0.3
 HALO_OPACITY = 0.4
@@ -29,14 +31,14 @@ _SHORTEST = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Strokes:
-    """Instances of a mesh.
+    """Instances of one small mesh, a bone or a ball of unit size.
 
     Attributes:
-        positions: (n, 3), where the mesh's origin goes [m].
-        wxyzs: (n, 4), unit quaternions (w, x, y, z).
-        scales: (n, 3), along the mesh's own axes [m].
+        positions: (n, 3) positions of the mesh's origin [m].
+        wxyzs: (n, 4) orientations as unit quaternions (w, x, y, z).
+        scales: (n, 3) sizes along the mesh's own axes [m].
         colours: (n, 3) uint8, red, green and blue.
-        opacities: (n,), 0 to 1; only a node that is made translucent shows them.
+        opacities: (n,) 0 to 1; only a translucent `StrokeNode` shows them.
     """
 
     positions: Float32
@@ -59,7 +61,7 @@ NO_STROKES = Strokes(
 
 
 def join(parts: list[Strokes]) -> Strokes:
-    """Concatenate strokes."""
+    """Concatenate several sets of strokes into one."""
     if not parts:
         return NO_STROKES
     return Strokes(
@@ -72,11 +74,11 @@ def join(parts: list[Strokes]) -> Strokes:
 
 
 def checked(strokes: Strokes) -> Strokes:
-    """Return the strokes after a check, since a plug-in may have made them.
+    """Check strokes that a plug-in may have made, and return them unchanged.
 
     Raises:
-        TypeError: not a `Strokes`.
-        ValueError: an array of another shape, or a value that is not finite; says which.
+        TypeError: the value is no `Strokes`.
+        ValueError: an array has another shape, or a value that is not finite; names the array.
     """
     if not isinstance(strokes, Strokes):
         raise TypeError(f"{type(strokes).__name__} where Strokes are wanted")
@@ -91,7 +93,7 @@ def checked(strokes: Strokes) -> Strokes:
 
 
 def padded(strokes: Strokes, count: int) -> Strokes:
-    """Return the strokes, filled up to ``count`` by invisible ones of scale 0."""
+    """Return the strokes with invisible strokes of scale 0 appended, ``count`` in total."""
     missing = count - len(strokes)
     identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
     nothing = np.zeros((missing, 3), np.float32)
@@ -100,7 +102,11 @@ def padded(strokes: Strokes, count: int) -> Strokes:
 
 
 def doubt(sd: Any) -> Float32:
-    """Return how uncertain joints are drawn, 0 to 1, from the standard deviation of a coordinate [m]; 0 for NaN."""
+    """Return the *doubt* of joints: how uncertain they are drawn, from 0 (certain) to 1.
+
+    Args:
+        sd: standard deviations of a coordinate [m], of any shape; NaN gives 0.
+    """
     span = UNSURE_SD_M - SURE_SD_M
     return np.asarray(np.clip(np.nan_to_num((np.asarray(sd, np.float32) - SURE_SD_M) / span), 0, 1), np.float32)
 
@@ -108,18 +114,18 @@ def doubt(sd: Any) -> Float32:
 def bone_strokes(
     positions: Any, states: Any, topology: Topology, colours: Any, radii: Any, *, doubts: Any = None
 ) -> Strokes:
-    """Make a stroke, along +y of the mesh, for every bone whose two joints have positions.
+    """Return a stroke, along +y of the mesh, for every bone with two known joints.
 
-    A bone is drawn thin if one of its joints is inferred. It is left out if a joint is not tracked or has a NaN
-    coordinate, or if both joints are at the same position.
+    A bone is drawn thin if one of its joints is inferred or uncertain. It is left out if a joint is not tracked or has
+    a NaN coordinate, or if both joints are at the same position.
 
     Args:
-        positions: (skeletons, joints, 3) [m].
-        states: (skeletons, joints), `JointState`.
-        topology: of all the skeletons.
-        colours: (skeletons, 3) or (skeletons, bones, 3), red, green and blue.
-        radii: (skeletons,), of a tracked bone [m].
-        doubts: (skeletons, joints) of `doubt`, or None for no doubt: a bone is as thin as its less sure joint makes it.
+        positions: (skeletons, joints, 3) joint positions [m].
+        states: (skeletons, joints) `JointState`.
+        topology: topology of all the skeletons.
+        colours: (skeletons, 3) or (skeletons, bones, 3), red, green and blue, 0 to 255.
+        radii: (skeletons,) radius of a tracked bone [m].
+        doubts: (skeletons, joints) results of `doubt`; the more uncertain joint of a bone counts. None: all certain.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     bones = np.array(topology.bones)
@@ -143,7 +149,13 @@ def bone_strokes(
 
 
 def line_strokes(points: Any, colour: Any, radius: float) -> Strokes:
-    """Return a stroke for each segment of a line through points (n, 3) [m]."""
+    """Return a stroke for each segment of a line through points.
+
+    Args:
+        points: (n, 3) [m]; a segment with a NaN point is left out.
+        colour: (3,) red, green and blue, 0 to 255.
+        radius: half the line's thickness [m].
+    """
     p = np.asarray(points, np.float32)
     along = p[1:] - p[:-1]
     length = np.linalg.norm(along, axis=-1)
@@ -162,11 +174,11 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
     """Return a ball for every joint with a position; inferred and uncertain joints are smaller.
 
     Args:
-        positions: (skeletons, joints, 3) [m].
-        states: (skeletons, joints), `JointState`.
-        colours: (skeletons, 3) or (skeletons, joints, 3), red, green and blue.
-        radii: (joints,), of a tracked joint [m]; a radius of 0 leaves the joint out.
-        doubts: (skeletons, joints) of `doubt`, or None for no doubt.
+        positions: (skeletons, joints, 3) joint positions [m].
+        states: (skeletons, joints) `JointState`.
+        colours: (skeletons, 3) or (skeletons, joints, 3), red, green and blue, 0 to 255.
+        radii: (joints,) radius of each joint if tracked [m]; a joint of radius 0 is left out.
+        doubts: (skeletons, joints) results of `doubt`; None: all joints are certain.
     """
     p, s = np.asarray(positions, np.float32), np.asarray(states)
     size = np.broadcast_to(np.asarray(radii, np.float32), s.shape)
@@ -181,10 +193,10 @@ def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes
     """Return a translucent ball around every uncertain joint; its radius is one standard deviation of a coordinate.
 
     Args:
-        positions: (skeletons, joints, 3) [m].
-        states: (skeletons, joints), `JointState`.
-        sds: (skeletons, joints), standard deviation of a coordinate [m]; NaN where not known.
-        colours: (skeletons, 3), red, green and blue.
+        positions: (skeletons, joints, 3) joint positions [m].
+        states: (skeletons, joints) `JointState`.
+        sds: (skeletons, joints) standard deviation of a coordinate [m]; NaN if unknown.
+        colours: (skeletons, 3) red, green and blue, 0 to 255.
     """
     p, s, sd = np.asarray(positions, np.float32), np.asarray(states), np.asarray(sds, np.float32)
     unsure = doubt(sd)
@@ -217,7 +229,7 @@ def _balls(positions: Float32, radii: Float32, colours: NDArray[np.uint8]) -> St
 
 
 def from_up_to(direction: Any) -> Float32:
-    """(…, 4) quaternions (w, x, y, z) that turn +y into the unit vectors ``direction`` (…, 3) the shortest way."""
+    """Return the unit quaternions (…, 4) (w, x, y, z) that rotate +y into unit vectors (…, 3) by the smallest angle."""
     d = np.asarray(direction, np.float64)
     q = np.stack([1 + d[..., 1], d[..., 2], np.zeros_like(d[..., 0]), -d[..., 0]], axis=-1)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""One connected browser: panel, stages, camera, and position on the timeline."""
+"""The view in one connected browser: panel, stages, camera, and position on the timeline."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ Float64 = NDArray[np.float64]
 FOV: Final = float(np.radians(36.0))
 _ELEVATION: Final = float(np.radians(13.0))
 ROUND: Final = 1.2
-"""How much wider than the large picture the browser's own is, which has words over it."""
+"""Size of the browser's view relative to an image that is shown large in it, which leaves space for text."""
 ASPECT: Final = 1.4
-"""Of a usual window beside the panel."""
+"""Width over height of a usual window beside the panel."""
 _TALL: Final = 0.7
 """Of a telephone held upright: its panel is a sheet that covers three fifths from below."""
 _OVER_SHEET: Final = 0.2
@@ -50,21 +50,33 @@ _HALF_M: Final = 0.45
 _WORDS_M: Final = 0.2
 """So high are the words over a picture."""
 STILL_S, LONGEST_STILL_S = 0.5, 5.0
-"""The first pictures stay for so long once the browser answers, and no longer than this if it does not.
+"""Durations for which the first camera images are not replaced: after the browser's first answer, and without one [s].
 
-A browser drops a picture that it has not decoded when the next one comes: one that is busy would show none.
+A browser drops an image that it has not decoded when the next one arrives; a busy browser would therefore show none.
 """
 
 
 def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free: bool) -> Framing:
-    """Return the region that the camera follows at first: the stage's middle if free, else around the parts."""
+    """Return the region that the camera shows at first: around the stage's centre if free, else around the parts.
+
+    Args:
+        space: pose of the world on the stage, with the initial size of the parts.
+        extent: two opposite corners (3,) of the box around the parts, in the view's space [m]; None if unknown.
+        free: whether the perspective is `FREE`.
+    """
     x, _, z = layout.stage_centre()
     middle = np.array([x, 0.0, z]) if free or extent is None else 0.5 * (extent[0] + extent[1]) * [1.0, 0.0, 1.0]
     return Framing(np.array([space.half_wide_m, _HALF_M]), space.tall_m, middle)
 
 
 def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
-    """Return a camera that shows the followed region and all pictures above it."""
+    """Return a camera that shows the followed region and all camera images above it.
+
+    Args:
+        sight: the region that the camera follows.
+        planes: planes of the camera images, relative to the region's middle.
+        aspect: width of the browser's canvas over its height.
+    """
     corners = np.concatenate([sight.corners, *(plane.corners + sight.middle for plane in planes)])
     return layout.frame(
         corners, fov=FOV, aspect=aspect, elevation=_ELEVATION_ALONG, margin=_MARGIN_ALONG, lowest=_lowest(aspect)
@@ -72,7 +84,7 @@ def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
 
 
 def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
-    """Return a camera in front of one picture above the stage."""
+    """Return a camera in front of one camera image above the stage; the arguments are as in `look_along`."""
     corners = plane.moved(sight.middle).corners
     return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
 
@@ -82,12 +94,23 @@ def _lowest(aspect: float) -> float:
 
 
 class Browser:
-    """The view of one client. Owned by the drawing loop; the client's callbacks only leave a request.
+    """The view in one browser.
+
+    Only the drawing loop may call its methods; callbacks of the browser only leave requests, which `show` carries out.
+
+    Args:
+        client: viser's connection to the browser.
+        commander: sends commands to the server; None without a server.
+        methods: names of the tracking methods that the Setup form offers.
+        known: memory of the view.
+        feed: requests camera images.
+        timeline: the stored moments.
+        now_s: time of the connection on this process's monotonic clock [s].
 
     Attributes:
-        client: its connection.
-        playhead: its position on the timeline.
-        camera: its own.
+        client: viser's connection to the browser.
+        playhead: position of this browser on the timeline.
+        camera: camera of this browser.
     """
 
     def __init__(
@@ -124,11 +147,11 @@ class Browser:
 
     @property
     def live(self) -> bool:
-        """Whether it shows the newest scene."""
+        """Whether the browser shows the newest scene, rather than an earlier one of the timeline."""
         return self.playhead.number is None
 
     def show(self, now: ViewNow) -> None:
-        """Show the newest scene, or the one chosen on the timeline."""
+        """Update the whole page: show the newest scene, or the scene chosen on the timeline."""
         self.playhead.update(now.now_s)
         self.camera.beat(now.now_s)
         self.camera.home = None if now.home is None else np.asarray(now.home.position)

@@ -1,4 +1,4 @@
-"""The camera of one browser: placed, or following the tracked parts until the user moves it by hand."""
+"""The camera of one browser: it stands still or follows the tracked parts, until the user moves it by hand."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ _SETTLED: Final = 30
 """Calls after a move of ours during which the browser may still report its camera's previous position."""
 _ELSEWHERE_M: Final = 0.02
 REMEMBERED: Final = 600
-"""So many places the camera was put at are known; what a slow browser says of its camera is of some time ago."""
+"""Number of remembered positions sent to the browser, because a slow browser reports its camera's position late."""
 OURS_M: Final = 0.004
-"""A camera so near to one of them is where it was put; a pixel of turning by hand is ten times as far."""
+"""A reported position this near to a sent one counts as the sent one [m]; rotating by one pixel moves it ten times as
+far."""
 MOVED_M: Final = 0.001
-"""While it goes along, a look is sent where it has changed by more."""
+"""A camera that follows is sent only if its position or target has changed by more than this [m]."""
 
 
 class BrowserCamera:
     """Moves the camera of one browser, until its user does. Call the methods from the drawing loop only.
 
     Args:
-        client: the browser.
+        client: viser's connection to the browser.
 
     Attributes:
-        home: (3,) where "Reset View" puts the camera.
-        answered_s: when the browser first said that its camera is where we put it, of a monotonic clock [s].
+        home: (3,) camera position of the button "Reset View" [m]; None if unknown.
+        answered_s: time on this process's monotonic clock at which the browser first reported a camera position that
+            was sent to it [s]; infinite before.
     """
 
     def __init__(self, client: viser.ClientHandle) -> None:
@@ -53,7 +55,7 @@ class BrowserCamera:
 
     @property
     def aspect(self) -> float:
-        """Width of the browser's canvas over its height."""
+        """Width of the browser's canvas over its height; 1 before the browser's first report."""
         return max(self._camera.image_width, 1) / max(self._camera.image_height, 1)
 
     @property
@@ -63,7 +65,7 @@ class BrowserCamera:
 
     @property
     def labels(self) -> LabelCamera | None:
-        """The camera as the browser reported it last, for the layout of labels; None before the first report."""
+        """Camera as last reported by the browser, for the layout of labels; None before the first report."""
         if not self.ready:
             return None
         camera = self._camera
@@ -74,7 +76,7 @@ class BrowserCamera:
 
     @property
     def touched(self) -> bool:
-        """Whether the user has moved the camera since the program last did."""
+        """Whether the user has moved the camera since `put` or `follow` last placed it."""
         if self._follows:
             return self._by_hand
         if self._look is None or self._calls_since_move <= _SETTLED:
@@ -82,7 +84,13 @@ class BrowserCamera:
         return not np.allclose(self._camera.position, self._look.position, atol=_ELSEWHERE_M)
 
     def beat(self, now_s: float | None = None) -> None:
-        """Process the camera positions that the browser reported; one that was never sent to it is the user's move."""
+        """Process the camera positions that the browser has reported; call it in every update.
+
+        A reported position that was never sent to the browser counts as a move by the user.
+
+        Args:
+            now_s: the present time on this process's monotonic clock [s]; None reads the clock.
+        """
         self._calls_since_move += 1
         while self._reported:
             at = self._reported.popleft()
@@ -98,12 +106,15 @@ class BrowserCamera:
                 self._by_hand = True
 
     def put(self, look: Look) -> None:
-        """Move the camera, even if the user has moved it."""
+        """Place the camera at once, even if the user has moved it; it does not follow afterwards."""
         self._follows = self._by_hand = False
         self._place(look)
 
     def follow(self, look: Look) -> None:
-        """Move the camera along with its target, unless the user has moved it since the first such call."""
+        """Move the camera with a moving target; call it in every update.
+
+        The first call after `put` always places the camera. Later calls have no effect once the user has moved it.
+        """
         if not self._follows:
             self._follows, self._by_hand, self._heard = True, False, False
             self._place(look)

@@ -1,6 +1,6 @@
-"""Camera images for all browsers: requested only while a browser shows them, at a limited rate, once for all.
+"""Request camera images from the cameras' nodes, only while a browser shows them, and once for all browsers.
 
-Nothing blocks: separate threads send the requests, and the drawing loop takes the answers that have arrived.
+Nothing blocks: separate threads send the requests, and the drawing loop uses the answers that have arrived.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mocapella.settings import check
 
 
 class CameraAnswer(Protocol):
-    """Answer of a camera's node to a request (`mocapella.wire.questions.NodeAnswer`)."""
+    """Interface of a camera node's answer to a request (`mocapella.wire.questions.NodeAnswer`)."""
 
     @property
     def ok(self) -> bool:
@@ -24,15 +24,15 @@ class CameraAnswer(Protocol):
 
     @property
     def message(self) -> str:
-        """What was done; after a failure, what would have worked."""
+        """Description of the result; after a failure, also of the remedy."""
 
     @property
     def time_ns(self) -> int:
-        """Capture time of the image, on the camera's clock."""
+        """Capture time of the image, on the camera's clock [ns]."""
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the camera's image, before it was scaled."""
+        """(width, height) of the camera's image before it was scaled; None without an image."""
 
     @property
     def image(self) -> bytes:
@@ -44,31 +44,33 @@ class CameraAnswer(Protocol):
 
     @property
     def names(self) -> list[str] | None:
-        """Names of the markers."""
+        """Names of the markers that the node detects; None if unknown."""
 
     @property
     def positions_px(self) -> list[tuple[float, float] | None] | None:
-        """x, y of each marker in the camera's image; None for a marker that is not seen."""
+        """x, y of each marker in the camera's image before scaling [px]; None for a marker that is not seen."""
 
     @property
     def report(self) -> dict[str, Any] | None:
-        """Counts, ``problems`` in sentences, and whether the colours are ``unsaved``."""
+        """Report of the node: counts, ``problems`` as sentences, and whether the marker colours are ``unsaved``."""
 
     @property
     def separability(self) -> dict[str, Any] | None:
-        """Result of learning the colours: ``kept`` by name, ``problems`` as sentences."""
+        """Result of learning marker colours: ``kept``, the recognised share of each colour's pixels; ``problems``."""
 
 
 Ask = Callable[[str, dict[str, Any], float], CameraAnswer]
-"""Asks the node of that camera a question, and waits so long [s] for its answer; raises a `MocapellaError` if none
-comes."""
+"""Sends a request to a camera's node and waits for the answer: (camera, request, timeout [s]).
+
+It raises a `MocapellaError` if no answer arrives.
+"""
 
 Done = Callable[[CameraAnswer | None, str], None]
-"""Is given the answer, or None and why there is none."""
+"""Receives a node's answer and an empty text, or None and the reason of the failure."""
 
 
 class FeedMode(StrEnum):
-    """Type of image that a browser shows of a camera."""
+    """Type of image that a browser shows of a camera: none, the camera image, or the mask of the markers."""
 
     OFF = "off"
     PICTURE = "picture"
@@ -83,12 +85,12 @@ class FeedSettings:
     """Rates and limits of the requests to the cameras' nodes.
 
     Attributes:
-        rate_hz: highest rate of requests, for all browsers and cameras together.
-        timeout_s: how long an answer is waited for.
-        patience_s: interval between two requests after a failure.
-        report_s: interval between two requests for the report of a camera that is shown.
-        wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it.
-        workers: largest number of requests at the same time.
+        rate_hz: highest rate of requests, for all browsers and cameras together [Hz].
+        timeout_s: longest time to wait for an answer [s].
+        patience_s: interval between two requests after a failure [s].
+        report_s: interval between two requests for the report of a camera that is shown [s].
+        wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it [s].
+        workers: largest number of simultaneous requests.
     """
 
     rate_hz: float = 5.0
@@ -111,9 +113,9 @@ class FeedImage:
     """The newest image, mask or report of one camera.
 
     Attributes:
-        answer: the last successful one; None before the first.
-        problem: why the last request failed; empty if it succeeded.
-        number: of answers so far, failures included.
+        answer: the last successful answer; None before the first.
+        problem: reason why the last request failed; empty if it succeeded.
+        number: number of answers so far, including failures.
     """
 
     answer: CameraAnswer | None = None
@@ -154,18 +156,18 @@ class CameraFeed:
         return tuple(sorted(self._cameras & self._answering))
 
     def looks(self, camera: str) -> bool:
-        """Whether the camera's node detects coloured markers, so that colours can be learnt."""
+        """Whether the camera's node detects coloured markers, so that their colours can be learnt."""
         return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
         """Register that a browser shows a camera's image; return the newest one.
 
         Args:
-            camera: its name.
+            camera: name of the camera.
             shown: type of the image.
-            width_px: width in the browser [px].
-            now_s: the present time on a monotonic clock [s]; without another call the request expires after
-                ``FeedSettings.wanted_s``.
+            width_px: width of the image in the browser [px]; the node scales it accordingly.
+            now_s: the present time on this process's monotonic clock [s]; without another call, requests for the image
+                end after ``FeedSettings.wanted_s``.
         """
         key = camera, shown.value
         wish = self._wishes.setdefault(key, _Wish())
@@ -173,17 +175,17 @@ class CameraFeed:
         return self._shots.setdefault(key, FeedImage())
 
     def report(self, camera: str) -> dict[str, Any]:
-        """Return the newest report of a camera; empty before the first."""
+        """Return the newest `CameraAnswer.report` of a camera's node; empty before the first."""
         shot = self._shots.get((camera, _REPORT))
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
     def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
-        """Send the requests that are due; return at once. Call it steadily while a browser is connected.
+        """Send the requests that are due, without waiting for answers. Call it in every update with a browser.
 
         Args:
-            cameras: the cameras with a node at present.
-            now_s: of a monotonic clock [s].
-            plain: cameras whose nodes detect nothing in their images.
+            cameras: names of the cameras that have a node now.
+            now_s: the present time on this process's monotonic clock [s].
+            plain: names of cameras whose nodes detect nothing in their images.
         """
         self._cameras, self._plain = set(cameras), set(plain)
         if now_s < self._next_s or len(self._under_way) >= self.settings.workers:
@@ -194,15 +196,22 @@ class CameraFeed:
             self._send(min(due, key=lambda key: self._asked_s.get(key, -1e9)), now_s)
 
     def order(self, camera: str, question: dict[str, Any], done: Done, timeout_s: float = 30.0) -> None:
-        """Send one request at once; ``done`` is called with the answer on another thread."""
+        """Send one request to a camera's node at once, beside the regular ones.
+
+        Args:
+            camera: name of the camera.
+            question: the request (`mocapella.wire.questions`).
+            done: is called with the answer, on another thread.
+            timeout_s: longest time to wait for the answer [s].
+        """
         self._orders.submit(self._carry_out, camera, question, done, timeout_s).add_done_callback(_raise_again)
 
     def hasten(self, camera: str) -> None:
-        """Request a camera's report as soon as possible, because it has changed."""
+        """Request a camera's report with the next `beat`, because its content has changed."""
         self._asked_s.pop((camera, _REPORT), None)
 
     def close(self) -> None:
-        """Send no more requests."""
+        """Send no more requests, and drop the waiting ones."""
         for pool in (self._pool, self._orders):
             pool.shutdown(wait=False, cancel_futures=True)
 

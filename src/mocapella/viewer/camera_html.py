@@ -1,4 +1,4 @@
-"""Cameras' images and the quality of their learnt colours, as HTML. All texts are escaped."""
+"""Camera images and the quality of learnt marker colours, as HTML. All texts are escaped."""
 
 from __future__ import annotations
 
@@ -16,27 +16,32 @@ _SMALL = "font-size:13px;line-height:1.45"
 _RADIUS = 0.022
 """Of a marker's circle, in widths of the picture."""
 GOOD_KEPT, FAIR_KEPT = 0.9, 0.8
-"""Shares of a colour's pixels: above the first all is well, below the second too few are left."""
+"""Recognised share of a colour's pixels: good from the first value on, poor below the second."""
 _MOST_PROBLEMS = 6
 
 
 def found(answer: CameraAnswer) -> dict[str, Point]:
-    """Return the position of each detected marker [px], by name."""
+    """Return x and y of each detected marker in the camera's image [px], by name."""
     pairs = zip(answer.names or (), answer.positions_px or (), strict=False)
     return {name: (float(at[0]), float(at[1])) for name, at in pairs if at is not None}
 
 
 def radius_px(size_px: tuple[int, int]) -> float:
-    """Return the radius of the circle around a marker, for an image of that size [px]."""
+    """Return the radius of the circle to draw around a marker, for an image of size (width, height) [px]."""
     return _RADIUS * size_px[0]
 
 
 def picture_html(
     shot: FeedImage | None, shown: FeedMode, report: Mapping[str, Any], *, large: bool = False, looks: bool = True
 ) -> str:
-    """Return a camera's image with a circle around each marker, or its mask, and the camera's problems.
+    """Return a camera's image with a circle around each marker, or its mask, and the camera's problems as HTML.
 
-    ``large``: the image is shown in front of the stages, and not in the panel. ``looks``: the camera detects markers.
+    Args:
+        shot: the newest image; None without one.
+        shown: type of the image.
+        report: newest report of the camera's node, see `CameraAnswer.report`.
+        large: whether the image is shown in front of the stages, and therefore not in the panel.
+        looks: whether the camera's node detects markers.
     """
     if shown is FeedMode.OFF or shot is None:
         return ""
@@ -73,7 +78,13 @@ def picture_html(
 
 
 def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
-    """Return the next marker to point at, the markers done, and the problems with the names or the learning."""
+    """Return the next marker to click on and the markers already clicked as HTML.
+
+    Args:
+        pointing: progress of the user.
+        problem: error in the markers' names, or of the learning; empty if there is none.
+        note: advice to the user; may be empty.
+    """
     rows = []
     for k, name in enumerate(pointing.names):
         at = pointing.done[k] if k < len(pointing.done) else None
@@ -99,12 +110,16 @@ def pointing_html(pointing: Pointing, problem: str, note: str) -> str:
 
 
 def waiting_html(text: str) -> str:
-    """Return the text as HTML, as a note that an operation is in progress."""
+    """Return a text as HTML, in the style of a note that an operation is in progress."""
     return _box(_line(text, GREY.css))
 
 
 def separability_html(separability: Mapping[str, Any]) -> str:
-    """Return how well each marker colour is separated from the background, and problems with their remedies."""
+    """Return the recognised share of each marker colour's pixels and the problems as HTML.
+
+    Args:
+        separability: result of the learning, see `CameraAnswer.separability`.
+    """
     kept, rows = separability.get("kept"), []
     for name, share in kept.items() if isinstance(kept, Mapping) else ():
         part = min(max(float(share), 0.0), 1.0) if isinstance(share, int | float) else 0.0
@@ -132,7 +147,7 @@ def separability_html(separability: Mapping[str, Any]) -> str:
 
 
 def unsaved_html(camera: str) -> str:
-    """Return a note as HTML that the colours in use are not saved in the node's profile."""
+    """Return a note as HTML that the marker colours that a camera uses are not saved in its node's profile."""
     return _box(_line(f"The colours that {camera} uses now are not saved.", AMBER.css))
 
 

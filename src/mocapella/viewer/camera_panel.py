@@ -1,4 +1,4 @@
-"""Panel with a camera's image or mask in one browser, where the user clicks on markers to teach their colours."""
+"""Panel folder with a camera's image or mask in one browser; the user clicks on markers to learn their colours."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _MOST_BACKGROUNDS: Final = 6
 """Of the pictures that a node keeps."""
 
 Say = Callable[[str, str, bool], None]
-"""A short notice: title, text, and whether all is well."""
+"""Shows a short notice: title, text, and False for an error."""
 
 
 class Lesson(Enum):
-    """Step of learning the marker colours."""
+    """Step of learning the marker colours: the image is frozen, the user points at markers, the node learns."""
 
     NONE = auto()
     FREEZING = auto()
@@ -41,8 +41,8 @@ class Large:
     """A camera image shown large, in front of the 3D scene.
 
     Attributes:
-        answer: the image.
-        points: positions of the circled markers by name [px].
+        answer: the node's answer with the image.
+        points: x, y of the circled markers in the camera's image by name [px].
         words: text above the image.
         named: whether the circles are labelled with the markers' names.
     """
@@ -54,10 +54,15 @@ class Large:
 
 
 class CameraPanel:
-    """The folder "Cameras". The browser's callbacks leave requests, which the drawing loop carries out.
+    """The folder "Cameras". Callbacks of the browser only leave requests, which `show` carries out.
+
+    Args:
+        gui: controls of the browser.
+        feed: requests camera images.
+        say: shows a short notice in the browser.
 
     Attributes:
-        large: the image to show in front of the browser's camera; None for none.
+        large: the image to show large in front of the 3D scene; None for none.
     """
 
     def __init__(self, gui: viser.GuiApi, feed: CameraFeed, say: Say) -> None:
@@ -75,7 +80,7 @@ class CameraPanel:
 
     @property
     def wants_clicks(self) -> bool:
-        """Whether the panel waits for clicks into the large image."""
+        """Whether the panel waits for clicks on markers in the large image."""
         return self._lesson is Lesson.POINTING and self.large is not None
 
     @property
@@ -86,15 +91,19 @@ class CameraPanel:
         return "" if self._cameras.value == NONE else str(self._cameras.value)
 
     def click(self, at: Point) -> None:
-        """Process a click into the large image, at x, y [px]; may be called from any thread."""
+        """Accept a click into the large image at x, y [px] of the camera's image; may be called from any thread."""
         self._wish(lambda: self._point(self._pointing.click(at)))
 
     def leave(self) -> None:
-        """Stop showing the large image, because the browser's camera has moved away."""
+        """Stop showing the large image; called when the browser's camera has moved away from it."""
         set_value(self._enlarge, False)
 
     def show(self, now_s: float) -> None:
-        """Carry out the user's requests, and update the panel from the newest answers."""
+        """Carry out the user's requests, and update the folder from the newest answers.
+
+        Args:
+            now_s: the present time on this process's monotonic clock [s].
+        """
         while self._wishes:
             self._wishes.popleft()()
         at_work = self._lesson in (Lesson.FREEZING, Lesson.POINTING, Lesson.LEARNING)

@@ -1,4 +1,4 @@
-"""Joint angles over time, in one browser's panel."""
+"""Charts of joint angles over time, in one browser's panel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe2
 
 
 def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Return each chart's joint indices, by title: a left and right pair, or one joint; in the model's order."""
+    """Group joint angles for charts: return the indices of a left and right pair, or of one joint, by plain name.
+
+    Args:
+        joint_names: names of the body model's joint angles, such as ``left knee flexion``, in their order.
+    """
     found: dict[str, list[int]] = {}
     for k, name in enumerate(joint_names):
         plain = name.removeprefix("left ").removeprefix("right ")
@@ -25,7 +29,13 @@ def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
 
 
 class Chart:
-    """Chart of the angles of one group of a body's joints over time [°]."""
+    """Chart of the angles of one group of a body's joints over time [°], in one browser's panel.
+
+    Args:
+        gui: controls of the browser.
+        names: names of the body's joint angles.
+        first: group that is shown at first, a key of `groups`.
+    """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
         self._gui, self._names, self._groups = gui, tuple(names), groups(names)
@@ -36,7 +46,13 @@ class Chart:
         self._shown: tuple[str, tuple[str, ...]] = ("", ())
 
     def draw(self, names: Sequence[str], at_s: Float64, angles: Float64) -> None:
-        """Plot angles (n, joints) [rad] of the named joints over times (n,) [s]."""
+        """Plot the chosen group's angles over time.
+
+        Args:
+            names: names of all joint angles of the body.
+            at_s: (n,) times of the scenes, on the common clock [s].
+            angles: (n, joints) [rad].
+        """
         if tuple(names) != self._names:
             self._names, self._groups = tuple(names), groups(names)
             self._choice.options = tuple(self._groups)  # one that it does not have becomes the first that it has

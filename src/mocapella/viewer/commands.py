@@ -14,10 +14,10 @@ from mocapella.errors import MocapellaError
 from mocapella.model.session import CommandReply
 
 SendCommand = Callable[[str, dict[str, Any]], CommandReply]
-"""Carries out a verb with its arguments; may block."""
+"""Sends a command with its arguments to the server and returns the reply; may block."""
 
 MOST_WAITING: Final = 8
-"""Commands of one browser that may wait."""
+"""Largest number of waiting commands of one browser."""
 _SECONDS_SHOWN = 8.0
 
 
@@ -28,9 +28,12 @@ class _Waiting(NamedTuple):
 
 
 class Commander:
-    """Sends the commands of all browsers, one at a time, in the order of the clicks.
+    """Sends the commands of all browsers to the server, one at a time, in the order of the clicks, on its own thread.
 
-    At most `MOST_WAITING` commands of a browser wait; one that already waits is not sent twice.
+    At most `MOST_WAITING` commands of a browser wait; further ones, and repetitions of a waiting one, are dropped.
+
+    Args:
+        command: sends a command with its arguments to the server and returns the reply; may block.
     """
 
     def __init__(self, command: SendCommand) -> None:
@@ -40,7 +43,7 @@ class Commander:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
     def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
-        """Send a command once all before it are answered; the server's answer is shown in the browser ``client``."""
+        """Queue a command with its arguments; the server's reply is shown in the browser ``client``. Does not block."""
         with self._lock:
             own = [one for one in self._waiting if one.client is client]
             if any((one.verb, one.arguments) == (verb, arguments) for one in own) or len(own) >= MOST_WAITING:
@@ -49,7 +52,7 @@ class Commander:
         self._worker.submit(self._next).add_done_callback(_raise_again)
 
     def forget(self, client: viser.ClientHandle) -> None:
-        """Drop the waiting commands of a browser that has left."""
+        """Drop the waiting commands of a browser that has disconnected."""
         with self._lock:
             self._waiting = deque(one for one in self._waiting if one.client is not client)
 

@@ -1,4 +1,4 @@
-"""Which controls are enabled, as functions of the session's status, so that all browsers show the same."""
+"""State of the panel's controls as functions of the session's status, so that all browsers show the same."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from mocapella.model.session import SessionStatus
 from mocapella.viewer.perspective import FREE
 
 FIRST_TAKE = "take-1"
-"""What the field of the take's name says before a server proposes one."""
+"""Name in the take's field before a server proposes one."""
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """The commands that are possible now; the controls of all others are disabled."""
+    """Whether each command to the server is possible now; the controls of the others are disabled."""
 
     start: bool = False
     stop: bool = False
@@ -27,7 +27,10 @@ class Allowed:
 
 
 def allowed(status: SessionStatus | None) -> Allowed:
-    """Return the possible commands; none without a server. ``setup`` always is, as a take records every setup."""
+    """Return the commands that are possible in this status of the session; None (no server) allows none.
+
+    ``setup`` is possible even during a recording, because a take records every setup.
+    """
     if status is None:
         return Allowed()
     return Allowed(
@@ -42,33 +45,39 @@ def allowed(status: SessionStatus | None) -> Allowed:
 
 
 def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, ...]:
-    """Return the names of the possible part types: the types that the status counts, or else the scene's."""
+    """Return the names of the scene part types that have a panel folder: as the status counts, or else the scene's."""
     counted = tuple(status.counts) if status is not None else ()
     return counted or (tuple(scene.parts) if scene is not None else ())
 
 
 def progress_percent(status: SessionStatus | None) -> float | None:
-    """Return the progress of the calibration, 0 to 100; None if none is running."""
+    """Return the progress of the sensors' calibration in percent; None if none is running."""
     if status is None or status.frames_wanted <= 0 or status.frames_remaining <= 0:
         return None
     return 100.0 * min(max(1.0 - status.frames_remaining / status.frames_wanted, 0.0), 1.0)
 
 
 def perspectives(status: SessionStatus | None, sensors: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the possible perspectives: free, and every sensor of the status or of ``sensors``."""
+    """Return the perspectives that a browser offers: `FREE`, and every sensor of the status or of ``sensors``."""
     known = {sensor.name for sensor in status.sensors} if status else set()
     return (FREE, *sorted(known | set(sensors)))
 
 
 def default_perspective(status: SessionStatus | None, sensors: tuple[str, ...]) -> str:
-    """Return the default perspective: the sensor on the server's machine, else the first by name, else free."""
+    """Return the default perspective: the sensor on the server's machine, else the first by name, else `FREE`."""
     rows = sorted(status.sensors, key=lambda row: row.name) if status else []
     local = [row.name for row in rows if row.local]
     return next(iter([*local, *(row.name for row in rows), *sorted(sensors)]), FREE)
 
 
 def take_name(typed: str, before: SessionStatus | None, now: SessionStatus) -> str:
-    """Return the text of the take's name field: the server's proposal, unless the user typed an unused name."""
+    """Return the new text of the take's name field: the server's proposal, unless the user typed an unused name.
+
+    Args:
+        typed: present text of the field.
+        before: previous status of the session; None at first.
+        now: newest status of the session.
+    """
     used = [before.next_take if before else FIRST_TAKE]
     if before is not None and before.recording.active and not now.recording.active:
         used.append(PurePath(now.recording.path).stem)

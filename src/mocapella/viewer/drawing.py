@@ -1,4 +1,4 @@
-"""Handles of the 3D scene: created once, enlarged if necessary, and otherwise only updated.
+"""Scene nodes of one browser's 3D scene: created once, enlarged if necessary, and otherwise only updated.
 
 Unchanged values are not assigned, because the library sends each assignment to the browser. Nodes that vanish are
 hidden, because a browser removes and creates nodes slowly.
@@ -31,7 +31,7 @@ _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Tag:
-    """A text label in the scene, at a position (3,) [m]; an invisible one keeps its position."""
+    """A text label at a position (3,) in the view's space [m]; an invisible label keeps its place in a list."""
 
     text: str
     position: tuple[float, float, float]
@@ -39,7 +39,15 @@ class Tag:
 
 
 class StrokeNode:
-    """Scene node with any number of instances of one mesh; opacities apply only if it is ``translucent``."""
+    """Scene node with any number of instances of one mesh.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node, such as ``/tracking/bones``.
+        mesh: the mesh of all instances.
+        shadow: whether the instances cast shadows.
+        translucent: whether the strokes' opacities apply.
+    """
 
     def __init__(
         self, scene: viser.SceneApi, name: str, mesh: Mesh, *, shadow: bool = True, translucent: bool = False
@@ -51,7 +59,7 @@ class StrokeNode:
         self._handle: viser.BatchedMeshHandle | None = None
 
     def draw(self, strokes: Strokes) -> None:
-        """Show exactly these strokes."""
+        """Show exactly these strokes, in place of the earlier ones."""
         if not len(strokes) and not self._shows:
             return
         self._shows = len(strokes) > 0
@@ -87,7 +95,7 @@ class StrokeNode:
 
 
 class SurfaceNode:
-    """Scene node of a two-sided surface with moving vertices."""
+    """Scene node of a two-sided surface with moving vertices; ``name`` is the node's path."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -96,7 +104,10 @@ class SurfaceNode:
         self._handle: viser.MeshHandle | None = None
 
     def draw(self, mesh: Mesh, colour: Rgb, opacity: float) -> None:
-        """Show this mesh only."""
+        """Show a mesh in place of the earlier one; ``opacity`` is 0 to 1.
+
+        If only the vertices differ from the earlier mesh, only they are sent to the browser.
+        """
         made_of = (id(mesh.faces), colour, opacity)
         if self._handle is None or self._made_of != made_of:
             if self._handle is not None:
@@ -124,7 +135,7 @@ class SurfaceNode:
 
 
 class SkinNode:
-    """Scene node of a rigged mesh. After its first drawing, only the motions of its parts are sent."""
+    """Scene node of a rigged mesh; ``name`` is its path. After the first drawing, only the parts' motions are sent."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -133,7 +144,14 @@ class SkinNode:
         self._handle: viser.MeshSkinnedHandle | None = None
 
     def draw(self, mesh: RiggedMesh, T: NDArray[np.float64], colour: Rgb, opacity: float) -> None:
-        """Show the mesh; ``T`` (parts, 4, 4) transforms each part from its rest pose to the view's space."""
+        """Show a mesh in a pose.
+
+        Args:
+            mesh: the mesh; the same object as before is not sent again.
+            T: (parts, 4, 4) transform of each part from its rest pose to the view's space [m].
+            colour: colour of the surface.
+            opacity: 0 to 1.
+        """
         if self._handle is None or mesh is not self._mesh:
             self._add(mesh)
         assert self._handle is not None
@@ -172,7 +190,13 @@ def _summed(mesh: RiggedMesh, parts: int) -> NDArray[np.float64]:
 
 
 class LineNode:
-    """Scene node of straight line segments, with a colour for each end point."""
+    """Scene node of straight line segments, with a colour for each end point.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
+        thickness: thickness of the lines [m].
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str, *, thickness: float) -> None:
         self._scene, self._name, self._thickness = scene, name, thickness
@@ -180,7 +204,12 @@ class LineNode:
         self._handle: viser.LineSegmentsHandle | None = None
 
     def draw(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
-        """Show exactly these lines: ``points`` and ``colours``, both (n, 2, 3)."""
+        """Show exactly these segments, in place of the earlier ones.
+
+        Args:
+            points: (n, 2, 3) end points in the view's space [m].
+            colours: (n, 2, 3) red, green and blue of the end points, 0 to 255.
+        """
         if not len(points):
             if self._handle is not None:
                 self._handle.visible = False
@@ -206,7 +235,14 @@ class LineNode:
 
 
 class TagNodes:
-    """Scene nodes of text labels."""
+    """Scene nodes of text labels.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the nodes' parent.
+        size: font scale; 1 is the library's usual size.
+        anchor: point of the label that is at its position.
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str, *, size: float, anchor: Anchor = "bottom-center") -> None:
         self._scene, self._name, self._size, self._anchor = scene, name, size, anchor
@@ -214,7 +250,7 @@ class TagNodes:
         self._shown: list[Tag] = []
 
     def draw(self, tags: list[Tag]) -> None:
-        """Show exactly these labels."""
+        """Show exactly these labels, in place of the earlier ones."""
         if tags == self._shown:
             return
         self._shown = tags
@@ -235,7 +271,14 @@ class TagNodes:
 
 
 class SensorNode:
-    """Scene node of a sensor, drawn as the frustum of its field of view."""
+    """Scene node of a sensor, drawn as the frustum of its field of view.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
+        scale: size of the frustum [m].
+        thickness: thickness of its lines [m].
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str, *, scale: float, thickness: float = 0.012) -> None:
         self._placed: NDArray[np.float64] | None = None
@@ -255,9 +298,12 @@ class SensorNode:
         )
 
     def place(self, T: NDArray[np.float64], colour: Rgb, field_deg: tuple[float, float]) -> None:
-        """Show the sensor at a pose ``T`` (4, 4), from its camera space to the view's space.
+        """Show the sensor in a pose.
 
-        ``field_deg`` is its horizontal and vertical field of view [°].
+        Args:
+            T: (4, 4) transform from the sensor's camera space to the view's space [m].
+            colour: colour of the frustum.
+            field_deg: horizontal and vertical field of view [°].
         """
         if field_deg != self._field_deg:
             self._field_deg = field_deg
@@ -288,7 +334,14 @@ class SensorNode:
 
 
 class FloorNode:
-    """Scene node of a floor with a grid of one metre."""
+    """Scene node of a level floor with a grid of one metre.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
+        width, depth: size of the floor before scaling [m].
+        scale: factor of the size, including that of the grid.
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str, *, width: float, depth: float, scale: float = 1.0) -> None:
         self._placed: NDArray[np.float64] | None = None
@@ -312,7 +365,7 @@ class FloorNode:
         )
 
     def place(self, centre: NDArray[np.float64]) -> None:
-        """Show the floor with its centre at a position (3,) [m]."""
+        """Show the floor with its centre at a position (3,) in the view's space [m]."""
         if self._placed is None or not np.array_equal(centre, self._placed):
             self._placed = centre.copy()
             self._handle.position = centre

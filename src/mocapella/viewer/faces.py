@@ -1,4 +1,4 @@
-"""Faces: eyes and a nose on the ball of a head, on the side that the person faces."""
+"""Draw faces: eyes and a nose on a skeleton's head, on the side of the person's facing."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def facings(positions: Any, topology: Topology) -> Float32:
     It is used for the head, because a skeleton has no orientation of the head itself.
 
     Args:
-        positions: (skeletons, joints, 3), y up [m].
-        topology: of all the skeletons.
+        positions: (skeletons, joints, 3) joint positions in a frame with y up [m].
+        topology: topology of all the skeletons.
     """
     p = np.asarray(positions, np.float32)
     if any(part not in topology.parts for part in _SHOULDERS):
@@ -39,13 +39,13 @@ def facings(positions: Any, topology: Topology) -> Float32:
 
 
 def face_strokes(heads: Any, forward: Any, radius: float, colours: Any) -> Strokes:
-    """Return noses and eyes as stretched balls.
+    """Return strokes for the noses and eyes of heads, as stretched balls.
 
     Args:
-        heads: (n, 3) centres of the heads [m].
-        forward: (n, 3) of `facings`; a head with NaN gets no face.
-        radius: of a head [m].
-        colours: (n, 3) of the noses, red, green and blue.
+        heads: (n, 3) centres of the heads in the view's space [m].
+        forward: (n, 3) results of `facings`; a head with NaN gets no face.
+        radius: radius of a head [m].
+        colours: (n, 3) red, green and blue of the noses, 0 to 255.
     """
     at, ahead = np.asarray(heads, np.float32), np.asarray(forward, np.float32)
     there = np.isfinite(at).all(axis=-1) & np.isfinite(ahead).all(axis=-1)

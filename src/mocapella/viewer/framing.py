@@ -1,4 +1,4 @@
-"""Region of a stage that the camera shows: it follows people who move, and grows if they move apart.
+"""The region of a stage that the camera shows: it follows people who move, and grows if they move apart.
 
 It does not move while people stay within it, so that the image does not sway with every step.
 """
@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 SLACK_M: Final = 0.6
-"""So far bodies may reach out of it to either side, to the front and to the back."""
+"""Horizontal distance that bodies may extend beyond the region before it moves [m]."""
 HEADROOM_M: Final = 0.3
-"""So much higher than at first they may reach."""
+"""Distance that bodies may extend above the region's initial height before it rises [m]."""
 SETTLES_S: Final = 0.35
-"""It comes nearer to where it is to be by 1 − 1/e in so long."""
+"""Time constant of the region's motion to its target [s]."""
 
 
 class Framing:
-    """An upright box on the floor that the camera shows, moved smoothly.
+    """An upright box in the view's space that the camera shows, moved smoothly.
 
     Args:
-        half_m: (2,) smallest half widths along x and z.
-        tall_m: initial height.
-        middle: (3,) initial centre of its base; the origin if None.
+        half_m: (2,) smallest half widths along x and z [m].
+        tall_m: initial height [m].
+        middle: (3,) initial centre of the box's base [m]; the origin if None.
 
     Attributes:
-        middle: (3,) centre of its base, on the floor; higher if a person reaches above the initial height.
-        half_m: (2,) present half widths along x and z.
+        middle: (3,) centre of the box's base, on the floor, or higher if people reach above the initial height [m].
+        half_m: (2,) present half widths along x and z [m].
     """
 
     def __init__(self, half_m: Float64, tall_m: float, middle: Float64 | None = None) -> None:
@@ -40,11 +40,11 @@ class Framing:
         self._last_s: float | None = None
 
     def follow(self, low: Float64, high: Float64, now_s: float) -> None:
-        """Move so that the box contains all people.
+        """Move the box smoothly towards a place where it contains all people.
 
         Args:
-            low, high: (3,) corners of the people's bounding box in the world [m].
-            now_s: the present time on a monotonic clock [s].
+            low, high: (3,) opposite corners of the people's bounding box in the view's space [m].
+            now_s: the present time on this process's monotonic clock [s].
         """
         for axis, k in ((0, 0), (2, 1)):
             wide = 0.5 * (high[axis] - low[axis])
@@ -55,7 +55,11 @@ class Framing:
         self.rest(now_s)
 
     def rest(self, now_s: float) -> None:
-        """Continue the smooth motion to the last target, without new people or without a new scene."""
+        """Continue the smooth motion to the last target, because no people are visible.
+
+        Args:
+            now_s: the present time on this process's monotonic clock [s].
+        """
         share = 1.0 if self._last_s is None else -np.expm1(-max(0.0, now_s - self._last_s) / SETTLES_S)
         self._last_s = now_s
         self.middle = self.middle + share * (self._to_middle - self.middle)
@@ -63,7 +67,7 @@ class Framing:
 
     @property
     def corners(self) -> Float64:
-        """(8, 3) corners of the box that the camera looks at."""
+        """Corners (8, 3) of the box, from the floor to the top, in the view's space [m]."""
         (x, above, z), (wide, deep) = self.middle, self.half_m
         heights = (0.0, self._tall + above)
         return np.array([[x + i, y, z + k] for i in (-wide, wide) for y in heights for k in (-deep, deep)])

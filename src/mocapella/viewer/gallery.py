@@ -1,4 +1,4 @@
-"""The sensors' gallery in one browser: a lane with each sensor's own skeletons in its camera frame."""
+"""The sensors' gallery: a lane for each sensor, with the newest frame of the sensor in its camera frame."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class GalleryDrawing:
     """Content of the gallery, in the view's space.
 
     Attributes:
-        spaces: of the lanes, by sensor, in their order.
-        lines, balls: of all lanes.
-        surfaces: obstacles of a simulated room, in every lane.
+        spaces: position, orientation and colour of each lane by sensor, in the order of the lanes.
+        lines, balls: strokes of all lanes together.
+        surfaces: obstacles of a simulated room in the lanes, by ``sensor/name``.
     """
 
     spaces: Mapping[str, LaneSpace]
@@ -50,9 +50,9 @@ def gallery_drawing(
     """Draw each sensor's newest frame in its lane; the lane of a sensor without a frame is empty.
 
     Args:
-        frames: by sensor.
-        known: memory of the view.
-        without: sensors that have no lane.
+        frames: newest frame by sensor.
+        known: memory of the view, with the sensors' names and floors.
+        without: sensors that get no lane.
     """
     sensors = [sensor for sensor in known.colours.sensors if sensor not in without]
     spaces = {
@@ -70,12 +70,17 @@ def gallery_drawing(
 
 
 def lane_tags(drawing: GalleryDrawing) -> list[Tag]:
-    """Return the sensors' names as labels in front of their lanes."""
+    """Return a label with the sensor's name in front of each lane."""
     return [Tag(sensor, _at(space.origin)) for sensor, space in drawing.spaces.items()]
 
 
 class SensorsStage:
-    """Scene nodes of the gallery in one browser."""
+    """Scene nodes of the gallery in one browser.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        fields: horizontal and vertical field of view of each sensor [°].
+    """
 
     def __init__(self, scene: viser.SceneApi, fields: Mapping[str, tuple[float, float]]) -> None:
         self._scene, self._fields = scene, fields
@@ -89,7 +94,7 @@ class SensorsStage:
         self._drawn: GalleryDrawing | None = None
 
     def draw(self, drawing: GalleryDrawing) -> None:
-        """Show exactly this drawing; nothing is sent if it is already shown."""
+        """Show a drawing in place of the earlier one; nothing is sent if it is already shown."""
         if drawing is self._drawn:
             return
         self._drawn = drawing

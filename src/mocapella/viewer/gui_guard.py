@@ -1,6 +1,7 @@
-"""What a browser may change of its controls: the value of one that is shown and enabled, and nothing else.
+"""Security filter for messages of browsers: they may change only the values of visible, enabled controls.
 
-The library sets whatever attribute a browser names, of disabled and hidden controls too, and calls their callbacks.
+Without it, viser sets any attribute that a browser names, also of disabled and hidden controls, and calls their
+callbacks.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from viser._messages import (
 
 LONGEST_TEXT: Final = 1000
 MOST_VALUES: Final = 16
-"""Most numbers or texts of one control's value."""
+"""Largest number of elements in a control's value."""
 _UNUSED: Final = (
     CommandTriggerMessage,
     FileTransferPart,
@@ -34,7 +35,7 @@ _UNUSED: Final = (
 
 
 def guard_controls(client: viser.ClientHandle) -> None:
-    """Let a browser change only what `may_change` allows; call it before controls are added."""
+    """Ignore a browser's changes of controls that `may_change` forbids; call it before controls are added."""
     gui: Any = client.gui
     theirs = gui._handle_gui_updates
     messages = gui._websock_interface
@@ -50,18 +51,20 @@ def guard_controls(client: viser.ClientHandle) -> None:
 
 
 def hear_nothing_unused(gui: viser.GuiApi) -> None:
-    """Ignore messages about kinds of controls that the view does not have, such as uploads."""
+    """Ignore browsers' messages about types of controls that the view does not have, such as uploads."""
     messages: Any = gui._websock_interface
     for kind in _UNUSED:
         messages.unregister_handler(kind)
 
 
 def may_change(handle: Any, updates: dict[str, Any]) -> bool:
-    """Return whether a browser may change a control so.
+    """Return whether a browser may make a change to a control.
+
+    The control must be visible and enabled, and the change a new value of its type and range.
 
     Args:
-        handle: of the control.
-        updates: new values by attribute.
+        handle: viser's handle of the control.
+        updates: new values by the control's attribute.
     """
     if handle.disabled or not handle.visible or updates.keys() != {"value"}:
         return False

@@ -1,4 +1,7 @@
-"""Lines over a camera image: a body model's outline, and the parts of the image's contour that deviate from it."""
+"""Lines over a camera image: a body model's outline, and the sections of the silhouette's contour that deviate from it.
+
+Several closed lines are stored in one array (n, 2) of pixels, with rows of NaN between the lines.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +20,11 @@ _FINEST: Final = 320
 _SMOOTHED: Final = 5
 """Number of outline points over which a majority decides the side."""
 MOST_POINTS: Final = 160
-"""Of a line that is drawn; more do not show."""
+"""Largest number of points of a drawn line; more would not be visible."""
 
 
 def closed_lines(points_px: Float32) -> Iterator[Float64]:
-    """Yield each closed line (k, 2) of points (n, 2) that rows of NaN separate; lines of one point are left out."""
+    """Split points (n, 2) [px] at rows of NaN; yield each closed line (k, 2) of two or more points."""
     points = np.asarray(points_px, np.float64).reshape(-1, 2)
     gaps = np.flatnonzero(~np.isfinite(points).all(axis=1))
     for part in np.split(points, gaps):
@@ -31,21 +34,27 @@ def closed_lines(points_px: Float32) -> Iterator[Float64]:
 
 
 def pieces(points_px: Float32) -> Float32:
-    """Return the segments (m, 2, 2) of closed lines, (n, 2) with rows of NaN between the lines [px]."""
+    """Return the segments (m, 2, 2) of closed lines, as start and end points [px]; long lines are thinned.
+
+    Args:
+        points_px: (n, 2) points of the lines [px], with rows of NaN between the lines.
+    """
     lines = [line[:: _every(line)] for line in closed_lines(points_px)]
     made = [np.stack([line, np.roll(line, -1, axis=0)], axis=1) for line in lines]
     return np.concatenate([np.zeros((0, 2, 2)), *made]).astype(np.float32)
 
 
 def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float32]:
-    """Return where an image's contour deviates from the model's outline by one sample or more.
+    """Find the sections of an image's contour that deviate visibly from the model's outline.
+
+    Visible is one sample or more: 1 px, or 1/320 of the outline's longer side.
 
     Args:
-        outline_px: (n, 2) of the model, closed lines with rows of NaN between.
-        contour_px: (m, 2) of the image, likewise.
+        outline_px: (n, 2) outline of the model [px], closed lines with rows of NaN between.
+        contour_px: (m, 2) contour of the image's silhouette [px], likewise.
 
     Returns:
-        Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it.
+        Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it, start and end points [px].
     """
     outlines = list(closed_lines(outline_px))
     if not outlines:

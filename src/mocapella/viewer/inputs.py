@@ -1,4 +1,4 @@
-"""Write the values of viser's inputs."""
+"""Set the values of viser's inputs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _T_co = TypeVar("_T_co", covariant=True)
 
 
 class Input(Protocol[_T_co]):
-    """An input of a browser's panel, or a progress bar."""
+    """Interface of an input in a browser's panel, or of a progress bar."""
 
     @property
     def value(self) -> _T_co:
-        """The value that the panel shows."""
+        """Value that the input shows."""
 
 
 def set_value(handle: Input[_T], value: _T) -> None:
-    """Show a value in an input."""
+    """Set the value that an input shows."""
     handle.value = value  # type: ignore[misc]  # viser types the property as read-only and writes it by `__setattr__`

@@ -23,12 +23,12 @@ _DECIMALS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class LabelCamera:
-    """The camera of a browser.
+    """The camera of a browser, for the layout of labels.
 
     Attributes:
-        position: (3,) [m].
-        R: (3, 3), its rows are the directions to the right, up and forwards.
-        px_per_m: pixels per metre at a distance of 1 m.
+        position: (3,) position in the view's space [m].
+        R: (3, 3) rotation; its rows are the camera's directions to the right, up and forwards in the view's space.
+        px_per_m: size on the screen of 1 m at a distance of 1 m [px].
     """
 
     position: Float64
@@ -39,9 +39,14 @@ class LabelCamera:
     def looking(
         cls, position: Float64, target: Float64, up: Float64, fov: float, height_px: float
     ) -> LabelCamera | None:
-        """Return the camera at ``position`` that looks at ``target``; None if these define no direction.
+        """Return a camera from its position and target; None if these define no direction.
 
-        ``fov`` is the vertical field of view [rad], ``height_px`` the height of the canvas.
+        Args:
+            position: (3,) position of the camera [m].
+            target: (3,) point that it looks at [m].
+            up: (3,) upward direction.
+            fov: vertical field of view [rad].
+            height_px: height of the canvas.
         """
         forward = np.asarray(target, np.float64) - position
         right = np.cross(forward, up)
@@ -57,11 +62,13 @@ class LabelCamera:
 
 
 def apart(groups: Sequence[tuple[float, Sequence[Tag]]], camera: LabelCamera) -> list[list[Tag]]:
-    """Return the groups with labels moved up until none covers another; earlier labels take precedence.
+    """Move labels up on the screen until none covers another; return the groups with the new positions.
+
+    Earlier labels take precedence and stay. Invisible labels, and labels behind the camera, are unchanged.
 
     Args:
-        groups: font scale and labels, whose positions are the middles of their lower borders.
-        camera: of the browser.
+        groups: font scale and labels of each group; a label's position is the middle of its lower border.
+        camera: camera of the browser.
     """
     taken: list[Box] = []
     return [[_placed(tag, size, taken, camera) for tag in tags] for size, tags in groups]

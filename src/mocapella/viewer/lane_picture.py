@@ -1,4 +1,4 @@
-"""A camera image, upright in its lane of the gallery."""
+"""The rectangle of a camera image that stands upright in its lane of the gallery."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _LOW_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class LanePicture:
-    """Position and size of an image in a lane.
+    """Position and size of an upright image in a lane.
 
     Attributes:
-        size_px: (width, height).
-        origin: (3,) front of the lane, in the view's space [m].
+        size_px: (width, height) of the image.
+        origin: (3,) middle of the lane's front edge, in the view's space [m].
         part: width of the image as a fraction of the lane's width.
     """
 
@@ -33,7 +33,7 @@ class LanePicture:
 
     @property
     def wide_m(self) -> float:
-        """Width of the image in the view's space."""
+        """Width of the image in the view's space [m]."""
         return self.part * layout.LANE_WIDTH_M * layout.SENSORS_SCALE
 
     @property
@@ -42,13 +42,13 @@ class LanePicture:
         return self.wide_m / self.size_px[0]
 
     def at(self, pixels: Float64) -> Float64:
-        """Return the positions (..., 3) of pixels (..., 2) in the view's space [m]."""
+        """Return the positions (..., 3) in the view's space [m] of pixels (..., 2), x to the right and y down [px]."""
         x = 0.5 * self.wide_m - self.px * pixels[..., 0]
         y = _LOW_M + self.px * (self.size_px[1] - pixels[..., 1])
         return np.asarray(self.origin + np.stack([x, y, np.full(x.shape, _DEEP_M)], axis=-1))
 
     def edge(self, colour: Rgb) -> Strokes:
-        """Return the border of the image."""
+        """Return the strokes of the image's border."""
         width, height = self.size_px
         corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
         return line_strokes(self.at(corners), colour.paint, 0.008)

@@ -1,7 +1,7 @@
-"""Lanes of the sensors' gallery: how one frame of each type is drawn.
+"""Lanes of the sensors' gallery: how a frame of each type is drawn.
 
 A frame type names its lane by reference (`mocapella.model.frame_types.FrameType.lane`). A plug-in's lane is a `Lane`,
-or just a function like `Lane.draw`.
+or only a function like `Lane.draw`.
 """
 
 from __future__ import annotations
@@ -40,10 +40,12 @@ SENSOR_RADIUS_M: Final = 0.03
 class LaneSpace:
     """Position, orientation and colour of a lane.
 
+    A point p in camera space is drawn at ``SENSORS_SCALE · (T_level @ p) + origin`` in the view's space.
+
     Attributes:
-        origin: (3,) front of the lane, in the view's space [m].
-        T_level: (4, 4) from the sensor's camera space to one whose floor is level and at y = 0.
-        colour: of the sensor.
+        origin: (3,) middle of the lane's front edge, in the view's space [m].
+        T_level: (4, 4) transform from the sensor's camera space to a frame whose floor is level and at y = 0 [m].
+        colour: colour of the sensor.
     """
 
     origin: Float64
@@ -53,7 +55,7 @@ class LaneSpace:
 
 @dataclass(frozen=True, eq=False)
 class LaneDrawing:
-    """Drawing of a frame, in the view's space: lines and balls."""
+    """Drawing of a frame in its lane: strokes of lines and of balls, in the view's space."""
 
     lines: Strokes = NO_STROKES
     balls: Strokes = NO_STROKES
@@ -72,13 +74,14 @@ def _no_size(frame: Any) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class Lane:
-    """How frames of one type are drawn.
+    """Descriptor of how frames of one type are drawn.
 
     Attributes:
         draw: function that draws a frame in a `LaneSpace`.
-        keep: reduces a frame to the data needed to draw it again, for the timeline.
-        on_floor: whether frames are `OnFloor`, so that the floor is estimated from them.
-        size_px: function that returns the (width, height) of an image frame; None for other frames.
+        keep: function that reduces a frame to the data needed to draw it again, for the timeline.
+        on_floor: whether frames are `mocapella.viewer.perspective.OnFloor`, so that the floor's height is estimated
+            from them.
+        size_px: function that returns the (width, height) of a frame's image, None for a frame without one.
     """
 
     draw: Callable[[Any, LaneSpace], LaneDrawing]
@@ -114,7 +117,7 @@ def _image_size(frame: ImageFrame) -> tuple[int, int] | None:
 
 
 def lane_bones(frame: BodyFrame, space: LaneSpace) -> Strokes:
-    """Return the strokes of the frame's skeletons in the gallery's scale; inferred bones are faint."""
+    """Return the strokes of a frame's skeletons in its lane, at the gallery's scale; inferred bones are faint."""
     positions = apply(space.T_level, frame.positions) * SENSORS_SCALE + space.origin
     ends = np.asarray(frame.states)[:, np.array(frame.topology.bones)]
     measured = (ends == JointState.TRACKED).all(axis=-1)
@@ -130,7 +133,10 @@ IMAGES: Final = Lane(_image, keep=_without_pixels, size_px=_image_size)
 
 
 def lane_of(frame: SensorFrame, troubles: PluginErrors) -> Lane | None:
-    """Return the lane of a frame's type; None if the type has none, or cannot be imported."""
+    """Return the lane descriptor of a frame's type; None if the type has none.
+
+    If the descriptor cannot be imported, the error is reported to ``troubles``, and None is returned.
+    """
     kind = frame_type_of(frame)
     if kind is None or not kind.lane:
         return None
@@ -138,7 +144,7 @@ def lane_of(frame: SensorFrame, troubles: PluginErrors) -> Lane | None:
 
 
 def draw_lane(frame: SensorFrame, space: LaneSpace, troubles: PluginErrors) -> LaneDrawing:
-    """Return the content of a frame's lane; empty if its type has none or if drawing raises (reported once)."""
+    """Draw a frame in its lane; empty if its type has no lane, or if drawing fails (reported to ``troubles``)."""
     lane = lane_of(frame, troubles)
     return EMPTY if lane is None else troubles.attempt(_called(frame), lambda: _drawn(lane, frame, space), EMPTY)
 
@@ -151,7 +157,7 @@ def _drawn(lane: Lane, frame: SensorFrame, space: LaneSpace) -> LaneDrawing:
 
 
 def kept(frame: SensorFrame, troubles: PluginErrors) -> SensorFrame | None:
-    """Return the frame as the timeline stores it; None if nothing of it would be drawn."""
+    """Return a frame reduced for the timeline; None if its type has no lane, or on an error (reported)."""
     lane = lane_of(frame, troubles)
     return None if lane is None else troubles.attempt(_called(frame), lambda: lane.keep(frame), None)
 

@@ -1,7 +1,7 @@
 """Layout of the 3D scene: the Tracking stage in front, and the raised Sensors gallery behind it.
 
-The view's own space has y up; its camera looks along +z, so that, as in a sensor's camera space, +x is to the left of
-the screen. A stage's floor is y = 0 of the stage.
+All positions are in the *view's space* [m]: y is up, and the browser's camera looks along +z, so that +x is to the left
+of the screen, as in a sensor's camera space. The floor of a stage is at y = 0.
 """
 
 from __future__ import annotations
@@ -14,24 +14,30 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 SENSORS_SCALE = 0.6
-"""The gallery is a model at three fifths of the size."""
+"""Scale of the gallery: a metre in front of a sensor is this long in the view's space."""
 LANE_WIDTH_M, LANE_DEPTH_M = 4.0, 4.5
-"""Floor of one sensor's lane, in the sensor's metres: a Kinect's range, and its width at middle distance."""
+"""Size of a lane's floor before scaling: a Kinect's range, and the width of its field of view at middle distance."""
 LANE_GAP = 0.12
-"""Between two lanes, in the view's metres."""
+"""Gap between two lanes, in the view's space [m]."""
 LANES_A_ROW = 3
 TRACKING_WIDTH_M, TRACKING_DEPTH_M = 5.0, 5.0
 BEHIND_SENSOR_M = 0.5
-"""How far the floor reaches behind a perspective's sensor: of `TRACKING_DEPTH_M`."""
+"""Part of `TRACKING_DEPTH_M` that is behind the perspective's sensor, which is at the stage's origin."""
 SENSORS_ORIGIN = np.array([0.0, 2.2, 5.0])
 ROW_STEP = np.array([0.0, 1.3, 2.4])
-"""From one row of the gallery to the next."""
+"""Translation (3,) from one row of the gallery to the next [m]."""
 PERSON_HEIGHT_M = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A camera: its position, its target, and its vertical field of view [rad]."""
+    """A camera pose of a browser.
+
+    Attributes:
+        position: (3,) position in the view's space [m].
+        target: (3,) point that the camera looks at [m].
+        fov: vertical field of view [rad].
+    """
 
     position: Float64
     target: Float64
@@ -40,20 +46,20 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class BoundingBox:
-    """An upright box, by two opposite corners (3,)."""
+    """An upright box in the view's space, by its corners (3,) with the smallest and the largest coordinates [m]."""
 
     low: Float64
     high: Float64
 
     @property
     def corners(self) -> Float64:
-        """The eight corners (8, 3)."""
+        """All corners (8, 3) of the box [m]."""
         pick = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
         return np.where(pick == 0, self.low, self.high)
 
 
 def lane_origins(count: int) -> Float64:
-    """Return the front (3,) of each sensor's lane as (count, 3) [m], the first at the left of the screen."""
+    """Return the middle of each lane's front edge as (count, 3) [m], the first lane at the left of the screen."""
     if count == 0:
         return np.zeros((0, 3))
     width = LANE_WIDTH_M * SENSORS_SCALE + LANE_GAP
@@ -67,7 +73,7 @@ def lane_origins(count: int) -> Float64:
 
 
 def tracking_box() -> BoundingBox:
-    """Return the extent of the Tracking stage."""
+    """Return the extent of the Tracking stage, which shows people life-size."""
     half = TRACKING_WIDTH_M / 2
     return BoundingBox(
         np.array([-half, 0.0, -BEHIND_SENSOR_M]), np.array([half, PERSON_HEIGHT_M, TRACKING_DEPTH_M - BEHIND_SENSOR_M])
@@ -75,13 +81,13 @@ def tracking_box() -> BoundingBox:
 
 
 def arms_box() -> BoundingBox:
-    """Return the extent of the ARMS stage with its titles."""
+    """Return the extent of the ARMS stage, which shows enlarged arms, with its titles."""
     _, _, deep = stage_centre()
     return BoundingBox(np.array([-2.6, -0.45, deep]), np.array([2.6, 2.2, deep + 0.3]))
 
 
 def sensors_box(count: int) -> BoundingBox:
-    """Return the extent of a gallery of ``count`` sensors; of one lane for 0."""
+    """Return the extent of a gallery with ``count`` lanes; for 0, that of one lane."""
     origins = lane_origins(max(count, 1))
     half = LANE_WIDTH_M * SENSORS_SCALE / 2
     size = np.array([half, PERSON_HEIGHT_M * SENSORS_SCALE, LANE_DEPTH_M * SENSORS_SCALE])
@@ -89,19 +95,23 @@ def sensors_box(count: int) -> BoundingBox:
 
 
 def stage_centre() -> tuple[float, float, float]:
-    """Return the centre of the Tracking stage at chest height [m]."""
+    """Return the position (3,) of the Tracking stage's centre, at the height of a chest [m]."""
     return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
 
 
 def aside(place: int) -> Float64:
-    """Return the pose (4, 4) of a sensor mark with unknown pose: in a row at the Tracking stage's right edge."""
+    """Return the pose (4, 4) at which a sensor with unknown pose is drawn, in a row at the stage's right edge.
+
+    Args:
+        place: index of the sensor in the row, from 0.
+    """
     T = np.eye(4)
     T[:3, 3] = 0.3 - TRACKING_WIDTH_M / 2, 0.35, 0.7 * place - 0.2
     return T
 
 
 def title_place(box: BoundingBox) -> tuple[float, float, float]:
-    """Return the position of a stage's title: the left end of its front edge [m]."""
+    """Return the position (3,) of a stage's title [m]: the left end of the front edge of the stage's extent."""
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 
 
@@ -111,11 +121,11 @@ def frame(
     """Return the nearest camera that looks along +z, down by ``elevation``, and sees all the points.
 
     Args:
-        points: (n, 3) that must be visible.
+        points: (n, 3) points that must be visible, in the view's space [m].
         fov: vertical field of view [rad].
         aspect: width of the canvas over its height.
-        elevation: how far the camera looks down [rad].
-        margin: factor by which the image is wider than necessary.
+        elevation: angle between the camera's axis and the horizontal, downwards positive [rad].
+        margin: size of the image relative to the necessary one.
         lowest: height in the canvas below which other elements cover it, from −1 (lower border) to 1 (upper border).
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
@@ -137,6 +147,12 @@ def frame(
 
 
 def eyes(tilt: float, height: float, fov: float) -> Look:
-    """Return a camera at a sensor's pose: tilted up by ``tilt`` [rad], ``height`` [m] above the floor."""
+    """Return a camera at a sensor's pose at the stage's origin, to look through the sensor.
+
+    Args:
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m].
+        fov: vertical field of view [rad].
+    """
     position = np.array([0.0, height, 0.0])
     return Look(position, position + 3.0 * np.array([0.0, np.sin(tilt), np.cos(tilt)]), fov)

@@ -1,4 +1,4 @@
-"""The legend over the lower right corner of the 3D scene: what the colours of a skeleton mean."""
+"""The legend of the skeletons' colours, over the lower right corner of the 3D scene."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _THICK, _THIN = 6, 2
 
 
 class Legend:
-    """The legend of one browser."""
+    """The legend of the skeletons' colours in one browser."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._shown: tuple[object, ...] = ()
         self._html = gui.add_html("", visible=False)
 
     def show(self, perspective: str, *, people: bool, obstacle: bool) -> None:
-        """Update the legend.
+        """Update the legend; nothing is sent if the arguments are unchanged.
 
         Args:
             perspective: a sensor's name, or `FREE`.
@@ -48,7 +48,12 @@ class Legend:
 
 
 def legend_html(perspective: str, *, obstacle: bool) -> str:
-    """Return the legend as HTML; a sensor's name is escaped."""
+    """Return the legend of a perspective as HTML; a sensor's name is escaped.
+
+    Args:
+        perspective: a sensor's name, or `FREE`.
+        obstacle: whether obstacles are shown.
+    """
     if perspective == FREE:
         rows = [_row(FUSED, _THICK, "measured by at least one sensor")]
     else:

@@ -1,4 +1,4 @@
-"""Markers in a camera's lane of the gallery, in the colours that their names mean."""
+"""Draw a camera's markers in its lane of the gallery, in the colours that their names describe."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAMED: Final = {
 
 
 def marker_colour(name: str) -> Rgb:
-    """Return the colour that the marker's name means, such as red; else a colour that depends on the name only."""
+    """Return the colour that a marker's name contains, such as red; else a colour that depends on the name only."""
     for word in name.lower().replace("-", " ").split():
         if word in _NAMED:
             return Rgb(*_NAMED[word])
@@ -38,9 +38,9 @@ def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Stro
     sizes.
 
     Args:
-        frame: what the camera saw.
-        origin: (3,) front of the lane, in the view's space [m].
-        colour: of the camera.
+        frame: the markers that were detected in the camera's image.
+        origin: (3,) middle of the lane's front edge, in the view's space [m].
+        colour: colour of the border, which is the camera's.
     """
     picture = LanePicture(frame.size_px, origin)
     p = picture.at(frame.positions_px.astype(np.float64))

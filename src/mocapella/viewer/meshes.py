@@ -1,4 +1,4 @@
-"""The two meshes of all strokes, as surfaces of revolution about +y."""
+"""The two meshes of all strokes, a bone and a ball, as surfaces of revolution about +y."""
 
 from __future__ import annotations
 
@@ -8,24 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 BONE_SIDES, BALL_RINGS, BALL_SIDES = 6, 7, 9
-"""As few as a bone and a joint still look round with: a browser without a GPU spends most of its time on triangles."""
+"""Numbers of sides and rings of the meshes: few, because a browser without a GPU is slow with many triangles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles: ``vertices`` (n, 3) float32 and ``faces`` (m, 3) uint32, seen from outside counter-clockwise."""
+    """A triangle mesh.
+
+    Attributes:
+        vertices: (n, 3) float32 positions [m].
+        faces: (m, 3) uint32 vertex indices of each triangle, counter-clockwise as seen from outside.
+    """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.uint32]
 
 
 def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int) -> Mesh:
-    """Return the closed surface of a profile that is rotated about +y, without triangles of no area.
+    """Return the closed surface of a profile that is rotated about +y, without degenerate triangles.
 
     Args:
-        heights: (rings,), rising.
-        radii: (rings,), the first and the last 0.
-        sides: corners of a ring.
+        heights: (rings,) y of each ring, ascending.
+        radii: (rings,) radius of each ring; the first and the last are 0.
+        sides: number of corners of a ring.
     """
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.stack([np.cos(angle), np.zeros(sides), np.sin(angle)], axis=-1)
@@ -44,14 +49,14 @@ def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int
 
 
 def bone_mesh() -> Mesh:
-    """Return a bone from the origin to (0, 1, 0), at most 1 wide: thicker at the origin, rounded at both ends."""
+    """Return a bone from the origin to (0, 1, 0) of radius 1, thinner towards its end, with tapered ends."""
     heights = np.array([0.0, 0.05, 1.0 - 0.05, 1.0])
     radii = np.array([0.0, 1.0, 0.8, 0.0])
     return revolve(heights, radii, BONE_SIDES)
 
 
 def ball_mesh() -> Mesh:
-    """Return a polyhedron with the volume of a ball of radius 1 about the origin."""
+    """Return a polyhedron around the origin that approximates a ball of radius 1, with the same volume."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, BALL_RINGS)
     mesh = revolve(np.sin(angle), np.cos(angle).round(9), BALL_SIDES)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))

@@ -1,4 +1,4 @@
-"""The web page, served on one interface."""
+"""The web page of the live view, served on one network interface."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ _TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 """The ground's colours, from the top of the picture to its bottom."""
 MAX_MESSAGE_BYTES: Final = 1 << 20
-"""Longest message of a browser; a longer one ends its connection."""
+"""Longest message of a browser, in bytes; a longer one ends the browser's connection."""
 HANDSHAKE_S: Final = 10.0
-"""Longest duration of a request; then its connection is closed [s]."""
+"""Longest duration of a browser's request; then its connection is closed [s]."""
 
 
 @contextlib.contextmanager
 def unprinted() -> Iterator[None]:
-    """Suppress the messages that viser prints, because standard output is for results."""
+    """Suppress the messages that viser prints meanwhile, because standard output is for results."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 @contextlib.contextmanager
 def tolerated() -> Iterator[None]:
-    """Ignore a race of viser 1.1, which sets an `asyncio.Event` from this thread while its own thread waits for it.
+    """Ignore the error of a race in viser 1.1, which sets an `asyncio.Event` of its own thread from this thread.
 
-    The message is queued before the error, and the next call draws the rest.
+    The message to the browser is queued before the error; the next update draws the remaining content.
     """
     try:
         yield
@@ -56,7 +56,7 @@ def tolerated() -> Iterator[None]:
 
 
 class PageServer(viser.ViserServer):
-    """The server of viser, without its public tunnel, and behind a door.
+    """The web server of viser, without its public tunnel, and with a check of every request.
 
     Attributes:
         door: decides which requests are answered.
@@ -79,13 +79,13 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     """Serve an empty page with a control panel.
 
     Args:
-        host: the interface to serve on, and no other.
-        port: its port; 0 takes a free one.
+        host: address of the only network interface to serve on.
+        port: TCP port; 0 takes a free one.
         panel_px: width of the panel.
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: an address that this machine cannot listen at, or the view's token cannot be kept.
+        SettingsError: this machine cannot listen at the address, or the view's token cannot be stored.
     """
     _check_free(host, port)
     door = PageDoor(users_token(), host)

@@ -1,4 +1,4 @@
-"""The view's door: who may load the page and open its socket.
+"""Access control of the live view: decide which requests may load the page and open its socket.
 
 A page of another site that runs in the user's browser can send requests to this machine, and so can every local user.
 So a request needs the view's token, and must name this view as its host and its origin. The token is in the URL that is
@@ -21,7 +21,7 @@ from mocapella.decoding import read_whole
 from mocapella.errors import SettingsError
 
 TOKEN_VARIABLE: Final = "MOCAPELLA_VIEW_TOKEN"
-"""Environment variable with a token in place of the user's own."""
+"""Environment variable with a token that replaces the one in the user's file."""
 SHORTEST_TOKEN: Final = 16
 _TOKEN_BYTES: Final = 24
 _MOST_BYTES: Final = 1000
@@ -32,22 +32,22 @@ _LOCAL: Final = ("localhost", "127.0.0.1", "::1")
 
 @dataclass(frozen=True)
 class PageDoor:
-    """Decides which requests are answered.
+    """Decides which HTTP requests are answered.
 
     Attributes:
-        token: that a request must present, in its query or its cookie.
-        host: the interface that the page is served on.
+        token: secret that a request must contain, in its query or its cookie.
+        host: address of the network interface that the page is served on.
     """
 
     token: str
     host: str
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str:
-        """Return why a request is refused, or an empty text.
+        """Return the reason for which a request is refused; an empty text if it is allowed.
 
         Args:
-            path: of the request, with its query.
-            headers: of the request.
+            path: the request's path and query.
+            headers: the request's headers by name; ``Host``, ``Origin`` and ``Cookie`` are read.
         """
         named = headers.get("Host", "")
         if not self._is_ours(_host_of(named)):
@@ -61,13 +61,18 @@ class PageDoor:
         return ""
 
     def cookie(self, path: str, port: int) -> str | None:
-        """Return the cookie to set in the answer to a request whose query has the token."""
+        """Return the header ``Set-Cookie`` for the answer to a request; None unless its query has the token.
+
+        Args:
+            path: the request's path and query.
+            port: TCP port of the view, which is part of the cookie's name.
+        """
         if not self._is_token(self._in_query(path)):
             return None
         return f"{_cookie_name(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
 
     def query(self) -> str:
-        """Return the query of the page's URL."""
+        """Return the query of the page's URL, which contains the token."""
         return f"?{_PARAMETER}={self.token}"
 
     def _is_ours(self, host: str) -> bool:
@@ -118,12 +123,13 @@ def _is_address(host: str) -> bool:
 
 
 def users_token() -> str:
-    """Return the token of this user's views: of `TOKEN_VARIABLE`, or of a file that only the user can read.
+    """Return the token of this user's views, from `TOKEN_VARIABLE`, or from a file that only the user can read.
 
-    It stays the same, so that a page that is open goes on with the next view at its address.
+    The file is made if it is missing. The token stays the same, so that an open page continues with the next view at
+    its address.
 
     Raises:
-        SettingsError: the variable's token is too short, or the file cannot be written.
+        SettingsError: the variable's token is too short or not alphanumeric, or the file cannot be written.
         InputError: the file cannot be read, or is too long.
     """
     given = os.environ.get(TOKEN_VARIABLE)

@@ -9,7 +9,7 @@ _PAINT_GAMMA = 2.2
 
 
 class Rgb(NamedTuple):
-    """Red, green and blue, 0 to 255."""
+    """A colour: red, green and blue, 0 to 255."""
 
     red: int
     green: int
@@ -17,31 +17,31 @@ class Rgb(NamedTuple):
 
     @property
     def css(self) -> str:
-        """``#rrggbb``, for a style sheet."""
+        """The colour as ``#rrggbb``, for style sheets."""
         return f"#{self.red:02x}{self.green:02x}{self.blue:02x}"
 
     @property
     def paint(self) -> Rgb:
-        """A darker colour, with which a surface under the scene's lights looks like this one."""
+        """Darker colour for surfaces, which look like this colour under the lights of the 3D scene."""
         return Rgb(*(round(255 * (channel / 255) ** _PAINT_GAMMA) for channel in self))
 
     @property
     def faint(self) -> Rgb:
-        """A weaker colour, for lines and bones in the background."""
+        """Dimmed surface colour, for lines and bones in the background."""
         return Rgb(*(round(0.35 * channel) for channel in self.paint))
 
 
 FUSED = Rgb(255, 255, 255)
-"""The fused skeleton."""
+"""Colour of the fused skeleton."""
 FILLED = Rgb(40, 235, 110)
-"""A joint of the fused skeleton that the perspective's sensor does not measure and another sensor does."""
+"""Colour of a joint of the fused skeleton that another sensor measures, but not the perspective's sensor."""
 INFERRED = Rgb(128, 140, 164)
-"""A joint of the fused skeleton that no sensor measures."""
+"""Colour of a joint of the fused skeleton that no sensor measures."""
 OBSTACLE = Rgb(186, 194, 214)
 EYE = Rgb(24, 40, 84)
 FLOOR = Rgb(20, 27, 40)
 CLOTH = Rgb(90, 130, 255), Rgb(225, 232, 255)
-"""Its checks."""
+"""Colours of a cloth's checks."""
 GREEN, AMBER, BLUE, RED, GREY = (
     Rgb(61, 220, 151),
     Rgb(255, 184, 77),
@@ -49,7 +49,7 @@ GREEN, AMBER, BLUE, RED, GREY = (
     Rgb(255, 107, 107),
     Rgb(138, 151, 171),
 )
-"""Of states: all is well; not yet, or in doubt; under way; wrong; off."""
+"""Colours of states: good; waiting or in doubt; in progress; faulty; off."""
 
 PEOPLE = (
     Rgb(46, 196, 255),
@@ -67,11 +67,11 @@ SENSORS = (
     Rgb(255, 130, 200),
     Rgb(240, 232, 190),
 )
-"""Amber and red are left out: they mark sensors with a problem."""
+"""Colours of sensors, without amber and red, which mark sensors with a problem."""
 
 
 def person_colour(person: int) -> Rgb:
-    """Return a person's colour, which depends on the id only."""
+    """Return a person's colour by the person's id; after six ids, colours repeat."""
     return PEOPLE[person % len(PEOPLE)]
 
 
@@ -82,12 +82,12 @@ class SensorColours:
         self._sensors: tuple[str, ...] = ()
 
     def learn(self, sensors: Collection[str]) -> None:
-        """Add sensors. A new one changes the colours of the sensors whose names follow it."""
+        """Add sensors by name. A new sensor changes the colours of the sensors whose names sort after its own."""
         if not set(self._sensors).issuperset(sensors):
             self._sensors = tuple(sorted({*self._sensors, *sensors}))
 
     def of(self, sensor: str) -> Rgb:
-        """Return a sensor's colour."""
+        """Return a sensor's colour; an unknown sensor is added."""
         self.learn((sensor,))
         return SENSORS[self._sensors.index(sensor) % len(SENSORS)]
 

@@ -1,6 +1,6 @@
-"""The controls and readouts of one browser.
+"""The panel beside the 3D scene in one browser, with all controls and readouts.
 
-They show the session's status only, never what this browser requested, so that all browsers agree.
+They show the session's status, never what this browser requested, so that all browsers agree.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from mocapella.viewer.watchdog import Watchdog
 WIDTH_PX = 340
 SHORTEST_TRAIL_S = 2
 NO_PICTURE: Final = "–"
-"""The dropdown's text while no picture is chosen."""
+"""The dropdown's text while no camera image is chosen."""
 _BESIDE: Final = 0.01
 """Between two folders that are made when they are first needed, among the others' orders."""
 
 
 class Aim(StrEnum):
-    """Targets of the camera."""
+    """Targets of the browser's camera that the user can choose."""
 
     BOTH = "Both"
     TRACKING = "Tracking"
@@ -63,10 +63,10 @@ class PanelNews:
 
     Attributes:
         status: newest status of the session; None without a server, or while it does not answer.
-        moment: the moment that this browser shows.
+        moment: the moment of the timeline that this browser shows.
         board: progress of a camera calibration; None if calibration is unavailable.
-        pictures: cameras whose images are shown above the stage.
-        now_s: of a monotonic clock [s].
+        pictures: names of the cameras whose images are shown above the stage.
+        now_s: the present time on this process's monotonic clock [s].
     """
 
     status: SessionStatus | None
@@ -77,17 +77,17 @@ class PanelNews:
 
 
 class Panel:
-    """Everything beside the 3D scene in one browser.
+    """The panel beside the 3D scene in one browser.
 
     Args:
-        client: the browser.
-        commander: sends commands; None without a server: then the panel has no controls for commands.
-        methods: names of the tracker's methods.
+        client: viser's connection to the browser.
+        commander: sends commands to the server; None without a server, which hides the controls for commands.
+        methods: names of the tracking methods that the Setup form offers.
         known: memory of the view.
-        aim: is called with the target that the user chose.
+        aim: is called with the camera's target when the user chooses one.
         feed: requests camera images.
-        timeline: the recent scenes.
-        playhead: this browser's.
+        timeline: the stored moments.
+        playhead: position of this browser on the timeline.
 
     Attributes:
         cameras: folder with the camera images and the learning of marker colours.
@@ -141,7 +141,7 @@ class Panel:
 
     @property
     def trails(self) -> TrailChoice:
-        """The trails that this browser shows."""
+        """Trails of people's motion that the user has chosen."""
         return TrailChoice(TrailOf(self._trails.value), float(self._trail_seconds.value))
 
     @property
@@ -151,12 +151,12 @@ class Panel:
 
     @property
     def picture(self) -> str:
-        """Name of the camera whose image fills the view; empty if none does."""
+        """Name of the camera whose image fills the view; empty if no image does."""
         return "" if self._picture.value == NO_PICTURE else str(self._picture.value)
 
     @property
     def perspective(self) -> str:
-        """The perspective chosen in this browser, else the default."""
+        """The perspective that the user has chosen, else the default: a sensor's name, or `FREE`."""
         if self._chosen is not None:
             return self._chosen
         if self._known.ground.space is not None:
@@ -164,7 +164,7 @@ class Panel:
         return default_perspective(self._status, self._colours.sensors)
 
     def show(self, news: PanelNews) -> None:
-        """Update all controls and readouts; does almost nothing if ``news`` has not changed."""
+        """Update all controls and readouts; call it in every update. Unchanged content is not sent again."""
         status, moment = news.status, news.moment
         self._watchdog.beat(news.now_s)
         self.cameras.show(news.now_s)

@@ -1,4 +1,4 @@
-"""Interface of a folder in the live view's panel: readouts and controls of one type of part, or of one stage."""
+"""Interface of a folder in the live view's panel, with readouts and controls for one type of part, or one stage."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mocapella.model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class PanelPlace:
-    """Place of a folder in a browser's panel.
+    """Place of a new folder in one browser's panel, and the connection to the server.
 
     Attributes:
-        gui: of the browser.
+        gui: controls of the browser.
         order: position among the other folders.
         send: sends a command with its arguments to the server; None without a server.
     """
@@ -31,14 +31,15 @@ class PanelState:
     """State that a folder shows.
 
     Attributes:
-        scene: shown in this browser; None before the first.
+        scene: the scene that this browser shows; None before the first.
         parts: the scene's parts of the folder's type.
-        shown: value that the stage's memory derived from the scene (`StageMemory.update`).
-        visible: whether the method can make parts of this type.
+        shown: value that the stage's memory derived from the scene (`mocapella.viewer.stage.StageMemory.update`).
+        visible: whether the folder is shown, because the tracking method can make such parts, or the stage is shown.
         can_name: whether a person can be given a name now.
         changed: whether the scene or the session's status has changed since the last call.
-        now_s: of a monotonic clock [s].
-        lately: function of a duration [s] that returns the times [s] and scenes of that time before the shown scene.
+        now_s: the present time on this process's monotonic clock [s].
+        lately: function of a duration [s]; it returns the times [s] on the scenes' common clock and the scenes of that
+            duration up to the shown scene.
     """
 
     scene: Scene | None
@@ -52,10 +53,10 @@ class PanelState:
 
 
 class PartPanel(Protocol):
-    """Interface of a folder in the panel."""
+    """Interface of a folder in one browser's panel."""
 
     def show(self, state: PanelState) -> None:
-        """Update the folder."""
+        """Update the folder's content; called in every update of the view."""
 
 
 MakePanel = Callable[[PanelPlace], PartPanel]

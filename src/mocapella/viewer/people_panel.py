@@ -1,4 +1,4 @@
-"""The folder People: the tracked people and their names, in one browser."""
+"""The folder "People" in one browser's panel: the tracked people and their names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOBODY = "–"
 
 
 class PeoplePanel:
-    """Lists the people and sets a name; typed text stays until it is sent."""
+    """The folder "People" of one browser's panel: it lists the people, and sends a name that the user enters."""
 
     def __init__(self, place: PanelPlace) -> None:
         gui, self._send = place.gui, place.send
@@ -42,7 +42,7 @@ class PeoplePanel:
             handle.visible = self._send is not None
 
     def show(self, state: PanelState) -> None:
-        """Show the people of the scene; the chosen person stays chosen while no sensor sees them."""
+        """Show the people of the scene; a person chosen by the user stays chosen while no sensor sees them."""
         if not state.changed:
             return
         people: tuple[Person, ...] = state.parts

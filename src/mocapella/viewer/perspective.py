@@ -1,4 +1,7 @@
-"""Transforms of people and frames into the perspective of one sensor, with a level floor.
+"""Transform people and frames into the perspective of one sensor, with a level floor.
+
+The *stage* is a frame with y up and the floor at y = 0. The *perspective* is a sensor's name, whose camera frame
+is levelled and shown on the stage, or `FREE`.
 
 Most methods estimate one pose per sensor in one shared world, which each sensor's perspective shows from that pose. The
 method ``stand-still`` centres every person on itself, so all people stand at the same place in its world. In a sensor's
@@ -23,14 +26,14 @@ from mocapella.model.session import SensorPose
 Float64 = NDArray[np.float64]
 
 FREE = "free"
-"""The perspective of the tracker's world frame."""
+"""Name of the perspective that shows the tracker's world frame instead of a sensor's camera frame."""
 _FLOOR_MEMORY = 0.05
 _ANOTHER_WORLD_M, _ANOTHER_WORLD_RAD = 0.1, np.radians(3.0)
-"""If all sensors move further than this between two scenes, the world frame has changed."""
+"""If all sensors move farther than this between two scenes [m, rad], the world frame has changed."""
 
 
 class OnFloor(Protocol):
-    """A frame of a sensor whose height above the floor matters."""
+    """Interface of a frame that serves to estimate the sensor's height above the floor."""
 
     @property
     def sensor(self) -> str:
@@ -46,17 +49,17 @@ class OnFloor(Protocol):
 
     @property
     def positions(self) -> NDArray[np.float32]:
-        """People's joints (..., 3) in camera space [m]."""
+        """Positions (..., 3) of people's joints in camera space [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageSpace:
-    """Pose of the world on the stage in the `FREE` perspective, if the scene's parts define it.
+    """Pose of the world on the stage in the `FREE` perspective, as a scene's parts define it.
 
     Attributes:
-        T_stage_world: (4, 4); y is up on the stage, and the floor at 0.
-        tall_m: initial height of the parts above the floor.
-        half_wide_m: initial largest distance of the parts from the stage's centre along x.
+        T_stage_world: (4, 4) transform from the world to the stage [m].
+        tall_m: initial height of the parts above the floor [m].
+        half_wide_m: initial largest distance of the parts from the stage's centre along x [m].
     """
 
     T_stage_world: Float64
@@ -65,25 +68,28 @@ class StageSpace:
 
 
 def level(tilt: float, height: float) -> Float64:
-    """Return T_stage_sensor (4, 4) of a sensor tilted up by ``tilt`` [rad], ``height`` [m] above the floor."""
+    """Return the pose T_stage_sensor (4, 4) of a sensor with an upward tilt [rad] at a height above the floor [m]."""
     return rigid(rotation_about_x(-tilt), (0.0, height, 0.0))
 
 
 def upright(T_world_sensor: Float64, floor: float = 0.0) -> Float64:
-    """Return T_stage_sensor (4, 4) of a sensor with a known pose in an upright world.
+    """Return the pose T_stage_sensor (4, 4) of a sensor on a stage whose origin is on the floor under the sensor.
 
-    The stage's origin is on the floor under the sensor, and +z is the horizontal direction in which it looks.
-    ``floor`` is the height of the world's origin above the floor [m].
+    The stage's +z is the horizontal direction of the sensor's optical axis.
+
+    Args:
+        T_world_sensor: (4, 4) pose of the sensor in a world with y up [m].
+        floor: height of the world's origin above the floor [m].
     """
     R, (_, y, _) = T_world_sensor[:3, :3], T_world_sensor[:3, 3]
     return rigid(rotation_about_y(-np.arctan2(R[0, 2], R[2, 2])) @ R, (0.0, y + floor, 0.0))
 
 
 class Floors:
-    """The height and tilt of each sensor, and of the world's origin, over the floor.
+    """Estimates each sensor's tilt and height above the floor, and the height of the world's origin.
 
-    They come from the calibrated pose, else from the setup. Without either, the floor is slowly put under the lowest
-    visible joint, so that an outlier does not shake it.
+    They are taken from the calibrated pose, else from the setup or the frame. If no height is known, the floor moves
+    slowly under the lowest visible joint, so that an outlier does not shake it.
     """
 
     def __init__(self) -> None:
@@ -92,7 +98,12 @@ class Floors:
         self._tilts: dict[str, float] = {}
 
     def learn_frame(self, frame: OnFloor, pose: SensorPose | None = None) -> None:
-        """Update a sensor's tilt and height from its frame; a configured ``pose`` takes precedence over the frame's."""
+        """Update a sensor's tilt and height from its newest frame.
+
+        Args:
+            frame: the frame, with the sensor's name.
+            pose: tilt and height from the setup; they take precedence over the frame's. None if not configured.
+        """
         tilt, height = (frame.tilt, frame.height) if pose is None else (pose.tilt, pose.height)
         self._tilts[frame.sensor] = tilt
         if height > 0:
@@ -101,7 +112,12 @@ class Floors:
             self._learn_lowest(frame.sensor, apply(level(tilt, 0.0), frame.positions))
 
     def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Update the world's floor and its sensors' poses; ``space`` is defined by the scene's parts, or None."""
+        """Update the height of the world's origin and the sensors' poses.
+
+        Args:
+            scene: the newest scene.
+            space: pose of the world on the stage; None if the scene's parts define none.
+        """
         self._places = places_of(scene)
         if space is not None:
             self._places = {name: space.T_stage_world @ T for name, T in self._places.items()}
@@ -124,7 +140,10 @@ class Floors:
         return self._tilts.get(perspective, 0.0)
 
     def level(self, perspective: str) -> Float64:
-        """Return T_stage_perspective (4, 4), to a stage whose floor is level and at y = 0."""
+        """Return the transform T_stage_perspective (4, 4) from the perspective's camera frame to the stage [m].
+
+        For `FREE`, it is the transform from the world.
+        """
         if perspective in self._places:
             return upright(self._places[perspective], self._heights.get(FREE, 0.0))
         return level(self.tilt(perspective), self.height(perspective))
@@ -139,17 +158,18 @@ class Floors:
 
 
 def places_of(scene: Scene) -> dict[str, Float64]:
-    """Return T_world_sensor (4, 4) of every sensor with a known pose, by name."""
+    """Return the pose T_world_sensor (4, 4) of every sensor of a scene with a known pose, by name."""
     return {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
 
 
 class Perspectives:
-    """The last known pose of each sensor, and of each person's views, so that people do not jump when a view is lost.
+    """Remembers the last known poses of the sensors and of each person's views, so that people stay if a view is lost.
 
     Attributes:
-        places: (4, 4) T_world_sensor, the last known one of every sensor of the session.
-        world: number of the world frame; grows by one when the frame changes, which invalidates remembered positions.
-        T_free_world: (4, 4) from the world to the `FREE` perspective.
+        places: last known pose T_world_sensor (4, 4) of every sensor of the session, by name.
+        world: number of the world frame; it grows by one when the frame changes, which invalidates remembered
+            positions.
+        T_free_world: (4, 4) transform from the world to the `FREE` perspective.
     """
 
     def __init__(self) -> None:
@@ -161,11 +181,16 @@ class Perspectives:
         self._T_world_sensor: dict[tuple[int, str], Float64] = {}
 
     def copy(self) -> Perspectives:
-        """Return a copy that later scenes do not change."""
+        """Return a copy that later calls of `learn` do not change."""
         return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Update with the sensor poses and views of a scene, and drop absent people; ``space`` is as in `Floors`."""
+        """Update the poses from a scene's sensors and views, and drop absent people.
+
+        Args:
+            scene: the newest scene.
+            space: pose of the world on the stage; None if the scene's parts define none.
+        """
         self.T_free_world = np.eye(4) if space is None else space.T_stage_world
         now = places_of(scene)
         if scene.step < self._step or _laid_anew(self._newest, now):
@@ -183,9 +208,10 @@ class Perspectives:
         self._T_world_sensor = before | views
 
     def from_world(self, person: Person, perspective: str) -> Float64 | None:
-        """Return the transform (4, 4) from a person's world to the perspective's camera space, None if unknown.
+        """Return the transform (4, 4) from a person's world to the perspective's camera space.
 
-        It is unknown if the sensor has no pose and never saw the person.
+        None if the perspective's sensor has no known pose and never saw the person. The method ``stand-still`` has a
+        separate world for each person.
         """
         if perspective == FREE:
             return self.T_free_world
@@ -193,7 +219,7 @@ class Perspectives:
         return None if T is None else inverse(T)
 
     def from_shared_world(self, perspective: str) -> Float64 | None:
-        """Return the transform (4, 4) from the shared world to the perspective's camera space; None if unknown."""
+        """Return the transform (4, 4) from the world to the perspective's camera space; None without a sensor pose."""
         if perspective == FREE:
             return self.T_free_world
         T = self.places.get(perspective)

@@ -1,4 +1,4 @@
-"""A camera image as an upright rectangle in the 3D scene, and the mapping between pixels and the scene."""
+"""A camera image as an upright rectangle in the view's space, and the mapping between pixels and positions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 class Encoded(Protocol):
-    """An encoded image, such as that of a `CameraAnswer`."""
+    """Interface of an encoded image, such as a `mocapella.viewer.camera_feed.CameraAnswer`."""
 
     @property
     def image(self) -> bytes:
@@ -37,7 +37,7 @@ class Encoded(Protocol):
 
 
 class SizedPicture(Encoded, Protocol):
-    """An encoded camera image, and the size of the original."""
+    """Interface of an encoded camera image with the size of the original."""
 
     @property
     def size_px(self) -> tuple[int, int] | None:
@@ -46,7 +46,7 @@ class SizedPicture(Encoded, Protocol):
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """A `SizedPicture` of an image in memory.
+    """A `SizedPicture` that holds its image in memory.
 
     Attributes:
         image: the encoded image.
@@ -61,11 +61,11 @@ class CameraPicture:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Rectangle of an image in the scene, parallel to the x and y axes and facing −z.
+    """Rectangle of an image in the view's space, parallel to the x and y axes and facing −z.
 
     Attributes:
         middle: (3,) centre of the image [m].
-        wide_m: its width in the scene.
+        wide_m: width of the image in the view's space [m].
         size_px: (width, height) of the camera's image.
     """
 
@@ -75,12 +75,12 @@ class Plane:
 
     @property
     def px_m(self) -> float:
-        """Size of a pixel in the scene [m]."""
+        """Size of a pixel in the view's space [m]."""
         return self.wide_m / self.size_px[0]
 
     @property
     def high_m(self) -> float:
-        """The image's height in the scene."""
+        """Height of the image in the view's space [m]."""
         return self.px_m * self.size_px[1]
 
     @property
@@ -89,28 +89,33 @@ class Plane:
         return Plane(np.zeros(3), self.wide_m, self.size_px)
 
     def moved(self, by_m: Float64) -> Plane:
-        """Return the plane translated by (3,) [m]."""
+        """Return the plane translated by a vector (3,) [m]."""
         return Plane(self.middle + by_m, self.wide_m, self.size_px)
 
     @property
     def corners(self) -> Float64:
-        """The corners (4, 3) [m], clockwise from the upper left one."""
+        """Corners (4, 3) of the image [m], clockwise from the upper left one."""
         width, height = self.size_px
         return self.place(np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5)
 
     def place(self, points_px: Float64, lift_m: float = 0.0) -> Float64:
-        """Return the positions (..., 3) in the scene of pixels (..., 2), ``lift_m`` in front of the image [m]."""
+        """Return the positions (..., 3) of pixels in the view's space [m].
+
+        Args:
+            points_px: (..., 2) x to the right, y down; the middle of the first pixel is (0, 0).
+            lift_m: distance of the positions in front of the image [m].
+        """
         width, height = self.size_px
         x, y = (width - 1) / 2 - points_px[..., 0], (height - 1) / 2 - points_px[..., 1]
         placed: Float64 = self.middle + np.stack([self.px_m * x, self.px_m * y, np.full(x.shape, -lift_m)], axis=-1)
         return placed
 
     def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
-        """Return the pixel where a ray meets the image; None if it misses.
+        """Return x, y of the pixel where a ray meets the image; None if the ray misses the image.
 
         Args:
-            origin: (3,) start of the ray [m].
-            direction: (3,) of the ray.
+            origin: (3,) start of the ray in the view's space [m].
+            direction: (3,) direction of the ray, of any length.
         """
         along = float(direction[2])
         if abs(along) < 1e-9 or (reach := float(self.middle[2] - origin[2]) / along) <= 0:
@@ -125,7 +130,17 @@ class Plane:
 def rings(
     plane: Plane, points_px: Mapping[str, tuple[float, float]], colours: Mapping[str, Rgb], radius_px: float
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return a circle around each point, as segments just in front of the image: points and colours, (n, 2, 3) each."""
+    """Return circles around points of an image as line segments just in front of it.
+
+    Args:
+        plane: rectangle of the image.
+        points_px: x, y of each circle's centre in the image [px], by name.
+        colours: colour of each circle, by name.
+        radius_px: radius of the circles.
+
+    Returns:
+        End points (n, 2, 3) in the view's space [m], and their colours (n, 2, 3), red, green and blue, 0 to 255.
+    """
     turns = np.linspace(0.0, 2 * np.pi, _CORNERS + 1)
     circle = radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     lines, painted = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
@@ -137,7 +152,7 @@ def rings(
 
 
 class PictureNode:
-    """Scene node of an image that can be replaced without creating a new node.
+    """Scene node of an image that can be replaced without creating a new node; ``name`` is the node's path.
 
     An image node of viser is white until the browser has decoded the image, which can take long. The image of a frustum
     is invisible until then, so this node is a nearly flat frustum without lines.
@@ -150,7 +165,7 @@ class PictureNode:
         self._answer: Encoded | None = None
 
     def draw(self, plane: Plane, answer: Encoded) -> None:
-        """Show an image on a plane; nothing is sent if it is already shown."""
+        """Show an encoded image on a plane; nothing is sent if the same object is already shown there."""
         where = (*plane.middle.tolist(), plane.wide_m, plane.size_px)
         if self._answer is answer and self._where == where:
             return

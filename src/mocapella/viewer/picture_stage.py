@@ -20,15 +20,15 @@ _OVER_M = 0.06
 
 
 def large_plane(size_px: tuple[int, int]) -> Plane:
-    """Return the plane of a large image of that size."""
+    """Return the plane in the view's space for an image that is shown large; ``size_px`` is (width, height)."""
     return Plane(_LARGE_AT, _LARGE_M, size_px)
 
 
 class PictureStage:
-    """Shows the large image of `mocapella.viewer.camera_panel.CameraPanel`.
+    """Scene nodes of the large image of `mocapella.viewer.camera_panel.CameraPanel` in one browser.
 
     Attributes:
-        plane: of the large image; None if none is shown.
+        plane: plane of the large image; None if no image is shown.
     """
 
     def __init__(self, scene: viser.SceneApi) -> None:
@@ -39,7 +39,7 @@ class PictureStage:
         self._words = TagNodes(scene, "/picture/words", size=1.3, anchor="bottom-left")
 
     def draw(self, large: Large | None) -> None:
-        """Show the large image; None hides it."""
+        """Show a large image with its circles, their labels and its text; None hides them."""
         if large is None or large.answer.size_px is None:
             self.plane = None
             self._large.hide()
@@ -59,5 +59,5 @@ class PictureStage:
 
 
 def colour_of(name: str) -> Rgb:
-    """Return the colour of a marker's circle; white for skin."""
+    """Return the colour of the circle around a marker, by the marker's name; white for skin."""
     return Rgb(255, 255, 255) if name == SKIN else marker_colour(name)

@@ -1,4 +1,4 @@
-"""Errors of plug-ins' drawings: each is reported once, and everything else is still drawn."""
+"""Collect errors of plug-ins' drawings: each is reported once, and everything else is still drawn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 
 MOST: Final = 20
-"""So many are kept."""
+"""Largest number of collected errors."""
 _LONGEST: Final = 300
 _LOG: Final = logging.getLogger("mocapella.viewer")
 
@@ -18,7 +18,7 @@ class PluginErrors:
     """Collects messages about failed drawings, each once.
 
     Attributes:
-        lines: oldest first.
+        lines: the messages, oldest first.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class PluginErrors:
         self._told: set[str] = set()
 
     def tell(self, what: str, error: Exception) -> None:
-        """Record the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
+        """Log and store the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
         if what in self._told or len(self._told) >= MOST:
             return
         self._told.add(what)
@@ -35,7 +35,13 @@ class PluginErrors:
         _LOG.warning("%s cannot be drawn", what, exc_info=error)
 
     def attempt(self, what: str, do: Callable[[], T], otherwise: T) -> T:
-        """Return the result of ``do``; if it raises, report the error and return ``otherwise``."""
+        """Return the result of ``do()``; if it raises an exception, report it and return ``otherwise``.
+
+        Args:
+            what: noun for the drawing in the message, such as ``lane of markers``.
+            do: function that draws.
+            otherwise: result after an error.
+        """
         try:
             return do()
         except Exception as error:  # noqa: BLE001 - a plug-in may raise anything

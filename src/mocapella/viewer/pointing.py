@@ -1,4 +1,4 @@
-"""Progress of a user who points at the markers in one image, in one browser."""
+"""Progress of a user who clicks on the markers in one camera image, so that their colours can be learnt."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Final
 from mocapella.errors import SettingsError
 
 Point = tuple[float, float]
-"""x, y in the camera's picture [px]; the middle of the first pixel is (0, 0)."""
+"""x, y in the camera's image [px]; the middle of the first pixel is (0, 0)."""
 
 SKIN: Final = "skin"
 MARKERS: Final = ("red", "yellow", "green", "blue", "magenta", "cyan")
-"""What the method `hands` takes for thumb to little finger, and for the base."""
+"""Default marker names of the tracking method `hands`: thumb to little finger, and palm."""
 MOST: Final = 64
 _LONGEST: Final = 80
 _WHERE: Final = dict(
@@ -22,11 +22,11 @@ _WHERE: Final = dict(
 
 @dataclass(frozen=True)
 class Pointing:
-    """Markers of an image that the user points at, one after the other, and finally skin.
+    """State while the user clicks on the markers in an image, one after the other, and finally on skin.
 
     Attributes:
-        names: of the markers, in the order of pointing; the last is `SKIN`.
-        done: positions of the first markers, as clicked [px]; None for a skipped marker.
+        names: names of the markers, in the order of the clicks; the last is `SKIN`.
+        done: clicked positions of the first markers [px]; None for a skipped marker.
     """
 
     names: tuple[str, ...] = (*MARKERS, SKIN)
@@ -34,12 +34,12 @@ class Pointing:
 
     @property
     def next(self) -> str | None:
-        """The next marker to point at; None if all are done."""
+        """Name of the next marker to click on; None if all are done."""
         return self.names[len(self.done)] if len(self.done) < len(self.names) else None
 
     @property
     def points(self) -> dict[str, Point]:
-        """Clicked positions by name [px]."""
+        """Clicked positions by the marker's name [px]."""
         return {name: at for name, at in zip(self.names, self.done, strict=False) if at is not None}
 
     @property
@@ -48,11 +48,11 @@ class Pointing:
         return any(name != SKIN for name in self.points)
 
     def click(self, at: Point) -> Pointing:
-        """Return the state after a click on the next marker, rounded to 0.01 px; unchanged if all are done."""
+        """Return the state after a click at ``at`` on the next marker (to 0.01 px); unchanged if all are done."""
         return self if self.next is None else replace(self, done=(*self.done, (round(at[0], 2), round(at[1], 2))))
 
     def skip(self) -> Pointing:
-        """Return the state with the next marker skipped, because it is not visible or shall not be learnt."""
+        """Return the state with the next marker skipped, such as one that is not visible."""
         return self if self.next is None else replace(self, done=(*self.done, None))
 
     def back(self) -> Pointing:
@@ -64,16 +64,16 @@ class Pointing:
         return replace(self, done=())
 
     def named(self, names: tuple[str, ...]) -> Pointing:
-        """Return the state with other names; clicks before the first changed name are kept."""
+        """Return the state with other marker names; clicks before the first changed name are kept."""
         same = next((k for k, (a, b) in enumerate(zip(self.names, names, strict=False)) if a != b), len(self.names))
         return Pointing(names, self.done[:same])
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Return the marker names in a text such as ``red, blue``, followed by `SKIN`.
+    """Parse marker names in a text such as ``red, blue``; return them, followed by `SKIN`.
 
     Raises:
-        SettingsError: no name, a repeated or too long name, or too many names.
+        SettingsError: there is no name, or there are too many, or a name is repeated or too long.
     """
     names = tuple(part for part in (part.strip() for part in text.split(",")) if part and part != SKIN)
     if not names:
@@ -89,12 +89,12 @@ def read_names(text: str) -> tuple[str, ...]:
 
 
 def where(name: str) -> str:
-    """Return the part of the hand where the marker of a usual name is; empty for other names."""
+    """Return the part of the hand that wears the marker with a default name; empty for other names."""
     return _WHERE.get(name, "")
 
 
 def asks_for(name: str | None) -> str:
-    """Return the instruction to the user, for the next marker's name; None: all are done."""
+    """Return the instruction to the user to click on a marker; ``name`` is the next marker, or None if all are done."""
     if name is None:
         return "All are pointed at: press Learn"
     if name == SKIN:

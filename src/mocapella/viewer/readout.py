@@ -1,4 +1,4 @@
-"""Status, sensors and recording as HTML. Every text received from the server is escaped."""
+"""Readouts of the session as HTML: state, sensors, people, recording and notices. Texts of the server are escaped."""
 
 from __future__ import annotations
 
@@ -27,14 +27,17 @@ _MOST_LINES, _LONGEST_LINE = 3, 110
 _SWAPPED = "⇄"
 _SMALL = "font-size:13px;line-height:1.45"
 DROPPED_SHARE = 0.05
-"""From this share of the live frames on, those dropped since tracking began are amber."""
+"""Share of dropped frames since tracking began above which their number is shown in amber."""
 NO_SENSOR = "No sensor delivers"
 GETTING_READY = "Getting ready"
 NO_PLACES: Mapping[str, SensorPlace] = MappingProxyType({})
 
 
 def status_html(status: SessionStatus | None) -> str:
-    """Return the state in large letters, the reason, and the rates."""
+    """Return the session's state in large letters, the reason, and the counts and rates as HTML.
+
+    ``status`` is None without a server.
+    """
     if status is None:
         return _headline("No server", _RED, "Waiting for the server; start it with: mocapella serve", "")
     silent = _silent(status)
@@ -53,14 +56,14 @@ def status_html(status: SessionStatus | None) -> str:
 
 
 def run_html(state: str, scene: Scene | None, at_s: float, place: int, count: int) -> str:
-    """Return the state of a run of files in large letters, and the number of the shown frame.
+    """Return the state of a run on files, without a server, in large letters, and the shown frame as HTML.
 
     Args:
         state: a `mocapella.viewer.timeline.PlayState`.
-        scene: the shown one; None before the first.
-        at_s: its time [s].
-        place: its number among the kept scenes, from 1.
-        count: number of kept scenes.
+        scene: the shown scene; None before the first.
+        at_s: capture time of the scene, on the scenes' common clock [s].
+        place: number of the scene among the stored ones, from 1.
+        count: number of stored scenes.
     """
     if scene is None or not count:
         return _headline(state, _BLUE, "", "the first pictures are waited for")
@@ -95,7 +98,7 @@ def _none_of(counts: Mapping[str, int]) -> str:
 
 
 def stage_text(status: SessionStatus | None) -> str:
-    """Return in one line why the Tracking stage is empty."""
+    """Return the reason why the Tracking stage is empty, in one line; ``status`` is None without a server."""
     if status is None:
         return "No server"
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
@@ -114,7 +117,7 @@ def stage_text(status: SessionStatus | None) -> str:
 
 
 def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
-    """Return problems and advice for a stage that is not empty; the panel shows them in full."""
+    """Return the tracker's problems and advice as a few short lines for a stage; the panel shows them in full."""
     if status is None or not status.running:
         return ()
     said = _conditions(status, {})
@@ -126,7 +129,13 @@ def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
 def sensors_html(
     status: SessionStatus | None, colours: SensorColours, places: Mapping[str, SensorPlace] = NO_PLACES
 ) -> str:
-    """Return the rows of the sensors, in the colours of their skeletons."""
+    """Return a row for each sensor with its rate, latency, losses and problems as HTML.
+
+    Args:
+        status: status of the session; None without a server.
+        colours: colours of the sensors.
+        places: poses of the newest scene's sensors, by sensor.
+    """
     rows = status.sensors if status else ()
     begun = status is not None and not status.getting_ready
     body = "".join(_sensor_row(row, colours.of(row.name), places.get(row.name), begun=begun) for row in rows)
@@ -138,7 +147,7 @@ def sensors_html(
 
 
 def recording_html(recording: RecordingHealth | None) -> str:
-    """Return the recording's name, size, losses and problem."""
+    """Return the name, size, lost frames and problem of the present or last recording as HTML."""
     if recording is None or not (recording.active or recording.path or recording.problem):
         return _note("Not recording.", _GREY)
     name = escape(PurePath(recording.path).name)
@@ -154,7 +163,12 @@ def recording_html(recording: RecordingHealth | None) -> str:
 
 
 def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = ()) -> str:
-    """Return the server's problems, drawing errors and the newest notices, newest first."""
+    """Return the server's problems, drawing errors and the newest notices, newest first, as HTML.
+
+    Args:
+        status: status of the session; None without a server.
+        troubles: messages of `PluginErrors`.
+    """
     newest = status.notices[-_NEWEST_NOTICES:][::-1] if status else ()
     problems = (*(status.health.problems() if status else ()), *troubles)
     wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in problems)
@@ -205,7 +219,10 @@ def _to_go(status: SessionStatus) -> str:
 
 
 def people_html(people: tuple[Person, ...]) -> str:
-    """Return the people in their colours, the sensors that see each, and the views with swapped labels."""
+    """Return the people in their colours as HTML, with the sensors that see each.
+
+    A sign marks sensors that have swapped left and right.
+    """
     rows = "".join(
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
         f'<span style="color:{person_colour(person.id).css}">●</span> '

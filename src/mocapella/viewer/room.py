@@ -1,6 +1,6 @@
-"""Drawing of a scene's parts on the ROOM stage, life-size in one room.
+"""Draw a scene's parts on the ROOM stage, life-size in one room.
 
-A part type names its drawing by reference (`mocapella.model.part_types.PartType.drawing`): a `DrawPart`, or just a
+A part type names its drawing by reference (`mocapella.model.part_types.PartType.drawing`): a `DrawPart`, or only a
 function like `DrawPart.draw`:
 
     def draw(parts, scene, room):
@@ -37,12 +37,12 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RoomView:
-    """Viewpoint from which the room is drawn.
+    """Viewpoint of a drawing of the room.
 
     Attributes:
         perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
         seen: last known poses of the sensors and of each person's views.
-        floors: height of each perspective above the floor.
+        floors: tilt and height above the floor of each perspective.
     """
 
     perspective: str
@@ -51,36 +51,36 @@ class RoomView:
 
     @property
     def T_stage_perspective(self) -> Float64:  # noqa: N802 - the field's notation
-        """Transform (4, 4) from the perspective's camera space to the stage, whose floor is level and at y = 0."""
+        """Transform (4, 4) from the perspective's camera space to the stage, whose floor is level and at y = 0 [m]."""
         return self.floors.level(self.perspective)
 
     @property
     def T_stage_world(self) -> Float64:  # noqa: N802 - the field's notation
-        """Transform (4, 4) from the world to the stage; NaN if the perspective's pose in the world is unknown."""
+        """Transform (4, 4) from the world to the stage [m]; NaN if the perspective's pose in the world is unknown."""
         T = self.seen.from_shared_world(self.perspective)
         return np.full((4, 4), np.nan) if T is None else self.T_stage_perspective @ T
 
     def T_perspective_world(self, person: Person) -> Float64 | None:  # noqa: N802 - the field's notation
         """Return the transform (4, 4) from a person's world to the perspective's camera space.
 
-        A method may use a separate world for each person (`mocapella.viewer.perspective`). None if the perspective's
-        sensor has no pose and never saw the person.
+        None if the perspective's sensor has no known pose and never saw the person. A method may use a separate world
+        for each person (see `mocapella.viewer.perspective`).
         """
         return self.seen.from_world(person, self.perspective)
 
 
 @dataclass(frozen=True, eq=False)
 class PartDrawing:
-    """Drawing of the parts of one type, in the view's space.
+    """Drawing of the parts of one type, in the view's space [m].
 
     Attributes:
-        bones, joints: strokes, of `mocapella.viewer.bones`.
-        halos: translucent balls.
+        bones, joints: strokes of bones or lines, and of balls (`mocapella.viewer.bones`).
+        halos: strokes of translucent balls.
         tags: text labels.
-        surfaces, skins: meshes by name; a part's mesh keeps its name.
-        unseen: names of parts that cannot be placed in the perspective.
-        sensors: poses (4, 4) by name of the sensors that saw the parts.
-        extent: two opposite corners (3,) of an upright box that the camera follows; None if it follows none.
+        surfaces, skins: meshes by name; the name of a part's mesh must not change.
+        unseen: names of parts that cannot be shown, because their positions in the perspective are unknown.
+        sensors: poses (4, 4), from camera space to the view's space, of the sensors that saw the parts, by name.
+        extent: smallest and largest corner (3,) of an upright box that the browser's camera follows; None for none.
     """
 
     bones: Strokes = NO_STROKES
@@ -95,7 +95,7 @@ class PartDrawing:
 
     @property
     def there(self) -> bool:
-        """Whether anything is drawn."""
+        """Whether the drawing has content: strokes, labels, meshes, or names of parts that cannot be shown."""
         strokes = len(self.bones) + len(self.joints) + len(self.halos)
         return bool(strokes or self.tags or self.surfaces or self.skins or self.unseen)
 
@@ -109,8 +109,8 @@ class ImageLines:
 
     Attributes:
         words: text above the image, such as ``93%``; may be empty.
-        ends_px: (n, 2, 2) float32 end points of line segments [px].
-        colours: (n,) of the segments.
+        ends_px: (n, 2, 2) float32 x, y of the end points of line segments [px].
+        colours: colour of each of the n segments.
     """
 
     words: str
@@ -132,11 +132,13 @@ class DrawPart:
 
     Attributes:
         draw: function of the parts, their scene and the `RoomView`. If the perspective's pose in the world is unknown,
-            it is called only with ``own_places``.
-        own_places: whether each part is placed separately, with `RoomView.T_perspective_world`.
-        space: function that returns the pose of the world in the `FREE` perspective; None for the identity.
-        images: function that returns lines over camera images, by camera; these images are shown above the stage.
-        panel: creates the folder of such parts in the panel.
+            it is called only if ``own_places``.
+        own_places: whether ``draw`` places each part with `RoomView.T_perspective_world`, as for people.
+        space: function of the parts that returns the pose of the world in the `FREE` perspective; None for the
+            identity.
+        images: function of the parts that returns lines over camera images, by camera; these images are shown above
+            the stage.
+        panel: function that creates the parts' folder in a browser's panel; None for no folder.
     """
 
     draw: Callable[[tuple[Any, ...], Scene, RoomView], PartDrawing]
@@ -147,7 +149,10 @@ class DrawPart:
 
 
 def drawing_of(name: str, troubles: PluginErrors) -> DrawPart | None:
-    """Return the drawing descriptor of a part type; None if it has none, is unknown, or cannot be imported."""
+    """Return the drawing descriptor of a part type by the type's name; None if the type has none or is unknown.
+
+    If the descriptor cannot be imported, the error is reported to ``troubles``, and None is returned.
+    """
     kind = PART_TYPES.get(name)
     if kind is None or not kind.drawing:
         return None
@@ -155,7 +160,15 @@ def drawing_of(name: str, troubles: PluginErrors) -> DrawPart | None:
 
 
 def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, troubles: PluginErrors) -> PartDrawing:
-    """Return the drawing of the parts of one type; empty if drawing raises (reported once)."""
+    """Draw a scene's parts of one type; empty if the type has no drawing, or drawing fails (reported to ``troubles``).
+
+    Args:
+        name: name of the part type.
+        parts: the parts.
+        scene: the parts' scene.
+        room: viewpoint of the drawing.
+        troubles: receives errors.
+    """
     how = drawing_of(name, troubles)
     if how is None or not parts:
         return NOTHING
@@ -165,7 +178,7 @@ def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, 
 
 
 def called(name: str) -> str:
-    """Return the name of a part type's drawing for error messages."""
+    """Return the noun for a part type's drawing in error messages, such as ``scene part people``."""
     return f"scene part {name}"
 
 

@@ -1,4 +1,4 @@
-"""Draw fitted bodies in the room: skinned meshes, and their outlines over camera images."""
+"""Draw fitted bodies: as skinned meshes in the room, and as outlines over camera images."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Float64 = NDArray[np.float64]
 
 SKIN: Final = Rgb(222, 228, 238)
 LOST_OPACITY: Final = 0.3
-"""A body without a visible person is pale."""
+"""Opacity of a lost body's mesh, 0 to 1."""
 HALF_M: Final = 0.45
-"""Of a body that stands: so far it reaches to either side."""
+"""Half the width of a standing body [m]."""
 _TAG_M: Final = 0.08
 """So far over a head its name stands."""
 _OVER_PERSON_M: Final = 0.38
@@ -53,13 +53,16 @@ _LIMBS: Final = (
 
 
 def mesh_of(body: TrackedBody) -> RiggedMesh | None:
-    """Return the body's mesh; None while it is being built, if it cannot be built, or if its joints differ."""
+    """Return a body's mesh; None while it is being built, if that failed, or if its joints are not the body's."""
     mesh = SHELF.mesh(body.build)
     return mesh if mesh is not None and mesh.joint_names == body.joint_names else None
 
 
 def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """Draw bodies in a perspective: a single one in skin colour, several in the colours of their outlines."""
+    """Draw fitted bodies in a perspective, as meshes, or as stick figures while their meshes are not available.
+
+    A single body has a skin colour; several have the colours of their outlines. This is a `DrawPart.draw`.
+    """
     T = room.T_stage_world
     bones: list[Strokes] = []
     joints: list[Strokes] = []
@@ -89,7 +92,7 @@ def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -
 
 
 def body_tag(body: TrackedBody, scene: Scene) -> str:
-    """Return a body's label: its name, its person, and whether it is lost; empty for a body without a name."""
+    """Return a body's label: its name, the person whose body it is, and whether it is lost; may be empty."""
     person = next((one for one in scene.people if one.id == body.person), None)
     of = called(person) if person is not None else f"person {body.person}" if body.person >= 0 else ""
     said = [body.name] if body.name else []
@@ -102,9 +105,10 @@ def body_tag(body: TrackedBody, scene: Scene) -> str:
 
 
 def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
-    """Return a pose of the world such that the first body faces the viewer, and all stand in the stage's centre.
+    """Return a pose of the world on the stage such that the first body faces the viewer, and all stand in the centre.
 
-    The vertical is the signed world axis nearest to the first body's own up.
+    The vertical is the signed world axis nearest to the first body's upward axis. None if no point of the bodies is
+    known. This is a `DrawPart.space`.
     """
     first = bodies[0]
     up = first.T_world_model[:3, 1]
@@ -170,7 +174,11 @@ def _softer(colour: Colour) -> Rgb:
 
 
 def body_images(bodies: tuple[TrackedBody, ...]) -> Mapping[str, ImageLines]:
-    """Return each model's outline in its colour, and the image contour's deviations: outside in red, inside in blue."""
+    """Return lines over each camera's image, by camera: the models' outlines, and deviating silhouette contours.
+
+    An outline has the body's colour; a contour is red outside the model and blue inside it. This is a
+    `DrawPart.images`.
+    """
     views: dict[str, list[tuple[int, TrackedBody, TrackedBodyView]]] = {}
     for k, body in enumerate(bodies):
         for view in body.views:
@@ -195,7 +203,7 @@ def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
 
 
 def view_words(view: TrackedBodyView) -> str:
-    """Return the overlap of the outlines in percent, or a note that the image is not used."""
+    """Return the overlap of model and silhouette in percent, or a note that the image is not used."""
     if view.left_out:
         return "left out"
     return "not in the image" if np.isnan(view.overlap) else f"{view.overlap:.0%}"

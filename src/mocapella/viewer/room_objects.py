@@ -19,7 +19,7 @@ _OVER: Final = np.array([0.0, 0.05, 0.0])
 
 
 def draw_objects(objects: tuple[TrackedObject, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """Draw objects in a perspective; an object that is not seen now has thinner lines."""
+    """Draw rigid objects in a perspective; an object that is not measured now has thinner lines. A `DrawPart.draw`."""
     bones: list[Strokes] = []
     tags = []
     for thing in objects:

@@ -31,7 +31,7 @@ _OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
 
 
 def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """Draw people in a perspective."""
+    """Draw people in a perspective: fused skeletons, views, faces and labels. This is a `DrawPart.draw`."""
     states: list[NDArray[np.uint8]] = []
     positions, sds, radii = [], [], []
     colours: list[NDArray[np.uint8]] = []
@@ -84,14 +84,15 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
 
 
 def called(person: Person) -> str:
-    """The person's name, or number."""
+    """Return a person's name, or ``person`` and the id if the person has no name."""
     return person.name or f"person {person.id}"
 
 
 def joint_colours(person: Person, perspective: str, topology: Topology) -> NDArray[np.uint8]:
-    """Return colours (joints, 3) of a fused skeleton, which show the sensors that measure each joint.
+    """Return the colours (joints, 3) uint8 of a fused skeleton's joints, red, green and blue.
 
-    The colours are those of the module's text; in the `FREE` perspective, every measured joint is white.
+    White joints are measured by the perspective's sensor, green ones only by other sensors, grey ones by no sensor. In
+    the `FREE` perspective, every measured joint is white.
     """
     colours = np.tile(np.array(FUSED, np.uint8), (len(topology), 1))
     measured = np.asarray(person.states) == JointState.TRACKED

@@ -1,4 +1,4 @@
-"""Obstacles of a simulated room on the stages of the view."""
+"""Draw the obstacles of a simulated room on the stages of the view."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mocapella.viewer.stage import Surface
 Float64 = NDArray[np.float64]
 
 PROP: Final = "scenery"
-"""Name of the prop that returns a `Scenery`."""
+"""Name of the prop, a function given to the view, that returns a `Scenery`."""
 _OPACITY: Final = 0.32
 """On the Tracking stage, where the people behind an obstacle are to be seen."""
 _DECIMALS: Final = 3
@@ -27,18 +27,26 @@ _DECIMALS: Final = 3
 
 
 def room_surfaces(scenery: Scenery, room: RoomView) -> dict[str, Surface]:
-    """Return the obstacles in a perspective, by name; none until the pose of a simulated sensor is known in it."""
+    """Return the obstacles in a perspective as meshes in the view's space, by name.
+
+    The result is empty until the pose of a simulated sensor is known in the perspective.
+
+    Args:
+        scenery: obstacles and true sensor poses of the simulated room.
+        room: viewpoint of the drawing.
+    """
     T = _stage_room(scenery, room)
     return {} if T is None else _surfaces(scenery, T, _OPACITY)
 
 
 def lane_surfaces(scenery: Scenery, sensor: str, T_view_sensor: Float64) -> dict[str, Surface]:
-    """Return the obstacles in one sensor's lane, by name; none for a sensor outside the simulated room.
+    """Return the obstacles in a sensor's lane as meshes, by name; empty for a sensor outside the simulated room.
 
     Args:
-        scenery: of the room.
-        sensor: name.
-        T_view_sensor: (4, 4) from the sensor's camera space to its lane in the view, including the lane's scale.
+        scenery: obstacles and true sensor poses of the simulated room.
+        sensor: name of the sensor.
+        T_view_sensor: (4, 4) transform from the sensor's camera space to its lane in the view's space, including the
+            gallery's scale [m].
     """
     if sensor not in scenery.T_room_sensor:
         return {}

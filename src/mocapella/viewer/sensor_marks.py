@@ -1,4 +1,4 @@
-"""The mark of each sensor on the Tracking stage: pose, colour and label."""
+"""The marks of the sensors on the Tracking stage: pose, colour, label and field of view."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from mocapella.viewer.palette import AMBER, GREY, RED, Rgb
 Float64 = NDArray[np.float64]
 
 REACH_M = 4.5
-"""How far a field of view is drawn: as far as a Kinect v2 tracks people."""
+"""Length of a drawn field of view: the largest distance of people that a Kinect v2 tracks [m]."""
 
 
 class PlaceState(Enum):
-    """Reliability of a sensor's pose."""
+    """Reliability of a sensor's pose: good; with a problem; known before but not now; not calibrated yet."""
 
     GOOD = "good"
     DOUBTED = "doubted"
@@ -38,9 +38,10 @@ class SensorMark:
     """Mark of a sensor on the stage.
 
     Attributes:
-        T: (4, 4), from its camera space to the view's space; beside the stage if its pose is unknown.
+        T: (4, 4) transform from the sensor's camera space to the view's space [m]; beside the stage if the pose is
+            unknown.
         standing: reliability of the pose.
-        words: its name and problem.
+        words: label: the sensor's name and problem.
     """
 
     T: Float64
@@ -48,19 +49,24 @@ class SensorMark:
     words: str
 
     def colour(self, own: Rgb) -> Rgb:
-        """Return the mark's colour: the sensor's ``own``, or that of the problem."""
+        """Return the mark's colour: the sensor's ``own`` colour, or the colour of the pose's problem."""
         return _COLOUR.get(self.standing, own)
 
 
 def standing(place: SensorPlace, was_placed: bool) -> PlaceState:
-    """Return the reliability of a sensor's pose; ``was_placed``: the pose was known before."""
+    """Return the reliability of a sensor's pose; ``was_placed`` is whether the pose was known in an earlier scene."""
     if place.T_world_sensor is None:
         return PlaceState.LOST if was_placed else PlaceState.UNKNOWN
     return PlaceState.DOUBTED if place.problem else PlaceState.GOOD
 
 
 def words(place: SensorPlace, how: PlaceState) -> str:
-    """Return a sensor's label, such as ``left``, ``left · not calibrated yet`` or ``left · not used: it was moved``."""
+    """Return a sensor's label, such as ``left``, ``left · not calibrated yet`` or ``left · not used: it was moved``.
+
+    Args:
+        place: the sensor's pose and problem.
+        how: reliability of the pose.
+    """
     if how is PlaceState.GOOD:
         return place.sensor
     why = trouble(place.problem).partition(": ")[0].partition(" (")[0] if how is PlaceState.LOST else ""
@@ -70,12 +76,13 @@ def words(place: SensorPlace, how: PlaceState) -> str:
 def marks(
     places: tuple[SensorPlace, ...], remembered: Mapping[str, Float64], T_stage_world: Float64 | None
 ) -> dict[str, SensorMark]:
-    """Return the marks of all sensors of the scene.
+    """Return the marks of all sensors of a scene, by sensor.
 
     Args:
         places: sensor poses of the scene.
-        remembered: last known T_world_sensor (4, 4) of each sensor.
-        T_stage_world: (4, 4); None if the perspective's pose in the world is unknown.
+        remembered: last known pose T_world_sensor (4, 4) of each sensor, by sensor [m].
+        T_stage_world: (4, 4) transform from the world to the stage [m]; None if the perspective's pose in the world is
+            unknown.
     """
     made: dict[str, SensorMark] = {}
     aside = 0
@@ -91,9 +98,11 @@ def marks(
 
 
 def field_lines(T: Float64, field_deg: tuple[float, float]) -> NDArray[np.float32]:
-    """Return the edges (8, 2, 3) of a sensor's field of view: a pyramid of height `REACH_M`.
+    """Return the edges of a sensor's field of view, a pyramid of height `REACH_M`, as (8, 2, 3) end points [m].
 
-    ``T`` (4, 4) is the sensor's pose, ``field_deg`` its horizontal and vertical field of view [°].
+    Args:
+        T: (4, 4) transform from the sensor's camera space to the view's space [m].
+        field_deg: horizontal and vertical field of view [°].
     """
     x, y = np.tan(np.radians(field_deg) / 2)
     corners = np.array([[x, y, 1.0], [-x, y, 1.0], [-x, -y, 1.0], [x, -y, 1.0]]) * REACH_M

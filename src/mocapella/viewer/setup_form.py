@@ -18,11 +18,11 @@ from mocapella.model.session import SensorPose, SessionStatus, Setup
 from mocapella.settings import parse
 
 NONE = "–"
-"""What a dropdown shows where nothing is chosen."""
+"""Text of a dropdown without a choice."""
 
 
 TILT_DEG, HEIGHT_M = (math.degrees(TILT.low), math.degrees(TILT.high)), (SENSOR_HEIGHT.low, SENSOR_HEIGHT.high)
-"""Between which values a sensor's pose may be."""
+"""Smallest and largest valid tilt [°] and height [m] of a sensor."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,11 @@ class PoseField:
     def check(self, sensor: str) -> None:
         """Check that the pose is possible.
 
+        Args:
+            sensor: the sensor's name, for errors.
+
         Raises:
-            SettingsError: names the sensor, the field, and its range.
+            SettingsError: a value is out of range; names the sensor, the field, and its range.
         """
         for name, value, (low, high), unit in (
             ("tilt", self.tilt_deg, TILT_DEG, "°"),
@@ -50,7 +53,15 @@ class PoseField:
 
 @dataclass(frozen=True)
 class SetupFields:
-    """Values of the form's fields, in the units of the form."""
+    """Values of the form's fields, which become a `Setup`.
+
+    Attributes:
+        method: name of the tracking method.
+        sensors_expected: number of sensors to wait for before calibrating.
+        participant: number of the participant as typed; empty for none.
+        placement, scenario: chosen options, or `NONE`.
+        poses: pose of each sensor by name.
+    """
 
     method: str = Setup.method
     sensors_expected: int = 1
@@ -61,7 +72,10 @@ class SetupFields:
 
 
 def fields_of(status: SessionStatus) -> SetupFields:
-    """Return the form of a status: a sensor without a configured pose shows the pose that it reports itself."""
+    """Return the form's values for a session's status.
+
+    A sensor without a configured pose shows the pose that it reports itself.
+    """
     setup = status.setup
     said = {row.name: _pose_field(row.tilt, row.height) for row in status.sensors}
     chosen = {name: _pose_field(pose.tilt, pose.height) for name, pose in setup.sensors.items()}
@@ -76,7 +90,13 @@ def fields_of(status: SessionStatus) -> SetupFields:
 
 
 def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFields:
-    """Return the form after the server's setup changed from ``before`` to ``now``: edited fields do not change."""
+    """Return the form's values after a change of the server's setup; fields that the user has edited keep theirs.
+
+    Args:
+        shown: the form's present values.
+        before: the form's values for the server's previous setup.
+        now: the form's values for the server's new setup.
+    """
 
     def pick(mine: Any, old: Any, new: Any) -> Any:
         return new if mine == old else mine
@@ -96,9 +116,9 @@ def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFie
 
 
 def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> dict[str, Any]:
-    """Return the argument of the command ``setup``.
+    """Return the arguments of the server's command ``setup`` for the form's values.
 
-    It contains the pose of a sensor that was configured before or is edited now; other sensors report their own.
+    They include only the poses that were configured before or are edited now; other sensors report their own poses.
 
     Args:
         shown: the form's present values.
@@ -106,7 +126,7 @@ def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> d
         setup: the server's setup.
 
     Raises:
-        SettingsError: an invalid field; the message names it and the valid values.
+        SettingsError: a field is invalid; the message names it and the valid values.
     """
     if shown.sensors_expected not in SENSORS_EXPECTED:
         raise SettingsError(f"sensors to wait for is {shown.sensors_expected}; it must be {SENSORS_EXPECTED}")

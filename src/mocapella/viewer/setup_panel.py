@@ -1,4 +1,4 @@
-"""The Setup form in one browser."""
+"""The folder with the form of the session's setup, in one browser's panel."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
 
 
 class PoseInputs:
-    """Inputs of a sensor's pose, in a folder of its name; values are checked later, by `PoseField.check`."""
+    """Inputs of a sensor's pose, in a folder with the sensor's name. `PoseField.check` checks the values later."""
 
     def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
         with gui.add_folder(f"Sensor {sensor}") as self._folder:
@@ -39,7 +39,7 @@ class PoseInputs:
 
     @property
     def value(self) -> PoseField:
-        """Present values of the inputs."""
+        """Present values of the inputs; they can be assigned."""
         return PoseField(self._tilt.value, self._height.value)
 
     @value.setter
@@ -57,7 +57,15 @@ class PoseInputs:
 
 
 class SetupPanel:
-    """Shows the server's setup; keeps typed values until they are applied or reverted."""
+    """The folder "Setup": it shows the server's setup, and keeps edited values until they are applied or reverted.
+
+    Args:
+        gui: controls of the browser.
+        methods: names of the tracking methods to offer.
+        apply: is called with the arguments of the server's command ``setup`` when the user applies the form.
+        refuse: is called with a message if the form has an invalid value.
+        visible: whether the folder is visible.
+    """
 
     def __init__(
         self,
@@ -92,7 +100,12 @@ class SetupPanel:
             self._write(self._applied)
 
     def show(self, status: SessionStatus | None, *, enabled: bool) -> None:
-        """Show the server's setup, except in edited fields."""
+        """Show the server's setup, except in edited fields; call it in every update.
+
+        Args:
+            status: newest status of the session; None without a server.
+            enabled: whether the setup can be changed now.
+        """
         if status is not None and status.setup is not self._setup:
             self._take_up(status)
         edited = self._setup is not None and self._read() != self._applied

@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A two-sided mesh in the view's space."""
+    """A two-sided mesh in the view's space, with a colour and an opacity, 0 to 1."""
 
     mesh: Mesh
     colour: Rgb
@@ -44,10 +44,10 @@ class Skin:
     """A rigged mesh in a pose.
 
     Attributes:
-        mesh: the mesh; an unchanged one must be the same object, so that it is not sent again.
-        T_stage_parts: (parts, 4, 4) each part's transform from the rest pose to the view's space.
-        colour: of its surface.
-        opacity: from 0 to 1.
+        mesh: the mesh; an unchanged mesh must be the same object, so that it is not sent again.
+        T_stage_parts: (parts, 4, 4) transform of each part of the mesh from the rest pose to the view's space [m].
+        colour: colour of the surface.
+        opacity: 0 to 1.
     """
 
     mesh: RiggedMesh
@@ -61,15 +61,16 @@ class TrackingDrawing:
     """Content of the Tracking stage in one perspective, in the view's space.
 
     Attributes:
-        bones, joints: strokes.
-        halos: translucent balls around uncertain or inferred joints.
+        bones, joints: strokes of bones or lines, and of balls.
+        halos: strokes of translucent balls, for uncertain or inferred joints.
         tags: text labels.
-        sensors: marks by name.
-        unseen: names of people that the perspective's sensor never saw, so that they cannot be placed in it.
+        sensors: marks of the sensors, by sensor.
+        unseen: names of people that cannot be shown, because the perspective's sensor never saw them.
         scale: enlargement of the content.
-        there: whether the stage has content; otherwise it shows why it is empty.
-        surfaces, skins: meshes by name; a part's mesh keeps its name.
-        extent: two opposite corners (3,) of an upright box that the camera follows; None if it stands still.
+        there: whether the stage has content; if not, it shows the reason.
+        surfaces, skins: meshes by name; the name of a part's mesh must not change.
+        extent: smallest and largest corner (3,) of an upright box that the browser's camera follows [m]; None if the
+            camera stands still.
     """
 
     bones: Strokes = NO_STROKES
@@ -87,14 +88,14 @@ class TrackingDrawing:
 
 @dataclass(frozen=True, eq=False)
 class StageView:
-    """Viewpoint of a stage.
+    """Viewpoint and context of a stage's drawing.
 
     Attributes:
         perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
         seen: last known poses of the sensors and of each person's views, updated with the scene.
-        floors: height of each perspective above the floor.
-        troubles: receives the drawing errors.
-        scenery: the obstacles of a simulated room, if there is one.
+        floors: tilt and height above the floor of each perspective.
+        troubles: receives the errors of drawings.
+        scenery: obstacles of a simulated room; None without one.
     """
 
     perspective: str
@@ -105,44 +106,45 @@ class StageView:
 
 
 class StageMemory(Protocol):
-    """Interface of the state that a stage keeps from scene to scene."""
+    """Interface of the state that a stage keeps from scene to scene, such as a smoothed centre."""
 
     def update(self, scene: Scene | None) -> Any:
-        """Update with the newest scene; return the value that the stage draws with it, None if it has nothing to show.
+        """Update the state with the newest scene; return a value for `Stage.draw`, None if the stage has no content.
 
         A repeated scene changes nothing.
         """
 
 
 class NoMemory:
-    """Memory of a stage that needs only the scene itself."""
+    """`StageMemory` of a stage that keeps no state."""
 
     def update(self, scene: Scene | None) -> Any:
-        """Return the scene."""
+        """Return the scene unchanged."""
         return scene
 
 
 def no_memory(props: Mapping[str, Callable[[], Any]]) -> StageMemory:
-    """Return a `NoMemory`."""
+    """Create a `NoMemory`; ``props`` are not used."""
     return NoMemory()
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A stage of the view.
+    """Descriptor of a stage of the view.
 
     Attributes:
-        name: for the user.
-        draw: function of a scene, the value of `StageMemory.update` for it (both None before the first), and the
-            viewpoint.
+        name: name for the user.
+        draw: function of a scene, the value of `StageMemory.update` for this scene (both None before the first), and
+            the viewpoint.
         title: function of the drawing and the perspective that returns the title in front of the stage.
-        box: extent of its content.
-        elevation: angle by which the camera looks down at the stage alone [rad].
-        memory: creates its memory, from functions by name that create props, such as a cloth.
+        box: extent of the stage's content in the view's space.
+        elevation: downward angle of the browser's camera when it shows this stage only [rad].
+        memory: function that creates the stage's memory. Its argument has functions by name that create props:
+            objects to be shown beside a scene, such as a cloth.
         perspectives: whether the drawing depends on the perspective.
-        box_with_sensors: whether the camera also shows the sensors' gallery, until the user moves it.
-        pictures: whether camera images with lines of its parts are shown above it.
-        panel: creates its folder in the panel, visible while the stage is; None for none.
+        box_with_sensors: whether the camera at first shows the sensors' gallery as well.
+        pictures: whether camera images with lines drawn over them are shown above the stage.
+        panel: function that creates the stage's folder in a browser's panel; None for no folder.
     """
 
     name: str
@@ -158,5 +160,5 @@ class Stage:
 
 
 def enlarged_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Return the title of a stage with enlarged content."""
+    """Return the title of a stage with enlarged content, which names the scale."""
     return f"Tracking · {drawing.scale:.1f} times as large"

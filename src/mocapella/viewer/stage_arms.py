@@ -1,7 +1,7 @@
 """The ARMS stage: arms from the front, in perspective and from the side at once, several times their size.
 
-An arm is eight balls, joined by lines: a colour for each digit, white for the rest. A joint that is only inferred is
-hollow: a pale, translucent ball.
+An arm is eight balls, joined by lines: a colour for each digit, white for the other joints. An inferred joint is a
+pale, translucent ball.
 """
 
 from __future__ import annotations
@@ -52,18 +52,22 @@ _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
 _STAYS_M: Final = 0.22
 GONE_AFTER_S: Final = 5.0
-"""The stage stays so long after the last arm."""
+"""Time after the last visible arm at which the stage is left [s]."""
 CLOTH_PROP: Final = "cloth"
-"""Name of what makes a cloth among the things that the view was asked to show."""
+"""Name of the prop, a function given to the view, that creates a simulated cloth."""
 _HIGH_M, _WIDE_M = 1.9, 1.6
 _MIDDLE: Final = np.array([0.0, 0.5 * _HIGH_M + 0.12, layout.stage_centre()[2]])
 
 
 @dataclass(frozen=True)
 class DrawingPanel:
-    """One view of the arms: its title, its distance to the left of the stage's centre [m], and its angles [rad].
+    """One of the views of the arms that are side by side on the stage.
 
-    ``turn`` rotates the arms about the vertical, ``tilt`` is the angle by which the view looks down.
+    Attributes:
+        title: title of the view.
+        left_m: distance to the left of the stage's centre [m].
+        turn: rotation of the arms about the vertical [rad].
+        tilt: downward angle of the view [rad].
     """
 
     title: str
@@ -73,13 +77,13 @@ class DrawingPanel:
 
     @property
     def R(self) -> Float64:  # noqa: N802 - the field's notation
-        """Rotation (3, 3) from a world whose +z points away from the camera, to the stage as the viewer sees it."""
+        """Rotation (3, 3) to the stage, from the world turned about its vertical until the sensors look along +z."""
         aside = np.arctan2(self.left_m, _EYE_M)
         return rotation_about_y(aside) @ rotation_about_x(-self.tilt) @ rotation_about_y(self.turn)
 
     @property
     def middle(self) -> Float64:
-        """Centre (3,) of the view on the stage [m]."""
+        """Centre (3,) of the view, in the view's space [m]."""
         return np.asarray(_MIDDLE + np.array([self.left_m, 0.0, 0.0]))
 
 
@@ -95,9 +99,9 @@ class ArmsShown:
     """Values that the ARMS stage draws with a scene.
 
     Attributes:
-        centre: (3,) point of the world that is the centre of each view [m].
-        quality: metrics of noise and misdetections.
-        cloth: (rows, columns, 3) points of a simulated cloth in the world [m]; None without one.
+        centre: (3,) point of the world that is drawn at the centre of each view [m].
+        quality: metrics of the joints' noise and of misdetections.
+        cloth: (rows, columns, 3) points of a simulated cloth in the world [m]; None without a cloth.
     """
 
     centre: Float64
@@ -106,10 +110,12 @@ class ArmsShown:
 
 
 def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 | None:
-    """Return the point (3,) to look at [m]: it stays while the palms are near, and follows slowly if they move away.
+    """Return the world point (3,) to show at the centre of each view [m].
+
+    It stays while the palms are near, and follows slowly if they move away. None if no palm was ever visible.
 
     Args:
-        arms: present ones.
+        arms: arms of the newest scene.
         before: (3,) previous result; None at first.
     """
     palms = np.array([arm.points[PALM] for arm in arms]).reshape(-1, 3)
@@ -129,9 +135,10 @@ class ArmsMemory:
     """Memory of the ARMS stage: the point to look at, the quality of the arms, and a cloth that the hands move.
 
     Args:
-        props: functions by name that create props. That of `CLOTH_PROP`, if any, creates a cloth simulation with
-            ``update(arms, eye, at_s)``, which returns a cloth with ``positions`` (n, 3) and ``shape`` (rows,
-            columns), or None.
+        props: functions by name that create props, objects to be shown beside a scene. The function `CLOTH_PROP`, if
+            present, creates a cloth simulation. Its method ``update(arms, eye, at_s)`` receives the arms, the position
+            (3,) of a camera in the world [m] or None, and the scene's time [s]. It returns a cloth with ``positions``
+            (n, 3) in the world [m] and ``shape`` (rows, columns), or None.
     """
 
     def __init__(self, props: Mapping[str, Callable[[], Any]]) -> None:
@@ -144,7 +151,7 @@ class ArmsMemory:
         self._shown: ArmsShown | None = None
 
     def update(self, scene: Scene | None) -> ArmsShown | None:
-        """Return the values for the newest scene; None if there are no arms and were none recently."""
+        """Return the values to draw with the newest scene; None if no arm was visible in the last `GONE_AFTER_S`."""
         if scene is None or scene is self._scene:
             self._shown = None if scene is None else self._shown
             return self._shown
@@ -164,7 +171,7 @@ class ArmsMemory:
 
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
-    """Draw a scene's arms in all views; the drawing's ``halos`` are the inferred joints."""
+    """Draw a scene's arms in all views of the stage; the drawing's ``halos`` are the inferred joints."""
     joints: list[Any] = []
     hollow: list[Any] = []
     lines, tags = [], []
@@ -260,7 +267,11 @@ def _tag(text: str, at: Float64, above_m: float, visible: bool = True) -> Tag:
 
 
 def cloth_mesh(grids: Float64) -> tuple[Mesh, Mesh]:
-    """Return pieces of cloth (pieces, rows, columns, 3) [m] as two meshes, one for each colour of its checks."""
+    """Return pieces of cloth as two meshes, one for each colour of a chequered pattern.
+
+    Args:
+        grids: (pieces, rows, columns, 3) points of each piece [m].
+    """
     pieces, rows, columns, _ = grids.shape
     vertices = grids.reshape(-1, 3).astype(np.float32)
     one, other = _cloth_faces(pieces, rows, columns)

@@ -37,12 +37,12 @@ _OVER: Final = np.array([0.0, 0.18, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class StageOfHands:
-    """Transform from the world to the stage: p_stage = scale · R · (p_world − centre) + middle.
+    """Transform from the world to the stage: p_stage = scale · R · (p_world − centre) + the stage's centre.
 
     Attributes:
-        R: (3, 3).
-        centre: (3,) of the world [m].
-        scale: enlargement.
+        R: (3, 3) rotation from the world to the stage.
+        centre: (3,) world point at the stage's centre [m].
+        scale: enlargement of the hands.
     """
 
     R: Float64
@@ -51,7 +51,7 @@ class StageOfHands:
 
     @classmethod
     def of(cls, scene: Scene) -> StageOfHands:
-        """Return the stage around the point that the cameras look at, or else around its content."""
+        """Return the transform that centres the point that the cameras look at, or else the scene's hands."""
         places = np.array([place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None])
         if not len(places):
             seen = np.array([hand.landmarks for hand in scene.hands]).reshape(-1, 3)
@@ -74,14 +74,14 @@ class StageOfHands:
         return self.scale * (points - self.centre) @ self.R.T + layout.stage_centre()
 
     def place_sensor(self, T_world_sensor: Float64) -> Float64:
-        """Return a sensor's pose (4, 4) on the stage."""
+        """Return a sensor's pose (4, 4) on the stage from its pose T_world_sensor (4, 4) [m]."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.R @ T_world_sensor[:3, :3], self.place(T_world_sensor[:3, 3])
         return T
 
 
 def hands_drawing(scene: Scene) -> TrackingDrawing:
-    """Draw a scene of hands."""
+    """Draw a scene's hands, markers, cameras and objects, enlarged."""
     stage = StageOfHands.of(scene)
     bones, joints, halos, tags = [], [], [], []
     hands = [hand for hand in scene.hands if np.isfinite(hand.landmarks).all(axis=-1).any()]
@@ -116,7 +116,7 @@ def hands_drawing(scene: Scene) -> TrackingDrawing:
 
 
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
-    """Return for each landmark (21,) whether its joint is at one of its limits."""
+    """Return for each landmark of a hand (21,) whether an angle of its joint is within 2° of a joint limit."""
     limits, angles = hand_model("full").limits, hand.angles
     at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))
     at_end &= limits[:, 1] > limits[:, 0]

@@ -22,7 +22,13 @@ Float64 = NDArray[np.float64]
 
 
 def draw_room(scene: Scene | None, shown: Any, view: StageView) -> TrackingDrawing:
-    """Draw all parts of a scene in a perspective; the drawing is empty without a scene."""
+    """Draw all parts of a scene in a perspective; the drawing is empty without a scene. This is a `Stage.draw`.
+
+    Args:
+        scene: the scene; None before the first.
+        shown: value of the stage's memory, not used.
+        view: viewpoint of the drawing.
+    """
     room = RoomView(view.perspective, view.seen, view.floors)
     drawn: dict[str, PartDrawing] = {}
     for name, parts in scene.parts.items() if scene is not None else ():
@@ -69,7 +75,7 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
 
 
 def room_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Return the title: the frame of reference, and the people who cannot be shown in it."""
+    """Return the stage's title: the frame of reference, and the people who cannot be shown in it."""
     title = "Tracking · world frame" if perspective == FREE else f"Tracking · camera frame of {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"

@@ -21,17 +21,18 @@ from mocapella.viewer.stage_room import ROOM
 __all__ = ["ARMS", "HANDS", "ROOM", "Prop", "StageChoice"]
 
 Prop = str | Callable[[], Any]
-"""A function without arguments that makes an object to be shown, or a reference to one."""
+"""A function without arguments that creates an object to be shown beside a scene, or its reference ``module:name``."""
 
 _ROOM_REFERENCE: Final = "mocapella.viewer.stages:ROOM"
 
 
 class StageChoice:
-    """Chooses the stage of each scene, with the memory of all stages of one view.
+    """Chooses the stage for each scene, and keeps the memory of all stages of one view.
 
     Args:
-        methods: references to the stages of each method, by its name; other methods have the ROOM.
-        props: functions by name that create objects that stages may show beside a scene.
+        methods: references ``module:name`` to the stages of each tracking method, by the method's name; other methods
+            have the stage ROOM only.
+        props: functions by name that create objects that stages may show beside a scene, such as a cloth.
         troubles: receives the error of a stage that cannot be used; that stage is skipped.
     """
 
@@ -43,7 +44,10 @@ class StageChoice:
         self._memories: dict[str, StageMemory] = {}
 
     def update(self, scene: Scene | None, method: str) -> tuple[Stage, Any]:
-        """Return the stage of the newest scene, and the value of its `StageMemory.update`."""
+        """Return the stage for the newest scene, and the value of the stage's `StageMemory.update`.
+
+        It is the method's first stage with content, or else its last one. All its stages are updated with the scene.
+        """
         chosen: tuple[Stage, Any] = ROOM, scene
         found = False
         stages = self._stages(method)

@@ -1,4 +1,4 @@
-"""Recently shown scenes, so that each browser can pause, go back and replay them."""
+"""Store the recently shown scenes, so that each browser can pause, go back and replay them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from mocapella.viewer.picture_plane import SizedPicture
 from mocapella.viewer.stage import Stage
 
 KEPT_BYTES: Final = 300_000_000
-"""Beyond, the pictures and frames of the oldest moments are let go; of scenes beyond, the oldest moments."""
+"""Largest memory of the timeline, in bytes: first images and frames of the oldest moments are dropped, then moments."""
 KEPT_FRAMES: Final = 36_000
-"""Beyond, the oldest moments are let go, so many at once:"""
+"""Number of moments that are always kept, as far as the memory suffices; beyond, the oldest `LET_GO` are dropped."""
 LET_GO: Final = 1_000
 LATEST_S: Final = 0.5
-"""A camera that gave no picture for a moment of a run has its last one shown, where that is no older."""
+"""Largest age of a camera image that is still shown if the camera has no image of a later moment of a run [s]."""
 BACK_S: Final = 1.0
-"""A scene so much older than the last one begins another timeline."""
+"""A scene that is older than the last one by more than this begins another timeline [s]."""
 _VALUE_BYTES: Final = 120
 """What an array or structure takes beside its content, about."""
 
@@ -37,8 +37,9 @@ class ShownPicture:
 
     Attributes:
         picture: the encoded image.
-        scene: scene to draw over it; None if there is none of that time.
-        at_s: when it arrived, on the timeline's clock [s].
+        scene: scene to draw over the image; None if no scene of that time is known.
+        at_s: time of the image [s]: in a run on files the scene's time, on the scenes' common clock; else the arrival,
+            on this process's monotonic clock.
     """
 
     picture: SizedPicture
@@ -51,13 +52,13 @@ class Moment:
     """Everything that is shown at one time.
 
     Attributes:
-        at_s: time of the scene, on the common clock [s].
-        scene: the tracker's result; None if there is none.
-        frames: each sensor's newest frame, by its name.
-        stage: of the scene.
+        at_s: capture time of the scene, on the scenes' common clock [s].
+        scene: the tracker's result; None before the first.
+        frames: newest frame of each sensor, by sensor.
+        stage: the stage that shows the scene.
         shown: value that the stage's memory derived from the scene (`StageMemory.update`).
         seen: poses of the sensors and of each person's views at that time.
-        pictures: camera images by camera.
+        pictures: newest image of each camera, by camera.
     """
 
     at_s: float
@@ -70,11 +71,14 @@ class Moment:
 
 
 class Timeline:
-    """The stored moments, numbered 0, 1, 2, … from the beginning, also after old ones are dropped.
+    """The stored moments, numbered from 0; the numbers do not change when old moments are dropped.
+
+    ``timeline[number]`` is the stored moment nearest to a number. Times are on the scenes' common clock.
 
     Attributes:
-        done: whether no more moments follow, because a run of files has ended.
-        world: number of restarts.
+        done: whether no more moments follow, because a run on files has ended.
+        world: number of times that the timeline began again, because a scene was much older than the last one.
+        first: number of the oldest stored moment.
     """
 
     def __init__(self) -> None:
@@ -100,11 +104,14 @@ class Timeline:
         return self._moments[self.nearest(number) - self.first]
 
     def nearest(self, number: int) -> int:
-        """Return the number of the stored moment nearest to ``number``; before the first moment, `last`."""
+        """Return the number of the stored moment nearest to ``number``; −1 if no moment is stored."""
         return min(max(number, self.first), self.last)
 
     def add(self, moment: Moment) -> None:
-        """Keep a moment, unless its scene is the last one's; ``moment.frames`` is kept without a copy."""
+        """Store a moment, unless it has no scene or the last moment's scene; ``moment.frames`` is not copied.
+
+        Beyond `KEPT_BYTES` or `KEPT_FRAMES`, old moments are dropped.
+        """
         before = self._moments[-1] if self._moments else None
         if moment.scene is None or (before is not None and before.scene is moment.scene):
             return
@@ -129,18 +136,18 @@ class Timeline:
             self._let_go(max(1, min(LET_GO, len(self._moments) // 10)))
 
     def number_at(self, at_s: float) -> int:
-        """Return the number of the last moment up to a time [s]; that of the first one if all are later."""
+        """Return the number of the last moment up to a time [s]; of the first stored moment if all are later."""
         return self.first + max(0, bisect.bisect_right(self._at_s, at_s) - 1)
 
     def scene_near(self, at_s: float, within_s: float) -> Scene | None:
-        """Return the scene nearest to a time [s]; None if none is within ``within_s`` of it."""
+        """Return the scene nearest to a time ``at_s`` [s]; None if its distance is above ``within_s`` [s]."""
         k = bisect.bisect_left(self._at_s, at_s)
         around = [n for n in (k - 1, k) if 0 <= n < len(self._at_s)]
         best = min(around, key=lambda n: abs(self._at_s[n] - at_s), default=None)
         return None if best is None or abs(self._at_s[best] - at_s) > within_s else self._moments[best].scene
 
     def lately(self, number: int, seconds: float) -> tuple[list[float], list[Scene]]:
-        """Return times [s] and scenes of the last ``seconds`` up to the stored moment nearest to a number."""
+        """Return the times [s] and scenes of the last ``seconds`` up to the stored moment nearest to ``number``."""
         if not self._moments:
             return [], []
         end = self.nearest(number) - self.first + 1
@@ -168,7 +175,7 @@ class Timeline:
 
 
 class PlayState(StrEnum):
-    """State of a browser on the timeline."""
+    """State of a browser on the timeline; the values are the texts for the user."""
 
     NOTHING = "Getting ready"
     FOLLOWING = "Following"
@@ -178,13 +185,15 @@ class PlayState(StrEnum):
 
 
 class Playhead:
-    """Position of one browser on a timeline. Callbacks set ``playing`` and ``wish``; the drawing loop does the rest.
+    """Position of one browser on a timeline.
+
+    Callbacks of the browser set ``playing``, ``wish`` and ``newest``; the drawing loop calls `update`.
 
     Attributes:
         playing: whether the position advances by itself.
         wish: number of the moment that the user chose, until `update` uses it.
         newest: whether the user asked to follow live scenes, until `update` does so.
-        number: of the shown moment; None: always the newest.
+        number: number of the shown moment; None to follow the newest moment.
     """
 
     def __init__(self, timeline: Timeline) -> None:
@@ -197,12 +206,12 @@ class Playhead:
 
     @property
     def shown(self) -> int:
-        """Number of the moment that is shown."""
+        """Number of the moment that the browser shows."""
         return self._timeline.last if self.number is None else self._timeline.nearest(self.number)
 
     @property
     def state(self) -> PlayState:
-        """State of the browser on the timeline."""
+        """State of the browser on the timeline, such as paused."""
         timeline = self._timeline
         if not len(timeline):
             return PlayState.NOTHING
@@ -219,10 +228,10 @@ class Playhead:
         return 0.0 if not len(timeline) else timeline[timeline.last].at_s - timeline[self.shown].at_s
 
     def update(self, now_s: float) -> None:
-        """Show the moment that the user chose, or else play on at the recorded speed.
+        """Move to the moment that the user chose, or else advance at the recorded speed while playing.
 
         Args:
-            now_s: the present time on a monotonic clock [s].
+            now_s: the present time on this process's monotonic clock [s].
         """
         timeline = self._timeline
         if timeline.world != self._world:
@@ -259,7 +268,7 @@ class Playhead:
 
 
 def size_of(value: Any) -> int:
-    """Return the approximate memory of a value [bytes]: arrays, texts, structures, and their content."""
+    """Return the approximate memory of a value in bytes, such as a scene, including all values that it contains."""
     if isinstance(value, np.ndarray | bytes | str):
         return _VALUE_BYTES + (value.nbytes if isinstance(value, np.ndarray) else len(value))
     if isinstance(value, int | float | bool | Topology) or value is None:  # all scenes have the same topologies

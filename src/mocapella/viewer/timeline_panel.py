@@ -1,4 +1,4 @@
-"""Pause, play, and a slider over the recent moments, in one browser."""
+"""The folder of the timeline in one browser's panel: pause, play, and a slider over the stored moments."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from mocapella.viewer.palette import AMBER, GREY
 from mocapella.viewer.timeline import Playhead, PlayState, Timeline
 
 EVERY_S: Final = 0.2
-"""While a browser follows, the slider goes on so often."""
+"""Interval between updates of the slider while a browser follows live scenes [s]."""
 
 
 class TimelinePanel:
-    """The folder "Timeline". Callbacks leave requests at the playhead, which the drawing loop carries out.
+    """The folder "Timeline". Callbacks of the browser only set requests of the playhead, which the drawing loop uses.
 
     Args:
-        gui: of the browser.
-        timeline: the kept moments.
-        playhead: this browser's.
+        gui: controls of the browser.
+        timeline: the stored moments.
+        playhead: position of this browser on the timeline.
     """
 
     def __init__(self, gui: viser.GuiApi, timeline: Timeline, playhead: Playhead) -> None:
@@ -48,7 +48,11 @@ class TimelinePanel:
             self._playhead.newest = True
 
     def show(self, now_s: float) -> None:
-        """Show the browser's position on the timeline."""
+        """Show the browser's position on the timeline.
+
+        Args:
+            now_s: the present time on this process's monotonic clock [s].
+        """
         timeline, playhead = self._timeline, self._playhead
         label = "Pause" if playhead.playing else "Play"
         if self._button.label != label:
@@ -75,7 +79,7 @@ class TimelinePanel:
 
 
 def timeline_html(timeline: Timeline, playhead: Playhead) -> str:
-    """Return as HTML the number of the shown frame, the number of stored frames, and the shown frame's age."""
+    """Return the number of the shown moment, the number of stored moments, and the shown moment's age as HTML."""
     if not len(timeline):
         return _small("Nothing was shown yet.", GREY.css)
     count, place = len(timeline), playhead.shown - timeline.first + 1

@@ -21,7 +21,7 @@ from mocapella.viewer.stage import Stage, TrackingDrawing
 from mocapella.viewer.surface_nodes import SurfaceNodes
 
 Fields = Mapping[str, tuple[float, float]]
-"""Each sensor's field of view, across and high [°]."""
+"""Horizontal and vertical field of view of each sensor [°], by sensor."""
 
 _TITLE_SIZE, _PEOPLE_SIZE, _NAME_SIZE = 1.2, 0.9, 0.8
 _OVER_SENSOR_M = 0.2
@@ -30,19 +30,25 @@ SENSOR_M, SENSOR_LINE_M = 0.12, 0.01
 _OF_DISTANCE, _LINE_OF_SIZE = 0.012, 0.09
 """Of a sensor that is as large on the screen wherever it stands: over its distance from the viewer; over its size."""
 FLOOR_STEP_M = 1.0
-"""A floor goes along by whole squares, so that its lines stay where they are."""
+"""Step of a floor that follows people: one square, so that its grid lines stay in place [m]."""
 _TITLE_BESIDE = np.array([2.5, 0.0, 0.0])
 """From what the camera goes along with to a stage's title."""
 _FLOOR = np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M])
 
 
 def tracking_title(stage: Stage, drawing: TrackingDrawing, perspective: str) -> Tag:
-    """Return the title in front of a stage as a label."""
+    """Return a label with the title of a stage, at the front edge of the stage."""
     return Tag(stage.title(drawing, perspective), layout.title_place(stage.box))
 
 
 class TrackingStage:
-    """Scene nodes of the Tracking stage. A drawing that is already shown is not sent again."""
+    """Scene nodes of the Tracking stage in one browser. A drawing that is already shown is not sent again.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        colours: colours of the sensors.
+        fields: horizontal and vertical field of view of each sensor [°], by sensor.
+    """
 
     def __init__(self, scene: viser.SceneApi, colours: SensorColours, fields: Fields) -> None:
         self._scene, self._colours, self._fields = scene, colours, fields
@@ -81,21 +87,23 @@ class TrackingStage:
         camera: LabelCamera | None = None,
         lanes: Sequence[tuple[float, Sequence[Tag]]] = (),
     ) -> None:
-        """Show a drawing.
+        """Show a drawing in place of the earlier one.
 
         Args:
-            stage: whose drawing it is.
-            drawing: its content.
-            perspective: a sensor's name, or free.
+            stage: the stage that made the drawing.
+            drawing: content of the stage.
+            perspective: a sensor's name, or `mocapella.viewer.perspective.FREE`.
             empty: text on an empty stage.
-            conditions: lines above the title of a stage with content.
+            conditions: text lines above the title of a stage with content, such as problems.
             eyes: whether the browser looks through the perspective's sensor, which is then hidden.
             fields: whether the sensors' fields of view are drawn.
             named: whether the sensors' names are shown.
-            along: (3,) point that the camera follows; floor and title move with it. None if they stay.
-            eye: (3,) position of the viewer, from which all sensors appear equally large; None for their usual size.
-            camera: of the browser, to keep labels apart on the screen; None if unknown.
-            lanes: font scale and labels of the gallery, which the labels of this stage must not cover.
+            along: (3,) point in the view's space that the browser's camera follows [m]; floor and title move with it.
+                None if they stay.
+            eye: (3,) viewpoint in the view's space [m]; all sensors then appear equally large from it. None for their
+                usual size.
+            camera: camera of the browser, to keep labels apart on the screen; None if unknown.
+            lanes: font scales and labels of the gallery, which the labels of this stage must not cover.
         """
         self._empty.draw([] if drawing.there else [Tag(empty, layout.stage_centre())])
         title = tracking_title(stage, drawing, perspective)
@@ -125,7 +133,12 @@ class TrackingStage:
         self._tags.draw(people)
 
     def draw_trails(self, key: tuple[object, ...], lines: Any) -> None:
-        """Show the trails that ``lines()`` returns, points and colours (n, 2, 3), if ``key`` has changed."""
+        """Show people's trails, if they have changed.
+
+        Args:
+            key: identity of the trails; they are drawn only if it differs from the last call's.
+            lines: function that returns the trails as line segments, see `mocapella.viewer.trails.trail_lines`.
+        """
         if self._trails_of != key:
             self._trails_of = key
             self._trails.draw(*lines())

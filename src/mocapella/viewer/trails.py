@@ -18,7 +18,7 @@ from mocapella.viewer.room import RoomView
 Float64 = NDArray[np.float64]
 
 EVERY_S = 0.09
-"""Ten times a second, of 30 frames."""
+"""Interval between samples of the positions: at 30 frames per second, every third frame [s]."""
 LONGEST_S = 60.0
 _PARTS = ("root", "head", "hand_left", "hand_right", "foot_left", "foot_right")
 _FASTEST_M_S = 8.0
@@ -28,7 +28,7 @@ _OVER_FLOOR_M = 0.012
 
 
 class TrailOf(StrEnum):
-    """The part of a person that leaves a trail."""
+    """Body parts that can leave trails; ``FLOOR`` is the root's projection onto the floor."""
 
     NOTHING = "off"
     FLOOR = "on the floor"
@@ -39,7 +39,7 @@ class TrailOf(StrEnum):
 
 @dataclass(frozen=True)
 class TrailChoice:
-    """A browser's choice: the body part that leaves trails, and their duration [s]."""
+    """A user's choice: the body parts that leave trails, and the duration of the trails [s]."""
 
     of: TrailOf = TrailOf.NOTHING
     seconds: float = 10.0
@@ -63,10 +63,10 @@ class _Steps:
 
 
 class Trails:
-    """Records the positions of all people, ten times a second.
+    """Records the world positions of all people's head, hands, feet and root, ten times a second, for `LONGEST_S`.
 
     Attributes:
-        number: of samples taken so far; the drawing changes with it.
+        number: number of samples so far; while it is unchanged, so are the trails.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,12 @@ class Trails:
         self._who: dict[int, Person] = {}
 
     def learn(self, scene: Scene, world: int) -> None:
-        """Take a sample if one is due; a changed ``world`` (`Perspectives.world`) drops all earlier samples."""
+        """Take a sample of the people's positions if `EVERY_S` has passed since the last one.
+
+        Args:
+            scene: the newest scene.
+            world: number of the world frame (`Perspectives.world`); a change drops all earlier samples.
+        """
         at_s = scene.at_ns / NS_PER_S
         if world != self._world or at_s < self._now_s - LONGEST_S:
             self._people, self._world, self._now_s = {}, world, -np.inf
@@ -96,13 +101,17 @@ class Trails:
     def lines(
         self, of: TrailOf, seconds: float, T_stage: Callable[[Person], Float64 | None], until_s: float = np.inf
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Return (n, 2, 3) points and (n, 2, 3) colours of the trails of the present people.
+        """Return the trails of the present people as line segments that fade with age.
 
         Args:
-            of: the joint or floor point that leaves them.
-            seconds: how far back they go.
-            T_stage: (4, 4), world to stage, of a person; None where the person is not on the stage.
-            until_s: their end, on the clock of the scenes [s]; by default the newest sample.
+            of: the body parts that leave trails.
+            seconds: duration of the trails.
+            T_stage: function of a person that returns the transform (4, 4) from the world to the stage [m]; None for a
+                person without one, who gets no trail.
+            until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.
+
+        Returns:
+            End points (n, 2, 3) on the stage [m], and their colours (n, 2, 3), red, green and blue, 0 to 255.
         """
         now_s = min(self._now_s, until_s)
         points, colours = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3))]
@@ -128,7 +137,14 @@ class Trails:
 def trail_lines(
     trails: Trails, shown: TrailChoice, room: RoomView, until_s: float = np.inf
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return `Trails.lines` on the ROOM stage."""
+    """Return the trails on the ROOM stage as line segments, see `Trails.lines`.
+
+    Args:
+        trails: recorded positions.
+        shown: the user's choice of body parts and duration.
+        room: viewpoint of the drawing.
+        until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.
+    """
 
     def to_stage(person: Person) -> Float64 | None:
         T = room.T_perspective_world(person)

@@ -1,4 +1,4 @@
-"""Drawings of one update of the view, computed once for all browsers that show the same."""
+"""Compute the drawings of one update of the view, once for all browsers that show the same."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _NOTHING: Final = TrackingDrawing(there=False)
 
 @dataclass(frozen=True, eq=False)
 class Boards:
-    """Camera images above a stage.
+    """Panels with camera images above a stage.
 
     Attributes:
-        planes: pose of each, relative to the camera's target.
-        shown: what each shows.
+        planes: rectangle of each panel by camera, relative to the target of the browser's camera.
+        shown: content of each panel by camera.
     """
 
     planes: Mapping[str, Plane]
@@ -39,7 +39,7 @@ class Boards:
 
 
 class Drawings:
-    """Computes and caches the drawings of moments, for all browsers and for successive updates.
+    """Computes the drawings of moments once for all browsers, and keeps them while successive updates use them.
 
     Args:
         known: memory of the view.
@@ -53,11 +53,11 @@ class Drawings:
         self._planes: tuple[object, Mapping[str, Plane]] = (None, {})
 
     def begin(self) -> None:
-        """Begin the next update: drop the drawings that the last update did not use."""
+        """Begin the next update of the view: drop the drawings that the last update did not use."""
         self._before, self._now = self._now, {}
 
     def tracking(self, moment: Moment, perspective: str) -> TrackingDrawing:
-        """Return the stage of a moment from a perspective; empty if drawing raises (reported once)."""
+        """Return the drawing of a moment's stage in a perspective; empty if drawing fails (reported once)."""
         known, stage = self._known, moment.stage
         view = StageView(perspective, moment.seen, known.floors, known.troubles, known.scenery)
 
@@ -69,17 +69,17 @@ class Drawings:
         return self._once(("tracking", id(moment), perspective), moment, make)
 
     def gallery(self, moment: Moment, without: tuple[str, ...]) -> GalleryDrawing:
-        """Return the sensors' gallery of a moment, without some sensors."""
+        """Return the drawing of the sensors' gallery at a moment; ``without`` names sensors that get no lane."""
         lanes = (known := self._known).colours.sensors
         key = ("gallery", id(moment), lanes, without)
         return self._once(key, moment, lambda: gallery_drawing(moment.frames, known, without))
 
     def boards(self, moment: Moment) -> Boards:
-        """Return the camera images above the stage of a moment."""
+        """Return the panels with camera images above the stage at a moment."""
         return self._once(("boards", id(moment)), moment, lambda: self._make_boards(moment))
 
     def cameras(self, scene: Scene | None) -> tuple[str, ...]:
-        """Return the cameras with lines of the scene's parts over their images, in the order of their boards."""
+        """Return the names of the cameras whose images a scene's parts draw lines over, in the order of the panels."""
         return tuple(self._image_lines(scene))
 
     def _make_boards(self, moment: Moment) -> Boards:
@@ -134,12 +134,12 @@ class ViewNow:
     """Input of all browsers for one update.
 
     Attributes:
-        moment: the newest one.
-        status: of the session; None without a server, or while it does not answer.
-        board: state of the camera calibration; None if calibration is not available.
-        drawings: of moments.
-        home: camera pose of "Reset View"; None for viser's default.
-        now_s: of a monotonic clock [s].
+        moment: the newest moment.
+        status: newest status of the session; None without a server, or while the server does not answer.
+        board: progress of a camera calibration; None if calibration is not available.
+        drawings: computes and caches the drawings of moments.
+        home: camera pose of the button "Reset View"; None for viser's default.
+        now_s: the present time on this process's monotonic clock [s].
     """
 
     moment: Moment

@@ -26,16 +26,21 @@ _LONGER_SIDE_DEG: Final = 60.0
 
 
 class Ground:
-    """Pose of the world on the stage, from the first parts of a world that define one."""
+    """Remembers the pose of the world on the stage, from the first scene whose parts define one.
+
+    Attributes:
+        space: the pose in the `FREE` perspective; None if unknown.
+    """
 
     def __init__(self) -> None:
         self.space: StageSpace | None = None
         self._step = -1
 
     def learn(self, scene: Scene, troubles: PluginErrors) -> StageSpace | None:
-        """Update with a scene; return the pose, None if its parts define none.
+        """Update with the newest scene; return the remembered pose, None if it is unknown.
 
-        A step number that goes back means a new session, and drops the pose. Errors of a drawing go to ``troubles``.
+        A step number that goes back means a new tracker, and drops the pose. Errors of a drawing are reported to
+        ``troubles``.
         """
         if scene.step < self._step:
             self.space = None
@@ -50,12 +55,18 @@ class Ground:
 
 @dataclass(frozen=True)
 class ViewMemory:
-    """The memory of the view; only the drawing loop changes it.
+    """The memory of the view, shared by all browsers; only the drawing loop changes it.
 
     Attributes:
-        fields: each sensor's horizontal and vertical field of view [°].
+        troubles: errors of plug-ins' drawings.
+        colours: names and colours of all sensors so far.
+        fields: horizontal and vertical field of view of each sensor [°], by sensor.
         sizes_px: (width, height) of the images that sensors send, by sensor.
-        scenery: the obstacles of a simulated room; None without any.
+        floors: tilt and height above the floor of each sensor.
+        seen: last known poses of the sensors and of each person's views.
+        ground: pose of the world on the stage.
+        trails: recent positions of people.
+        scenery: obstacles of a simulated room; None without one.
     """
 
     troubles: PluginErrors = field(default_factory=PluginErrors)
@@ -69,7 +80,7 @@ class ViewMemory:
     scenery: Scenery | None = None
 
     def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
-        """Update it with the newest scene, frames and status."""
+        """Update the memory with the newest scene, the newest frame of each sensor, and the session's status."""
         self.colours.learn({row.name for row in status.sensors} if status else set())
         self.colours.learn(set(frames))
         if scene is not None:

@@ -1,4 +1,4 @@
-"""The live view: a web page with all stages and controls, for any number of browsers."""
+"""Serve the live view: a web page with all stages and controls, for any number of browsers."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from mocapella.viewer.view_frame import Drawings, ViewNow
 from mocapella.viewer.view_state import ViewMemory
 
 BOARD_PX: Final = 560
-"""So wide a picture over the stage is asked for."""
+"""Width of the camera images that are requested for the stage [px]."""
 STALE_S: Final = 2.0
-"""A picture after which none came, and why is known, is shown no longer than this."""
+"""Longest time for which a camera image is shown after its camera's requests began to fail [s]."""
 _SAME_INSTANT_S: Final = 1.0
 """A picture is drawn into with the scene of its instant, where there is one within so much of it."""
 ROOM: Final = "mocapella.viewer.stages:ROOM"
@@ -44,23 +44,23 @@ class Viewer:
     """Serves the view on one address. Call its methods from one thread only; commands run on a separate thread.
 
     Args:
-        host: the interface to serve on, and no other.
-        port: its port; 0 takes a free one.
-        command: sends a command and its arguments to the server; may block. None for a run of files without a server:
+        host: address of the only network interface to serve on.
+        port: TCP port; 0 takes a free one.
+        command: sends a command and its arguments to the server; may block. None for a run on files without a server:
             then controls for commands are hidden, and a ``status`` of None is normal.
-        methods: the methods that the Setup form offers, and references to the stages of each; other methods have the
-            ROOM.
-        props: by name, functions or references to functions that create objects to be shown beside a scene, such as a
-            cloth; that of ``scenery`` returns a `mocapella.model.scenery.Scenery`.
-        ask: sends a request to a camera's node; may block. Without it no camera image is shown.
+        methods: references ``module:name`` to the stages of each tracking method that the Setup form offers, by the
+            method's name; other methods have the stage ROOM.
+        props: functions, or references to functions, that create objects to be shown beside a scene, such as a cloth,
+            by name; the function ``scenery`` returns a `mocapella.model.scenery.Scenery`.
+        ask: sends a request to a camera's node; may block. Without it, no camera images are requested.
 
     Attributes:
-        timeline: the recent scenes.
+        timeline: the stored moments.
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: an address that this machine cannot listen at.
-        PluginError: a prop that cannot be imported.
+        SettingsError: this machine cannot listen at the address.
+        PluginError: a prop cannot be imported.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """The address of the view."""
+        """URL of the page, with the access token."""
         return self._server.url
 
     def show(
@@ -115,10 +115,10 @@ class Viewer:
 
         Args:
             scene: the tracker's newest result; None before the first.
-            frames: each sensor's newest frame, by its name.
+            frames: newest frame of each sensor, by sensor.
             status: newest status of the session; None while no server answers.
             board: progress of a camera calibration; None if the server cannot calibrate.
-            pictures: camera images of the scene's time; None: the view requests images itself.
+            pictures: image of each camera at the scene's time, by camera; None lets the view request images itself.
             keep: whether the scene is stored on the timeline.
         """
         now_s = time.monotonic()
@@ -138,15 +138,15 @@ class Viewer:
                 browser.show(now)
 
     def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
-        """Set each sensor's horizontal and vertical field of view [°], if its frames do not define it."""
+        """Set the horizontal and vertical field of view [°] of sensors whose frames do not define it, by sensor."""
         self._known.fields.update(fields_deg)
 
     def end(self) -> None:
-        """Mark the timeline as complete, so that it can be replayed from the beginning."""
+        """Mark the timeline as complete after a run on files, so that browsers can replay it from the beginning."""
         self.timeline.done = True
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving the page, and drop waiting commands and requests."""
         if self._commander is not None:
             self._commander.close()
         self._feed.close()

@@ -24,14 +24,18 @@ _STYLE = f"""
 
 
 class Watchdog:
-    """The hidden message in one browser, which `beat` keeps hidden."""
+    """The message "No server" in one browser; `beat` keeps it hidden while the server runs."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._beats, self._last_s = 0, 0.0
         self._html = gui.add_html(_html(0))
 
     def beat(self, now_s: float) -> None:
-        """Keep the message hidden; call it regularly with a monotonic time [s]."""
+        """Keep the message hidden; call it in every update of the view.
+
+        Args:
+            now_s: the present time on this process's monotonic clock [s].
+        """
         if now_s - self._last_s >= PERIOD_S:
             self._beats, self._last_s = self._beats + 1, now_s
             self._html.content = _html(self._beats)
