@@ -118,8 +118,14 @@ def _checkout(folder: Path) -> Path:
 
 
 def _environment(folder: Path, *, keep_cache: bool) -> dict[str, str]:
-    """Return this process' variables, except references to another project, environment or compiled code."""
-    elsewhere = {"VIRTUAL_ENV", "UV_PROJECT", "UV_NO_SYNC", "NUMBA_CACHE_DIR", "PYTHONPATH", "PYTHONPYCACHEPREFIX"}
+    """Return this process' variables, except references to another project, environment or compiled code.
+
+    Bytecode is written, as for a user, whatever is set here: else each process of the demo compiles all it imports.
+    """
+    elsewhere = {
+        *("VIRTUAL_ENV", "UV_PROJECT", "UV_NO_SYNC", "NUMBA_CACHE_DIR", "PYTHONPATH"),
+        *("PYTHONPYCACHEPREFIX", "PYTHONDONTWRITEBYTECODE"),
+    }
     kept = {name: value for name, value in os.environ.items() if name not in elsewhere}
     ours = {"UV_PROJECT_ENVIRONMENT": str(folder / "environment")}
     return {**kept, **ours} if keep_cache else {**kept, **ours, "UV_CACHE_DIR": str(folder / "cache")}
