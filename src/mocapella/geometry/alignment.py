@@ -98,7 +98,17 @@ def align(M: Float64, offset: float = 0.0) -> Float64:
 
 
 def centred_products(M: Float64, offset: float = 0.0) -> Float64:
-    """Return Σ w (p − p̄)(q + δv − q̄)ᵀ, (..., 3, 3), whose determinant is negative if q is a mirror image of p."""
+    """Return the covariance-like sums Σ w (p − p̄)(q + δv − q̄)ᵀ from moments; p̄ and q̄ are weighted means.
+
+    Their determinant is negative if q is a mirror image of p.
+
+    Args:
+        M: (..., `MOMENTS`).
+        offset: clock offset δ of q [s].
+
+    Returns:
+        (..., 3, 3) [m²].
+    """
     W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None, None]
     shape = (*M.shape[:-1], 3, 3)
     pq = M[..., 7:16].reshape(shape) + offset * M[..., 19:28].reshape(shape)
