@@ -24,12 +24,12 @@ FEW_MARKERS: Final = 4
 
 @dataclass
 class BoardReport:
-    """Counts of a camera's images.
+    """Counts of the images that were searched for a board.
 
     Attributes:
-        pictures: images that were searched.
-        found: images that show the board.
-        corners: found in all of them.
+        pictures: number of images that were searched.
+        found: number of images that show the board.
+        corners: number of corners found in all of them.
     """
 
     pictures: int = 0
@@ -194,6 +194,11 @@ def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
     """Return the width of the edges at the corners: contrast over steepest slope, median over the corners [px].
 
     A step blurred by a Gaussian of standard deviation s is √(2π) s wide.
+
+    Args:
+        gray: (height, width) uint8.
+        corners: (n, 2) [px].
+        spacing: (n,) distance of each corner to its nearest neighbour on the board [px]; NaN for a corner to leave out.
     """
     widths = []
     for (x, y), space in zip(corners, spacing, strict=True):

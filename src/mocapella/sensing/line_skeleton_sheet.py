@@ -86,11 +86,11 @@ def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8
 
 
 def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages") -> tuple[Path, ...]:
-    """Write each image and the contact sheet as PNG into a folder, which is created if missing.
+    """Write each image and the contact sheet as PNG into a folder.
 
     Args:
-        stages: of `LineSkeleton.stages`.
-        folder: see above.
+        stages: images by name, of `LineSkeleton.stages`.
+        folder: created if missing.
         name: prefix of the files, such as the image's name.
 
     Returns:

@@ -23,7 +23,10 @@ UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
-"""Columns of a piece: label, pixels, sums of x, y, xx, xy and yy, and bounds (inclusive)."""
+"""Columns of a piece: label, number of pixels, sums of x, y, xx, xy and yy over them, and bounds (inclusive) [px].
+
+Sums are of coordinates from an origin (x0, y0), which is the same for all pieces of a search.
+"""
 PIECE = 11
 _2, _3, _7, _248 = np.uint16(2), np.uint16(3), np.uint16(7), np.uint16(248)
 
@@ -176,7 +179,7 @@ def shape_of(piece: Float64, shape: Float64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def fill(image: UInt8, table: UInt8, label: int, mine: Float64, x0: int, y0: int) -> None:
-    """Fill a piece's holes and notches, which reflections make: replace its moments by those of the filled piece.
+    """Fill a piece's holes and notches, made by reflections: replace its moments by the moments of the filled piece.
 
     All pixels between two of its pixels in a row or a column are filled.
 

@@ -1,8 +1,7 @@
 """Costs of samples on either side of a contour, and the energy of the contour; compiled.
 
 Costs are −log p [nats], scaled to three channels, without the log 2π/2 that all densities share: p1 is the density
-inside, p2 outside. Bands, blocks and samples are those of `region_contour_kernels`. Importing this module imports
-numba.
+inside, p2 outside. `region_contour_kernels` defines bands, blocks and samples. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
