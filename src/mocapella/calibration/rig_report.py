@@ -65,7 +65,7 @@ def tape_measure(found: CameraCalibration) -> str:
 
 
 def as_result(found: CameraCalibration) -> dict[str, Any]:
-    """Return everything for JSON; unknown values are null."""
+    """Return all results as values for JSON; unknown numbers are null."""
     names = list(found.rig.cameras)
     cameras = {}
     for name in names:

@@ -27,7 +27,7 @@ from mocapella.model.whole_file import write_whole
 Float64 = NDArray[np.float64]
 
 VERSION: Final = 1
-"""Of the file's format."""
+"""Version of the file's format."""
 
 
 class LayoutPair(msgspec.Struct, frozen=True):
@@ -58,10 +58,10 @@ class SensorLayout(msgspec.Struct, frozen=True):
     """Poses of all sensors, and the pairs they were computed from.
 
     Attributes:
-        version: of the file's format.
+        version: version of the file's format.
         floor_known: whether y = 0 is the floor.
         sensors: by name.
-        pairs: of sensors.
+        pairs: state of the calibration of each pair of sensors.
     """
 
     RECORDED_AS: ClassVar[str] = "Rig"
@@ -73,7 +73,13 @@ class SensorLayout(msgspec.Struct, frozen=True):
 
 
 def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPair:
-    """Return the part of a pair to keep; without the clock offset, which is estimated again at every start."""
+    """Return the part of a pair's state to save, without the clock offset, which is estimated again at every start.
+
+    Args:
+        a, b: names of the sensors.
+        quality: description of the pair for users.
+        pair: the pair's state.
+    """
     scalars = pair.scalars.copy()
     scalars[at.REFERENCE_OFFSET] = scalars[at.OFFSET] = 0.0
     return LayoutPair(
@@ -82,7 +88,7 @@ def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPa
 
 
 def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
-    """Return the estimate that continues from a kept pair."""
+    """Return the estimator that continues from a saved pair."""
     return PairCalibration(
         settings,
         np.array(pair.T_a_b),

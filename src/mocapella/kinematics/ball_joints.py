@@ -36,9 +36,9 @@ class BallJoints(msgspec.Struct, frozen=True, eq=False):
     """The ball joints of a tree that have a singular pose within their limits.
 
     Attributes:
-        parts: (n,) the part that each one moves.
+        parts: (n,) index of the part that each ball joint moves.
         first: (n,) index of the first of its three revolute joints.
-        axes: (n, 3, 3) their axes in the rest pose, one per row.
+        axes: (n, 3, 3) unit axes of these in the rest pose, one per row.
         centres: (n, 3) intersection of the axes in the rest pose [m].
     """
 

@@ -78,10 +78,10 @@ def hand_features(
     of its tip's distance from the palm to the elbow's.
 
     Args:
-        landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS` [m]; NaN where not known.
+        landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS`, in any frame [m]; NaN where not known.
         states: (21,) `JointState`.
         sd: (21,) standard deviation of a coordinate [m], or None.
-        palm, elbow: (3,) [m].
+        palm, elbow: (3,) centre of the palm and elbow, in the same frame [m].
         unsure: a tip with a standard deviation above this fraction of the distance from the wrist to the middle
             finger's knuckle counts as unknown.
     """
@@ -225,10 +225,12 @@ class GestureSettings:
     Attributes:
         enter: score at or above which a gesture begins.
         leave: score below which it ends.
-        after_s: time for which either condition must last.
-        grab, release, grab_after_s: the same for the closure at which a hand grasps and releases.
+        after_s: time for which either condition must last [s].
+        grab: closure (`closure`) at or above which a hand grasps.
+        release: closure below which it releases.
+        grab_after_s: time for which either of these conditions must last [s].
         least_certain: mean certainty of a gesture's digits below which its score is unknown.
-        hold_s: time for which a gesture with an unknown score keeps its state.
+        hold_s: time for which a gesture with an unknown score keeps its state [s].
         unsure: see `hand_features`.
     """
 
@@ -278,9 +280,9 @@ class GesturesReport:
     """Counts of a hand's gestures and grasps.
 
     Attributes:
-        instants: number of instants given.
+        instants: number of instants processed.
         unknown: number of instants at which the hand's closure is not known.
-        begun: number of times each gesture began.
+        begun: number of times each gesture began, by name.
         grabs, releases: number of grasps and releases.
     """
 
@@ -322,10 +324,10 @@ class _Trigger:
 
 
 class HandGestures:
-    """The gestures of one hand.
+    """Recognises the gestures and grasps of one hand, instant by instant.
 
     Args:
-        settings: the settings.
+        settings: thresholds.
         gestures: the gestures to recognise; the present `GESTURES` unless given.
     """
 
@@ -357,11 +359,11 @@ class HandGestures:
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
     def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:
-        """Process an instant.
+        """Update gesture and grasp with the hand's features at an instant.
 
         Args:
             hand: see `hand_features`; None where it is not seen.
-            at_s: time [s]; a time before the last one restarts the recognition.
+            at_s: capture time [s]; a time before the last one restarts the recognition.
         """
         if at_s < self._at_s:
             self._forget()

@@ -33,9 +33,9 @@ class Fingers(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         angles: (..., 21) in the order of `ANGLES` [rad], always within the limits.
-        errors_m: (..., 5) distances of the tips from their targets; NaN without a target.
+        errors_m: (..., 5) distances of the tips from their targets [m]; NaN without a target.
         measured: (..., 5) whether a digit had a target; the others keep their angles.
-        iterations: (..., 5) of an iterative solver; 0 of a closed form that was within the limits.
+        iterations: (..., 5) number of an iterative solver's iterations; 0 for a closed form within the limits.
     """
 
     angles: Float64
@@ -53,8 +53,8 @@ class HandSolver(Protocol):
         """Compute the angles that bring the fingertips to their targets.
 
         Args:
-            targets: (..., 5, 3) fingertips in the palm's frame [m]; NaN where one is not seen.
-            start: (..., 21) initial angles, kept for digits without a target; by default the natural posture.
+            targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
+            start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
         """
         ...  # pragma: no cover
 
@@ -140,9 +140,9 @@ class IterativeSettings:
     """Stopping criteria and damping of the iterative solvers.
 
     Attributes:
-        tolerance_m: distance from the target at which a tip has reached it.
-        most_iterations: most iterations for a digit.
-        damping_m: λ of the damped least squares.
+        tolerance_m: distance from the target at which a tip has reached it [m].
+        most_iterations: largest number of iterations for a digit.
+        damping_m: λ of the damped least squares [m].
     """
 
     tolerance_m: float = 1e-4
@@ -215,7 +215,7 @@ def iterative_kernels() -> ModuleType:
 SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
     solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares)
 }
-"""What makes each."""
+"""The solvers' constructors by name."""
 
 
 def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:

@@ -109,12 +109,12 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Stopping criteria of a fit.
+    """Stopping criteria of a fit: a step that moves the root, and rotates it and every joint, by less than these.
 
     Attributes:
         most_steps: largest number of accepted steps.
-        rest_m: the fit has converged if a step moves the root by less than this …
-        rest_rad: … and rotates it and every joint by less than this.
+        rest_m: motion of the root [m].
+        rest_rad: rotation of the root and of every joint [rad].
     """
 
     most_steps: int = 20
@@ -134,7 +134,7 @@ class TreeFit(msgspec.Struct, frozen=True, eq=False):
     """Result of a fit.
 
     Attributes:
-        pose: its angles are within the limits.
+        pose: the fitted pose; its angles are within the limits.
         held: (joints,) which angles are at a limit.
         steps: number of steps.
         rests: whether the fit converged, rather than used up its steps.
