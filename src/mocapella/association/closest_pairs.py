@@ -53,7 +53,7 @@ def closest_pairs(
     sensor. The order of ``skeletons`` does not matter.
 
     Args:
-        skeletons: in the world.
+        skeletons: all sensors' skeletons, in the world.
         max_distance_m: pairs further apart are not joined. The thesis has no such limit.
 
     Returns:

@@ -80,7 +80,7 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def new(cls, ids: UInt64, joints: int) -> SeenBodies:
-        """Return bodies with these tracking ids and ``joints`` middle joints that were never seen."""
+        """Return bodies that were never seen, with these tracking ids (bodies,) and number of middle joints."""
         n = len(ids)
         return cls(ids, np.full(n, -np.inf), np.full((n, joints, 3), np.nan), np.zeros(n, dtype=np.bool_))
 
@@ -90,7 +90,12 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
         return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
-        """Return the ``kept`` (bodies,) bodies, and new ones for the other ``ids``."""
+        """Return the kept bodies, followed by never seen ones for all other ids of a frame.
+
+        Args:
+            ids: (bodies',) the frame's tracking ids.
+            kept: (bodies,) whether each known body is kept.
+        """
         new = SeenBodies.new(ids[~np.isin(ids, self.ids[kept])], self.middle.shape[1])
         parts = ((getattr(self, name)[kept], getattr(new, name)) for name in self.__struct_fields__)
         return SeenBodies(*(np.concatenate(pair) for pair in parts))

@@ -176,7 +176,7 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
     Args:
         frame: the frame's bodies.
         rows: (bodies,) the track of each body; −1 for none.
-        same_within_m, confirm_after_s: of `TrackSettings`.
+        same_within_m, confirm_after_s: settings of `TrackSettings` [m], [s].
         tracks: the tracks, updated.
 
     Returns:
@@ -285,7 +285,8 @@ def follow(at_s: float, ids: UInt64, middles: Float64, there: Bools, known: Know
     """Store the positions of bodies that did not jump, and mark the others as jumped.
 
     Args:
-        at_s, ids, middles, there: as in `stay`, after it.
+        at_s, ids, middles, there: capture time [s], (bodies,), (bodies, middle joints, 3) [m] and (bodies,), as in
+            `stay`, which is called before.
         known: the sensor's bodies, with all ``ids``; updated.
     """
     for b in range(len(ids)):

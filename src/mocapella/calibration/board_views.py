@@ -177,7 +177,7 @@ def board_poses(
 
     Args:
         poses: the board's pose in each camera's views.
-        T_camera_first: of `places`.
+        T_camera_first: (4, 4) of each camera, of `places`.
         corners_m: (corners, 3) in the board's frame [m].
         instants: the groups.
     """

@@ -123,7 +123,8 @@ def add_frame(
     """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`; return False if it is not newer.
 
     Args:
-        times, points, weights, held, frozen_since: of `pair_memory.BodyTrack`, updated.
+        times, points, weights, held, frozen_since: (2·kept,) [s], (2·kept, joints, 3) [m], (2·kept, joints), (2,) and
+            (1,) [s] of `pair_memory.BodyTrack`, updated.
         at: capture time, on the common clock [s].
         positions: (joints, 3) in the sensor's camera space [m].
         states: (joints,) `JointState`.
@@ -177,7 +178,8 @@ def add_bodies(
     """Append a frame's bodies to their slots.
 
     Args:
-        times, points, weights, held, frozen_since: of `pair_memory.SensorTracks`, updated.
+        times, points, weights, held, frozen_since: the arrays of `pair_memory.BodyTrack` with a leading axis (slots,),
+            updated.
         slots: (bodies,) slot of each body.
         at: capture time, on the common clock [s].
         positions: (bodies, joints, 3) in the sensor's camera space [m].

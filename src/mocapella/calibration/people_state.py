@@ -42,7 +42,7 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
     """All sensors after a frame.
 
     Attributes:
-        sensors: by name, in the order of names.
+        sensors: pose and clock of each sensor by name, in the order of names.
         qualities: descriptions of all pairs of sensors that have seen a person together.
         floor_known: whether the world's y = 0 is the floor; else the world is the root's camera frame.
         calibrations: number of pairs calibrated so far.

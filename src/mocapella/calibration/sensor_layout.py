@@ -60,7 +60,7 @@ class SensorLayout(msgspec.Struct, frozen=True):
     Attributes:
         version: version of the file's format.
         floor_known: whether y = 0 is the floor.
-        sensors: by name.
+        sensors: pose of each sensor by name.
         pairs: state of the calibration of each pair of sensors.
     """
 

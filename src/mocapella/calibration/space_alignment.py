@@ -149,9 +149,13 @@ def align_space(
 def try_to_align(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-    """Estimate the alignment as far as possible, and list its shortfalls; arguments as in `align_space`.
+    """Estimate the alignment as far as possible, and list its shortfalls.
 
     The fit is None if the observations do not suffice for one. Without shortfalls it is accurate enough.
+
+    Args:
+        at_s, points, poses_s, T_space_body, settings: (instants,) [s], (instants, points, 3) [m], (poses,) [s] and
+            (poses, 4, 4), as in `align_space`.
     """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)

@@ -63,9 +63,16 @@ class ArmFinder:
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
     ) -> Steps[list[PalmCandidate]]:
-        """Search a depth image (height, width) [m] for palms, in steps.
+        """Search a depth image for palms, in steps.
 
-        See `sensing.arm_region.palm_candidates` for the arguments.
+        Args:
+            depth: (height, width) [m].
+            most: greatest number of candidates.
+            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm are returned.
+            but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+
+        Returns:
+            Steps whose result is the list of candidates, the likeliest first.
         """
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 

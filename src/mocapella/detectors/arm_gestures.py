@@ -97,7 +97,12 @@ class WithGestures:
         self.stages: Callable[[Float32], Pictures] | None = None if stages is None else partial(stages, detector)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Detect the arms in the next image, see `ArmDetector.update`."""
+        """Detect the arms in the next image and their gestures; see `ArmDetector.update`.
+
+        Args:
+            depth: (height, width) [m]; 0 where nothing was measured.
+            at_s: the image's capture time [s].
+        """
         seen = self.detector.update(depth, at_s)
         return SeenArms(self.gestures.update(seen.arms, at_s), seen.reason)
 

@@ -136,7 +136,7 @@ def _rotation(S: Float64) -> Float64:
 
 
 def shifted(M: Float64, by: Any) -> Float64:
-    """Return the moments after moving every q along its velocity by ``by`` seconds (...)."""
+    """Return the moments (..., `MOMENTS`) M after moving every q along its velocity by ``by`` seconds (...)."""
     out = M.copy()
     shape = (*M.shape[:-1], 3, 3)
     by = np.asarray(by, dtype=np.float64)[..., None]

@@ -149,7 +149,7 @@ def residuals(
     Args:
         T: (4, 4) ``T_p_q``.
         offset: clock offset of q [s].
-        p, q, v, order, w: as in `accumulate`.
+        p, q, v, order, w: (n, 3) [m], (m, 3) [m], (m, 3) [m/s], (n,) and (n,), as in `accumulate`.
         r: (n,) written [m]; 0 where the weight is 0 or less.
     """
     total, count = 0.0, 0

@@ -50,7 +50,7 @@ def focal_length(homographies: Sequence[Float64], centre: Float64) -> float:
     part of the image determine no more.
 
     Args:
-        homographies: of one camera.
+        homographies: (3, 3) each, from a plane to one camera's images [px].
         centre: (2,) principal point [px].
 
     Returns:

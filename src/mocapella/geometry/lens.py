@@ -73,7 +73,7 @@ def undistort(pixels: Any, lens: Float64) -> Float64:
 
 
 def farthest_r2(lens: Float64) -> float:
-    """Return the squared radius x² + y² up to which the radial distortion is monotonic.
+    """Return the squared radius x² + y² up to which the radial distortion of a lens (9,) is monotonic.
 
     It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
     """

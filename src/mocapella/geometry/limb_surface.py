@@ -59,7 +59,7 @@ def group_distances(limbs: Float64, within: Float64, points: Float64) -> Float64
     """Return the signed distance of each point from each group of limbs alone [m]; negative inside.
 
     Args:
-        limbs, within: as in `polygonise`.
+        limbs, within: (n, 9) and (groups,) blending distances [m], as in `polygonise`.
         points: (n, 3) [m].
 
     Returns:

@@ -54,6 +54,7 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
         limbs: (n, `LIMB`), sorted by group.
         within: (groups,) blending distance between limbs of a group [m].
         between: blending distance between groups [m].
+        x, y, z: the point, in the frame of the limbs' ends [m].
         by_group: (groups,) written: signed distance from each group alone [m].
     """
     by_group[:] = 1e3
@@ -71,7 +72,7 @@ def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out:
     """Evaluate `flesh` at the nodes of a grid.
 
     Args:
-        limbs, within, between: as in `flesh`.
+        limbs, within, between: (n, `LIMB`), (groups,) [m] and a number [m], as in `flesh`.
         nodes: (a, b, c, 3) positions [m].
         out: (a, b, c) written: signed distances [m], negative inside.
     """
@@ -201,7 +202,7 @@ def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, m
     """Move vertices (n, 3) [m] onto the surface, in place, by three steps along its gradient.
 
     Args:
-        limbs, within, between: as in `flesh`.
+        limbs, within, between: (n, `LIMB`), (groups,) [m] and a number [m], as in `flesh`.
         vertices: (n, 3) [m], in and out.
         most_m: longest step, where the gradient has the length 1 [m].
     """
@@ -223,7 +224,7 @@ def group_distances(limbs: Float64, within: Float64, points: Float64, out: Float
     """Write the signed distance of each point from each group of limbs alone [m]; negative inside.
 
     Args:
-        limbs, within: as in `flesh`.
+        limbs, within: (n, `LIMB`) and (groups,) blending distances [m], as in `flesh`.
         points: (n, 3) [m].
         out: (n, groups) written.
     """

@@ -71,7 +71,12 @@ def see(
 def within(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, width: int, height: int,
 ) -> bool:  # fmt: skip
-    """Return whether all vertices (n, 3) are visible in an image of width × height [px]; see `see` for the others."""
+    """Return whether all vertices of a mesh are visible in an image.
+
+    Args:
+        vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
+        width, height: of the image [px].
+    """
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
     for i in range(len(pixels)):
@@ -88,7 +93,7 @@ def window(
     """Return the window of samples about the visible vertices, with a margin that may extend beyond the image.
 
     Args:
-        pixels, depth: of `see`.
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
         width, height: of the image [px].
         step: distance between samples [px].
         margin: [px].
@@ -114,7 +119,7 @@ def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> No
     """Write the visible side of each triangle of a mesh.
 
     Args:
-        pixels, depth: of `see`.
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
         faces: (k, 3) corners, counter-clockwise as seen from outside.
         sides: (k,) written: 1 for the outside, −1 for the inside, 0 where a corner is not visible.
     """
@@ -206,7 +211,7 @@ def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, m
     direction than in the other.
 
     Args:
-        pixels, x0, y0, step, mask: as in `cover`.
+        pixels, x0, y0, step, mask: (n, 2) [px], the first sample's pixel, the stride [px] and the mask, as in `cover`.
         edges: (m, 4) of `border`.
     """
     rows, columns = mask.shape
@@ -274,10 +279,10 @@ def outline(
 
     Args:
         vertices: (n, 3) in the world [m].
-        pixels, depth: of `see`.
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
         edges: (m, 4) of `border`.
-        mask, x0, y0, step: of `cover`; an edge within the mask, as of an arm in front of the body, is not part of the
-            outline.
+        mask, x0, y0, step: (rows, columns) uint8, the first sample's pixel, and the stride [px], as in `cover`. An edge
+            within the mask, as of an arm in front of the body, is not part of the outline.
         spacing: approximate distance between points [px].
         bones: (n,) int32 part of the body model with the largest weight of each vertex.
         at, normals, points, bone, far: written: (most, 2) pixels, (most, 2) outward normals as long as each point's
@@ -326,14 +331,14 @@ def outlined(
     """Render mask and outline of a mesh.
 
     Args:
-        vertices, T_camera_world, lens, farthest_r2: of `see`.
+        vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
         size_px: (width, height) of the image.
         faces: (k, 3) corners, counter-clockwise as seen from outside.
         edges: (e, 4) of `outline_edges`.
         by_edges: whether `cover_by_edges` can be used, see `one_way`.
         step, margin: of `window` [px].
         given: an earlier result of `window` that is reused, unless it has no columns.
-        spacing, bones: of `outline`.
+        spacing, bones: distance between the outline's points [px], and (n,) part of each vertex, as in `outline`.
 
     Returns:
         The first sample's x and y [px], the mask (rows, columns) uint8, and at, normals, points, bone and far of

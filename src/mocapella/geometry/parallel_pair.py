@@ -140,7 +140,7 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
 
 
 def swapped(disparity_px: Any) -> bool:
-    """Return whether most finite disparities are negative: the left and right cameras are swapped."""
+    """Return whether most finite disparities (...,) are negative: the left and right cameras are swapped."""
     disparity = np.asarray(disparity_px, dtype=np.float64)
     there = disparity[np.isfinite(disparity)]
     return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False

@@ -75,7 +75,8 @@ def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
 
     Args:
         mask: (rows, columns) uint8, not 0 inside.
-        reach, step, out: as in `signed_distance`.
+        reach, step, out: limit [samples], distance between samples [px] and (rows, columns) result [px], as in
+            `signed_distance`.
     """
     field = np.empty(mask.shape, np.float32)
     for i in range(len(mask)):

@@ -47,7 +47,7 @@ def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) 
     Args:
         points: (n, 3) in the pose [m].
         part: (n,) index of each point's part.
-        R, t: as in `skin`.
+        R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         out: (n, 3) written [m].
     """
     for k in range(len(points)):

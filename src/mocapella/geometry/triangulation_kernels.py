@@ -44,9 +44,14 @@ REFITS = 4
 
 @njit(**INLINED)
 def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]:
-    """Undistort normalised coordinates (u, v) of view n to (x, y).
+    """Undistort normalised coordinates (u, v) of view n to (x, y); NaN outside the lens model.
 
     Two Newton steps are taken where these suffice, else all of `lens_kernels.undistort`.
+
+    Args:
+        views: (views, 25), see the module.
+        n: index of the view.
+        u, v: distorted x/z and y/z in the camera frame.
     """
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
     if k1 == 0.0 and k2 == 0.0 and p1 == 0.0 and p2 == 0.0 and k3 == 0.0:
@@ -92,7 +97,14 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
 def linearised(
     views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the two numbers of `offset` and the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m]."""
+    """Return the two numbers of `offset` and the derivatives of the projection.
+
+    Args:
+        views, n, X, Y, Z, u, v: as in `offset`.
+
+    Returns:
+        du and dv [px], then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
+    """
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
@@ -127,11 +139,14 @@ def refine(
     """Minimise a point's weighted reprojection errors by Gauss–Newton steps, halved where the cost rises.
 
     Args:
-        views, pixels, at, weights: see the module; index of the point.
-        X, Y, Z: initial point [m].
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
+        X, Y, Z: initial point, world [m].
 
     Returns:
-        X, Y, Z [m], whether the fit converged, and the six numbers of the point's covariance [m²].
+        X, Y, Z [m], whether the fit converged, and the six numbers of the point's covariance, its upper triangle [m²].
     """
     before, sx, sy, sz = math.inf, 0.0, 0.0, 0.0
     A = B = C = D = E = F = 0.0
@@ -216,6 +231,14 @@ def meeting(
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
 
+    Args:
+        views: (views, 25), see the module.
+        rays: (views, 6) of `keep_ray`.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²].
+        m, n: indices of the views.
+        gate2: square of the largest distance of the rays from each other, in standard deviations.
+        least_sin2: squared sine of the least angle between the rays.
+
     Returns:
         `SEEN` or the reason of failure, then the point X, Y, Z in the world [m], 0 if it failed.
     """
@@ -252,7 +275,12 @@ def truncated(
     """Return the sum over views of a point's squared reprojection errors [sd²], truncated at the gate.
 
     Args:
-        views, pixels, at, weights, X, Y, Z, gate2: see the module.
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
+        X, Y, Z: the point, world [m].
+        gate2: largest value of one view [sd²].
         best: the sum is infinite once it exceeds this.
         kept: (views,) written: the weights of views within the gate, 0 for the others; incomplete if the sum is
             infinite.
@@ -294,12 +322,18 @@ def consensus(
     Optimized RANSAC (DAGM 2003), section 2.
 
     Args:
-        views, pixels, at, rays, weights, gate2, least_sin2: see the module.
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        rays: (views, 6) of `keep_ray`.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that does not see the point.
+        gate2, least_sin2: squared outlier gate [sd²], and squared sine of the least angle between rays.
         kept: (views,) written: weights of the inlier views, 0 for the others.
         tried: (views,) workspace.
 
     Returns:
-        `SEEN` or the reason of failure; X, Y, Z [m] and the six numbers of the covariance [m²].
+        `SEEN` or the reason of failure; X, Y, Z, world [m] and the six numbers of the covariance, its upper triangle
+        [m²].
     """
     best, state = math.inf, PARALLEL
     X = Y = Z = A = B = C = D = E = F = math.nan
@@ -360,8 +394,9 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler kno
     those of `refine`. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
 
     Args:
-        views, pixels, gate2: see the module.
+        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
         sd: (points, views) standard deviation of a pixel's coordinates [px].
+        gate2: square of the largest reprojection error of an inlier view [sd²].
         points, covariances, residuals: (points, 3) [m], (points, 3, 3) [m²], (points, views) [px]; rows of fitted
             points are written.
         fitted: (points,) written.
@@ -560,7 +595,7 @@ def nothing(
     Args:
         i: index of the point.
         state: the reason of failure, such as `PARALLEL`.
-        points, covariances, residuals, used, states: as in `triangulate`.
+        points, covariances, residuals, used, states: fields of `triangulation.Triangulated`; row i is written.
     """
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 
@@ -569,9 +604,13 @@ def nothing(
 def write_residuals(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, residuals: Float64
 ) -> None:
-    """Write a point's reprojection errors in the views with a weight above 0; see the module for arguments.
+    """Write a point's reprojection errors in the views with a weight above 0.
 
     Args:
+        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
+        at: index of the point.
+        weights: (views,).
+        X, Y, Z: the point, world [m].
         residuals: (points, views) [px]; row ``at`` is written.
     """
     for k in range(len(weights)):

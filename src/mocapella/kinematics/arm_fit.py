@@ -353,7 +353,7 @@ class ArmModel:
         Args:
             z: (n,) free angles [rad].
             digit: index of the digit, 0 for the thumb.
-            flexion, abduction: of the first joint [°]; an abduction of None is kept.
+            flexion, abduction: angles of the first joint [°]; with None, its abduction is kept.
             middle: flexion of the second joint [°].
         """
         columns = self.columns[digit]
@@ -418,7 +418,7 @@ class ArmModel:
 
         Args:
             pose: the pose.
-            front, lens: as of `ArmEvidence`.
+            front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         """
         out = np.empty(23)
         kernels().visible(self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out)

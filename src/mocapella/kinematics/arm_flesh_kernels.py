@@ -278,7 +278,7 @@ def visible(
         places: (k, 3) for each landmark the index of its piece, the position along it from 0 to 1, and 1 if the piece
             ends there, else 0.
         R, t: (9,), (3,) from the palm's frame to the camera frame.
-        front, lens: of `ArmEvidence`.
+        front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         near: largest distance of the image's surface from the flesh's [m].
         out: (k,) written, 0 to 1.
     """

@@ -96,7 +96,7 @@ def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
-        jump_m: see `ArmQualitySettings`.
+        jump_m: motion between the frames above which a joint has jumped [m].
     """
     moved = now - before
     known = np.isfinite(moved).all(axis=-1)

@@ -178,7 +178,7 @@ def add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: 
     """Add all groups' sums to the normal equations.
 
     Args:
-        A, at, counts: of `group_derivatives`.
+        A, at, counts: (GROUPS, MOVERS, ROW), (GROUPS, MOVERS) and (GROUPS,) of `group_derivatives`.
         Q, b: (GROUPS, ROW, ROW) and (GROUPS, ROW) sums of `add_residual`.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
     """
@@ -321,11 +321,11 @@ def add_collisions(
 
     Args:
         pieces: (pieces, PIECE) of `arm_flesh_kernels.flesh`.
-        A, at, counts: of `group_derivatives`.
+        A, at, counts: (GROUPS, MOVERS, ROW), (GROUPS, MOVERS) and (GROUPS,) of `group_derivatives`.
         v: (STATE,) sizes and directions.
         parameters: weight and allowed overlap.
         only_costs: do not change H and g.
-        H, g: as in `add_groups`.
+        H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
         costs: (5,) of `arm_fit_kernels.system`; element 2, squared overlaps in centimetres, is added to.
     """
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)

@@ -47,7 +47,7 @@ def swept(
     its overlaps. So dozens of postures cost no more than a step of the fit.
 
     Args:
-        arm, image, pose, parameters: of `arm_fit_kernels.system`.
+        arm, image, pose, parameters: model, measurements, pose, and scales and weights, as in `arm_fit_kernels.system`.
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles' prior.
         digit: index of the digit, 0 for the thumb.
         tries: (k, 5) the digit's angles f, a, m, b, c in each posture [rad]; clamped to the limits in place.

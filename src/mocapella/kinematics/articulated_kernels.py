@@ -355,7 +355,7 @@ def move(layout: MemoryLayout, memory: Float64, T: Float64) -> None:
     """Change the world frame of all bodies.
 
     Args:
-        layout: of `ArticulatedModel`.
+        layout: layout of a body's memory, of `ArticulatedModel`.
         memory: (people, memory_size), changed.
         T: (4, 4) `T_new_old`, rigid.
     """

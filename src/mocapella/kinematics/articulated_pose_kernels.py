@@ -85,7 +85,7 @@ def first_of_ball(joint_table: Int64, j: int) -> int:
     """Return the index of the first of the three degrees of freedom of the ball joint j.
 
     Args:
-        joint_table: of `ArticulatedModel`.
+        joint_table: (joints, 6) of `ArticulatedModel`.
         j: the joint.
     """
     return int(joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0))
@@ -98,7 +98,7 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
     It is 0 for the root; for a ball joint, it is the sine of the rotation about each axis.
 
     Args:
-        layout, dof_values, joint_table: of `ArticulatedModel`.
+        layout, dof_values, joint_table: layout of a memory, (dofs, 5) and (joints, 6) of `ArticulatedModel`.
         row: (memory_size,) a body's memory.
         out: (dofs,) written.
     """

@@ -95,7 +95,7 @@ def turns_within(axes: Float64, R: Float64, limits: Float64, near: Float64, out:
     the smaller last angle is taken.
 
     Args:
-        axes, R, near: as in `turns`.
+        axes, R, near: (3, 3) unit axes, (9,) rotation and (3,) angles of a pose nearby [rad], as in `turns`.
         limits: (3, 2) least and largest angle [rad].
         out: (3,) written [rad].
     """
@@ -126,7 +126,7 @@ def localise(
 
     Args:
         parents, joint_parts: (parts,), (joints,) of `TwistTree`.
-        parts, first, axes, centres: of `BallJoints`, whose number is n.
+        parts, first, axes, centres: (n,), (n,), (n, 3, 3), (n, 3) [m] of `BallJoints`.
         angles: (joints,) of the pose [rad]; set to 0 for ball joints.
         turned_by: (n, 9) written: the ball joints' rotations in the pose.
         new_axes: (n, 3, 3) written: their new axes, one a row.
@@ -195,8 +195,8 @@ def into(first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, ang
     """Convert ball joints' angles, in place, from a body's tree to its local tree (`LocalTree`).
 
     Args:
-        first, axes: of `BallJoints`.
-        turned_by, new_axes: of `localise`.
+        first, axes: (n,), (n, 3, 3) of `BallJoints`.
+        turned_by, new_axes: (n, 9), (n, 3, 3) of `localise`.
         angles: (joints,) [rad]; only ball joints' angles are changed.
     """
     R, D = np.empty(9), np.empty(9)
@@ -218,8 +218,8 @@ def back(
     """Convert ball joints' angles, in place, from a local tree to the body's tree, within its limits.
 
     Args:
-        first, axes: of `BallJoints`.
-        turned_by, new_axes: of `localise`.
+        first, axes: (n,), (n, 3, 3) of `BallJoints`.
+        turned_by, new_axes: (n, 9), (n, 3, 3) of `localise`.
         limits: (joints, 2) of the body's tree [rad].
         near: (joints,) angles of a pose nearby in the body's tree [rad].
         angles: (joints,) [rad]; only ball joints' angles are changed.

@@ -285,7 +285,7 @@ def solve(
     """Compute the best small motion of a tree towards measured joints, by the articulated-body algorithm.
 
     Args:
-        joint_table, order: of `ArticulatedModel`.
+        joint_table, order: (joints, 6), (joints,) of `ArticulatedModel`.
         xi: (dofs, 6) twists of `forward`.
         D, e: (dofs,) prior information [1/m², 1/rad²] and prior mean [m, rad] of each degree of freedom's small motion.
         x: (joints, 3) estimated joints of `forward` [m].
@@ -323,7 +323,7 @@ def marginals(
     U = 0 and d = 1/P give the variances of a tree whose degrees of freedom are independent, of variances P.
 
     Args:
-        joint_table, order: of `ArticulatedModel`.
+        joint_table, order: (joints, 6), (joints,) of `ArticulatedModel`.
         xi, U, d: (dofs, 6), (dofs, 6), (dofs,) of `solve`.
         x: (joints, 3) estimated joints of `forward` [m].
         C: (joints, 21) written: covariance of the motion of each bone.
@@ -403,7 +403,8 @@ def independent(
     """Compute the joint variances of `marginals` for independent degrees of freedom.
 
     Args:
-        joint_table, order, xi, x, joints: of `marginals`.
+        joint_table, order, xi, x, joints: (joints, 6), (joints,), (dofs, 6), (joints, 3) [m] and (joints,) result [m²],
+            as in `marginals`.
         row, variance: the variance of degree of freedom i is row[variance + i], as in a body's memory.
         C: (joints, 10) written: intermediate sums.
     """

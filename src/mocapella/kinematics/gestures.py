@@ -231,7 +231,8 @@ class GestureSettings:
         grab_after_s: time for which either of these conditions must last [s].
         least_certain: mean certainty of a gesture's digits below which its score is unknown.
         hold_s: time for which a gesture with an unknown score keeps its state [s].
-        unsure: see `hand_features`.
+        unsure: a tip with a standard deviation above this fraction of a hand's length counts as unknown, see
+            `hand_features`.
     """
 
     enter: float = 0.6
@@ -362,7 +363,7 @@ class HandGestures:
         """Update gesture and grasp with the hand's features at an instant.
 
         Args:
-            hand: see `hand_features`; None where it is not seen.
+            hand: the features, of `hand_features`; None where the hand is not seen.
             at_s: capture time [s]; a time before the last one restarts the recognition.
         """
         if at_s < self._at_s:

@@ -234,7 +234,14 @@ def _penalty(
 
 @njit(cache=True)
 def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float) -> None:
-    """Clamp the free angles z (n,) to the limits, in place; other arguments as in `fit`."""
+    """Clamp free angles to the limits of their digits, in place.
+
+    Args:
+        digits: (5, `DIGIT`) of `hand_kernels`.
+        columns, gains: (5, 5) index and factor of the free angle that each of a digit's angles follows.
+        z: (n,) free angles [rad], changed.
+        c_max: limit of the thumb's opposition c [rad].
+    """
     q, out = np.empty(5), np.empty(4)
     for i in range(5):
         digit_angles(z, columns, gains, i, q)
@@ -340,7 +347,8 @@ def describe(
     Alone means: with a hundredth of the prior's information, and without the prediction.
 
     Args:
-        digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z: as in `fit`.
+        digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z: the fitted hand and its
+            measurements, as in `fit`; not changed.
         x: (21, 3) written: landmarks in the world [m].
         sd: (21,) written: standard deviation of a coordinate, from all information [m].
         alone: (21,) written: likewise, from the markers alone [m].
@@ -413,7 +421,8 @@ def misfits(
     """Write the squared distances of the markers from a hand, in their standard deviations.
 
     Args:
-        digits, mirror, layout, points, information, columns, gains, R, t, z: as in `fit`.
+        digits, mirror, layout, points, information, columns, gains, R, t, z: the hand and its measurements, as in
+            `fit`; not changed.
         squared: (5 + k,) written.
     """
     n = 6 + len(z)

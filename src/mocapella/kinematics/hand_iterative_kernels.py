@@ -90,8 +90,12 @@ def follow_jacobian(
     Buss 2004, sections 3 to 6; the angles are clamped to their limits.
 
     Args:
-        row, x, y, z, out, tolerance, iterations: as in `fabrik`.
+        row: (`DIGIT`,) of `hand_kernels`.
+        x, y, z: target of the tip, in the digit's frame [m].
+        out: (4,) angles f, a, m, b [rad]; the start, overwritten with the result.
         kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
+        tolerance: distance of the tip at which it has reached the target [m].
+        iterations: largest number of iterations.
         damping_m: λ of the damped least squares [m].
         work: (25, 4) workspace.
     """
@@ -171,7 +175,8 @@ def hand_iterative(
     """Solve the angles of five digits as `hand_closed_form` does, by an iterative method.
 
     Args:
-        digits, targets, angles, errors: as in `hand_closed_form`.
+        digits, targets, angles, errors: (5, `DIGIT`), (5, 3) [m], (5, 4) in and out [rad], (5,) written [m], as in
+            `hand_closed_form`.
         iterations: (5,) written: number of iterations for each digit.
         kind: `FABRIK`, or as in `follow_jacobian`.
         tolerance: distance at which a digit counts as solved [m].

@@ -78,7 +78,12 @@ def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: fl
 
 @njit(cache=True)
 def in_cone(row: Float64, f: float, a: float) -> bool:
-    """Return whether flexion f and abduction a are within the elliptic cone of the limits, to a rounding error."""
+    """Return whether flexion and abduction are within the elliptic cone of a digit's limits, to a rounding error.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        f, a: flexion and abduction of the first joint [rad].
+    """
     if f < row[FMIN] - _TOLERANCE:
         return False
     s = ((f - row[F0]) / row[FX]) ** 2

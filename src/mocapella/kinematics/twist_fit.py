@@ -55,7 +55,7 @@ class OnPoints(msgspec.Struct, frozen=True, eq=False):
     """Constraints that points of a tree lie at given positions.
 
     Attributes:
-        part, points, weights: as of `OnLines`.
+        part, points, weights: (n,), (n, 3) [m], (n,) [1/m²] as of `OnLines`.
         targets: (n, 3) in the world [m].
     """
 
@@ -69,7 +69,7 @@ class InPlanes(msgspec.Struct, frozen=True, eq=False):
     """Constraints that points of a tree lie in planes.
 
     Attributes:
-        part, points, weights: as of `OnLines`.
+        part, points, weights: (n,), (n, 3) [m], (n,) [1/m²] as of `OnLines`.
         planes: (n, 4) of n·x = d in the world: unit normals, then d [m].
     """
 
@@ -186,9 +186,9 @@ class NormalEquations(msgspec.Struct, frozen=True, eq=False):
     second-order terms, and g half its negative gradient.
 
     Attributes:
-        H, g: (dofs, dofs), (dofs,), without the joint limits.
+        H, g: (dofs, dofs), (dofs,), without regard to the joint limits.
         about: (3,) position of the tree's point ``root`` in the world [m].
-        cost: of constraints and priors.
+        cost: cost of constraints and priors at the pose.
     """
 
     H: Float64

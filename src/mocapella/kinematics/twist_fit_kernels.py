@@ -294,8 +294,8 @@ def measure(
     """Compute the tree's motions, the costs of constraints and priors, and their derivatives.
 
     Args:
-        parents, joint_parts, twists, root: of `TwistTree`.
-        sums, about: of `add_constraints`.
+        parents, joint_parts, twists, root: (parts,), (joints,), (joints, 6), (3,) [m] of `TwistTree`.
+        sums, about: (parts, SUMS) and (3,) origin, world [m], of `add_constraints`.
         prior_T, prior_root: (priors, 4, 4) and (priors, 2) [1/m], [1/rad]; see `expect_root`.
         prior_angles, prior_joints: (priors, joints) expected angles [rad], and inverse standard deviations [1/rad].
         T, angles: (4, 4), (joints,) the pose: motion of the root, and angles [rad].
@@ -354,9 +354,11 @@ def fit(
     Rejected steps do not count: where limbs penetrate each other deeply, many are rejected before the first.
 
     Args:
-        parents, joint_parts, twists, limits, root: of `TwistTree`.
-        sums, about, prior_T, prior_root, prior_angles, prior_joints: of `measure`.
-        most_steps, rest_m, rest_rad: of `FitSettings`.
+        parents, joint_parts, twists, limits, root: (parts,), (joints,), (joints, 6), (joints, 2) [rad], (3,) [m] of
+            `TwistTree`.
+        sums, about, prior_T, prior_root, prior_angles, prior_joints: constraints, their origin and priors, as in
+            `measure`.
+        most_steps, rest_m, rest_rad: stopping criteria of `FitSettings`.
         T, angles: (4, 4), (joints,) [rad] the initial pose, overwritten with the result.
         held: (joints,) written: whether the angle is at a limit.
 

@@ -186,7 +186,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
     """Segment the surfaces near spheres along an arm, and the surfaces connected to them.
 
     Args:
-        grid: from `grid_about` or `whole_grid`.
+        grid: the depth image, from `grid_about` or `whole_grid`.
         spheres: (k, 5) centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
         s: distances of the surfaces from the spheres.
     """

@@ -477,7 +477,7 @@ def branches(seen: Float64, away: Float64, lens: Float64, jump: float, least: fl
         seen: (h, w) depth [m].
         away: (h, w) distances along the surface from the origin [m], infinite off it; of `geodesic`.
         lens: (4,) of the grid.
-        jump: as in `geodesic`.
+        jump: neighbours whose depths differ by more are not connected [m per metre of depth].
         least: branches with a smaller persistence are part of the one they meet [m].
         found: (capacity, 8) written, the branch that reaches farthest first: row and column of its farthest pixel, its
             distance from the origin [m], persistence [m], the width of its last 4 cm [m], row and column of the centre

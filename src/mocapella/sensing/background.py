@@ -102,7 +102,7 @@ def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundMo
 
     Args:
         images: at least 3, of one shape, (height, width) or (height, width, 3) uint8.
-        settings: of `BackgroundModel`.
+        settings: values of the fields of `BackgroundModel` besides the images, by name.
 
     Raises:
         SettingsError: there are too few, or they differ in shape.

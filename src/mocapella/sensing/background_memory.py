@@ -150,7 +150,13 @@ class BackgroundMemory:
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.
 
-        Arguments and errors are those of `update`.
+        It is 1 for an image that is much noisier than the first one.
+
+        Args:
+            image, person: as in `update`.
+
+        Raises:
+            InputError: as of `update`.
         """
         image, (left, top), phi = self._door(image, person)
         differ, known, noise = self._compared(image, phi, left, top)
@@ -178,7 +184,7 @@ class BackgroundMemory:
         samples.
 
         Args:
-            image: as in `update`.
+            image: (height, width) or (height, width, 3) uint8.
             window: the window, aligned as in `update`.
             every: stride between scored samples.
 

@@ -141,7 +141,8 @@ def unlike(
         step: distance between samples [px].
         window: the person.
         every: stride between compared samples.
-        least_sd, cut_sd: see `mocapella.sensing.background_memory.MemorySettings`.
+        least_sd: least standard deviation of a sample [grey levels].
+        cut_sd: a sample farther than this from its mean has changed [standard deviations].
         learnt: the background model.
 
     Returns:
@@ -321,7 +322,7 @@ def strange_at(
     """Write the foreground scores, as of `strange`, of the samples nearest to given pixels.
 
     Args:
-        image, step, bounds, learnt: as in `strange`.
+        image, step, bounds, learnt: (height, width, channels) uint8, stride [px], bounds and model, as in `strange`.
         pixels: (n, 2) x, y [px].
         out: (n,) float32, written; left unchanged outside of the image.
     """

@@ -217,10 +217,14 @@ def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
 
 
 def why_not_found(images: Sequence[UInt8], board: Board) -> str:
-    """Explain what images show instead of the board; slow, for use when nothing was found.
+    """Explain, for users, what images show instead of a board; slow, for use when no board was found.
+
+    Args:
+        images: (height, width) gray or (height, width, 3) BGR, uint8.
+        board: the board that was searched.
 
     Returns:
-        one line that suggests what to change.
+        One line that suggests what to change.
     """
     wanted = _describe(board)
     for image in images:

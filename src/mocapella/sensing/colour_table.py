@@ -66,8 +66,8 @@ class Separability:
     """Separability of colours from each other and from the background.
 
     Attributes:
-        kept: by colour name, share of the colour's pixels that get its label.
-        in_background: by colour name, share of the background that gets its label.
+        kept: share of each colour's pixels that get its label, by name.
+        in_background: share of the background that gets each colour's label, by name.
         distances: (colours, colours) distances between the colours' means, in standard deviations.
         problems: sentences that name a problem and suggest a remedy; empty if there are none.
     """

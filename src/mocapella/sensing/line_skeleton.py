@@ -81,7 +81,11 @@ class LineSkeleton:
         self._id, self._seen = 0, False
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Process the next image, see `mocapella.detectors.ArmDetector`; the time is ignored.
+        """Detect the arm in a depth image (height, width) [m]; see `mocapella.detectors.ArmDetector`.
+
+        Args:
+            depth: (height, width) [m]; values not above 0 were not measured.
+            at_s: not used.
 
         Raises:
             SettingsError: the image has another size than the camera's.

@@ -103,8 +103,8 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
     enter from below, and above 130° it is used if the point with greatest x lies above the centre.
 
     Args:
-        segments: (n, 4) as of `Lines`, n > 0 [px].
-        rotation_degrees: as of `Lines` [°].
+        segments: (n, 4) x and y of both ends of each line, of `Lines`, n > 0 [px].
+        rotation_degrees: the arm's rotation, 0 upright, 90 level, of `Lines` [°].
         centre: (2,) centre of the arm's circular region [px].
     """
     ends = segments.reshape(-1, 2)

@@ -32,7 +32,8 @@ def removable(
     The neighbours are p2 (above), p3 (above right), … p9 (above left), clockwise as in the paper.
 
     Args:
-        words, free, gone: as in `thin`; gone[begin:end] is written.
+        words, free, gone: uint64 arrays of one shape, the image, its removable pixels and the result, as in `thin`;
+            gone[begin:end] is written.
         begin, end: the range of words.
         stride: words per row.
         second: whether it is the second subiteration.
@@ -73,8 +74,8 @@ def thin(
     Args:
         words: (1 + (height + 2) * stride + 1,) uint64 pixels: a word, a row of zeros, the rows, a row of zeros, a word.
             The last bit of a row is 0, so that rows do not touch at their ends.
-        free: of the same shape; 1 for pixels that may be removed.
-        gone: of the same shape; workspace.
+        free: uint64 of the same shape; bits are 1 for pixels that may be removed.
+        gone: uint64 of the same shape; workspace.
         changed, pending: (strips + 2,) int64 and bool workspace; a strip has `ROWS` rows, and the first and last of
             these are empty.
         height, stride: rows, and words per row.

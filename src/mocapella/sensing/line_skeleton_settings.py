@@ -25,7 +25,8 @@ class LineSkeletonSettings:
         noise: replacement for unmeasured pixels in the region: ``far`` uses noise_m, ``median`` the median of the
             measured ones among the eight neighbours.
         noise_m: depth that replaces unmeasured pixels if ``noise`` is ``far`` [m].
-        ridge_least: of `mocapella.sensing.line_skeleton_thinning.skeleton`.
+        ridge_least: least ridge strength, 0 to 255, of a thin line, see
+            `mocapella.sensing.line_skeleton_thinning.skeleton`.
         hough_votes, hough_length_px, hough_gap_px: least votes, least length and largest gap of a line in the
             probabilistic Hough transform.
         corner_part: least strength of a Harris corner, as a share of the strongest.

@@ -109,7 +109,7 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
     Args:
         stages: images by name, in order.
         folder: created if missing.
-        prefix: of the files' names; their numbers follow.
+        prefix: beginning of the files' names; their numbers follow.
 
     Raises:
         SettingsError: they cannot be written there.

@@ -184,7 +184,7 @@ def fill(image: UInt8, table: UInt8, label: int, mine: Float64, x0: int, y0: int
     All pixels between two of its pixels in a row or a column are filled.
 
     Args:
-        image, table: of `pieces`.
+        image, table: (h, w, 3) uint8 and (32768,) uint8 labels of colour cells, as in `pieces`.
         label: the piece's label.
         mine: (11,) the piece, with sums from (x0, y0), in and out.
         x0, y0: origin of its sums [px].

@@ -100,7 +100,7 @@ class RegionContour(msgspec.Struct, frozen=True, eq=False):
     """A contour, and how clearly the image shows it.
 
     Attributes:
-        silhouette: in the prior's window; phi is cut off at the prior's reach.
+        silhouette: the contour, in the prior's window; phi is cut off at the prior's reach.
         surety: (rows, columns) log-likelihood ratio between the side that a sample is on and the other, a mean over
             5 × 5 samples, meaningful beside the contour [nats per pixel]; 0 where the image shows no edge, where it is
             unknown, and far from the prior's contour.
@@ -158,7 +158,7 @@ class Background(Protocol):
 
         Args:
             band: the samples.
-            settings: of the segmentation.
+            settings: settings of the segmentation.
 
         Returns:
             (blocks, size) float32, as ``band.blocks``.

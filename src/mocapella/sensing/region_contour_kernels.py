@@ -57,7 +57,8 @@ def move_samples(
         samples: their state, (blocks, size) arrays; label and inside become new_label and new_inside.
         lattice: the densities; sums are updated and changed nodes become stale, if ``learning``.
         learning: whether the densities are learnt.
-        blurred, block_at, dirty: of `region_mask_kernels.flip`, updated.
+        blurred, block_at, dirty: (rows, padded), (rows, blocks of a row) and (blocks,) of `region_mask_kernels.flip`,
+            updated.
 
     Returns:
         Whether any sample changed.
@@ -234,10 +235,11 @@ def settled(
     """Move a contour to where its energy is least, and measure distances from it.
 
     Args:
-        band, outside_costs, w: of `segment`; ``band.inside`` becomes the result.
+        band, outside_costs, w: samples, (blocks, size) costs of a background model or (0, 0), and weights, as in
+            `segment`; ``band.inside`` becomes the result.
         pad, columns: first column and number of columns of the window in its padded rows.
         reported: whether energies are computed.
-        reach, step: of `signed_distance_kernels.signed_distance`.
+        reach, step: limit of distances [samples], and distance between samples [px].
 
     Returns:
         Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns)

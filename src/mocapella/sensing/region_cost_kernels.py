@@ -55,7 +55,7 @@ class ContourWeights(NamedTuple):
         slope: twice the slope of the blurred mask across a straight contour [1/px].
         guided: whether there is a shape prior.
         unsure: samples nearer to the prior's contour are not learnt from before the first move [px].
-        fewest: see `region_density_kernels.update_densities` [samples].
+        fewest: weight of the density common to both sides in each side's density [samples].
         least_sd: smallest standard deviation of a density [half grey levels].
         most: upper bound of −log p [nats].
         inside_cost: −log p1 if it is constant; NaN if it is learnt [nats].
@@ -220,7 +220,7 @@ def update_costs(
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         rows: number of rows of the window.
         along: (size,) float32 a sample's distance along its block, 0 to 1.
-        coefficients: of `DensityLattice`.
+        coefficients: (node rows, node columns, 2 + 4 channels) of `DensityLattice`.
         dirty: (blocks,) not 0 where a block is evaluated.
         modelled: (blocks,) uint8, 1 where a background model gives all costs outside, which are not evaluated.
         one, two: (blocks, size) written: costs inside and outside.

@@ -81,11 +81,11 @@ def add_sample(
     Args:
         values: (channels, blocks, size) int16 in half grey levels.
         n, j: indices of the block and of the sample in it.
-        top, low: of `node_row_above`, for the block's row.
+        top, low: row of nodes above the block, and weight of the next one, of `node_row_above`.
         k: the block's number in its row, which is the column of the nodes on its left.
         sign: 1 to add, -1 to subtract.
         side: 0 inside, 1 outside.
-        sums: of `DensityLattice`, updated.
+        sums: (2, node rows, node columns, 1 + 2 channels) of `DensityLattice`, updated.
     """
     channels, _, size = values.shape
     right = 2 * j + 1
@@ -112,7 +112,7 @@ def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows:
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         rows: number of rows of samples.
         odd: (size,) int32 1, 3, 5 …: a sample's distance along its block [1 / (2 size)].
-        sums: of `DensityLattice`, updated.
+        sums: (2, node rows, node columns, 1 + 2 channels) of `DensityLattice`, updated.
     """
     channels, _, size = values.shape
     full = 2 * size
@@ -172,7 +172,7 @@ def update_densities(lattice: DensityLattice, size: int, fewest: float, least_sd
 
     Args:
         lattice: sums, both and stale are read, coefficients and leans written.
-        size: of a block [samples].
+        size: number of samples of a block.
         fewest: weight of the common density [samples].
         least_sd: smallest standard deviation [half grey levels].
     """
@@ -217,10 +217,10 @@ def mark_blocks(stale: UInt8, blocks: Int32, rows: int, size: int, dirty: UInt8)
     """Mark the blocks whose costs must be evaluated again, because one of their four nodes is stale.
 
     Args:
-        stale: of `DensityLattice`.
+        stale: (node rows, node columns) of `DensityLattice`.
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         rows: number of rows of samples.
-        size: of a block [samples].
+        size: number of samples of a block.
         dirty: (blocks,) updated: at least `DENSITY_CHANGED` for those blocks.
     """
     last, top = np.int64(-1), np.int64(0)

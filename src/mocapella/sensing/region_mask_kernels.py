@@ -53,7 +53,7 @@ def flip(inside: UInt8, i: int, j: int, size: int, blurred: UInt16, block_at: In
     Args:
         inside: (rows, columns) uint8 the mask, updated.
         i, j: row and column of the sample.
-        size: of a block [samples].
+        size: number of samples of a block.
         blurred: (rows, columns) of `blur`, updated.
         block_at: (rows, blocks of a row) int32 index of each block in the list of blocks, -1 for none.
         dirty: (blocks,) updated: `SIDE_CHANGED` for the blocks near the sample.
@@ -93,7 +93,13 @@ def gather(window: UInt64, blocks: Int32, chosen: UInt8, wanted: np.uint8, out: 
 
 @njit(cache=True, error_model="numpy")
 def scatter(parts: UInt64, blocks: Int32, window: UInt64) -> None:
-    """Copy a list of blocks back into a window; the reverse of `gather`, with ``parts`` as its ``out``."""
+    """Copy a list of blocks back into a window; the reverse of `gather`.
+
+    Args:
+        parts: (blocks, words of a block).
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        window: (rows, words of a row), the blocks' words are written.
+    """
     words = parts.shape[1]
     for n in range(len(blocks)):
         i, first = blocks[n, 0], blocks[n, 1] * words

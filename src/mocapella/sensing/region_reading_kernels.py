@@ -32,7 +32,7 @@ class WindowLayout(NamedTuple):
         step: distance between samples [px].
         pad: number of columns of padding before the first sample.
         padded: number of columns with all padding.
-        size: of a block [samples], a multiple of 8.
+        size: number of samples of a block, a multiple of 8.
     """
 
     x0: int
@@ -70,7 +70,7 @@ def lay_out(
         start: (rows, columns) uint8, 1 inside the initial contour; or (0, 0): the prior's.
         band: samples farther from the prior's contour cannot change sides [px], unless ``unguided``.
         unguided: whether all samples may.
-        layout: of the window.
+        layout: layout of the window.
         size_px: (width, height) of the image.
         wide: (rows, padded) float32 written: phi; far outside in the padding.
         inside: (rows, padded) uint8 written: the initial contour.
@@ -258,9 +258,9 @@ def forget(ignore: Bool, x0: int, y0: int, step: int, reach: int, blocks: Int32,
 
     Args:
         ignore: (h, w) bool, True for pixels without information.
-        x0, y0, step: as in `read_samples`.
+        x0, y0, step: pixel of the first sample, padding included, and distance between samples [px].
         reach: largest distance of such a pixel along either axis [px].
-        blocks, known: of `lay_out`; known is updated.
+        blocks, known: (blocks, 2) and (blocks, size) of `lay_out`; known is updated.
     """
     height, width = ignore.shape
     size = known.shape[1]
@@ -283,12 +283,13 @@ def read(
     """Lay out a window and read the image in it.
 
     Args:
-        image: of `read_samples`.
-        phi, start, layout: of `lay_out`.
+        image: (h, w, channels) uint8.
+        phi, start, layout: (rows, columns) signed distance [px], (rows, columns) initial mask or (0, 0), and layout, as
+            in `lay_out`.
         band_px: samples farther from the prior's contour cannot change sides, if ``guided`` [px].
         guided: whether only samples near the prior's contour may change sides.
-        median: of `read_samples`.
-        ignore: of `forget`, or (0, 0).
+        median: whether single wrong pixels are removed by a median.
+        ignore: (h, w) bool, True for pixels without information; or (0, 0).
 
     Returns:
         The result of `farthest`, then wide, inside, active, known and blocks of `lay_out`, and values of

@@ -86,7 +86,7 @@ def correct(points: Points, measured: Float64, variance: Float64, settings: Kalm
         points: the predicted points.
         measured: (points, 3) [m]; NaN where not seen.
         variance: (points,) variance of a measured coordinate [m²].
-        settings: as for the prediction.
+        settings: the settings that the points were predicted with.
     """
     after = _copy(points, points.at_s)
     nu = float(settings.degrees_of_freedom)

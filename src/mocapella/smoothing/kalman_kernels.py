@@ -24,7 +24,8 @@ def predict(
     """Predict points to a later instant, in place; see `mocapella.smoothing.kalman.predict`.
 
     Args:
-        positions, velocities, variances, seen_s: as in `kalman.Points`; the first three are changed.
+        positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
+            `kalman.Points`; the first three are changed.
         dt: time since their instant [s].
         at_s: the later instant, on the clock of ``seen_s`` [s].
         density: power spectral density of the acceleration along an axis [m²/s³].
@@ -52,11 +53,12 @@ def correct(
     """Update predicted points by measurements, in place; see `mocapella.smoothing.kalman.correct`.
 
     Args:
-        positions, velocities, variances, seen_s: as in `kalman.Points`, changed.
+        positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
+            `kalman.Points`; all are changed.
         at_s: capture time of the measurements [s].
         measured: (points, 3) [m]; NaN where not seen.
-        measured_variance: (points,) variance of a measured coordinate before it is multiplied by ``scale`` [m²].
-        scale: see ``measured_variance``.
+        measured_variance: (points,) variance of a measured coordinate, without the factor [m²].
+        scale: factor of ``measured_variance``.
         nu: degrees of freedom of the Student-t weight.
         speed_variance: variance of a new point's speed along an axis [m²/s²].
     """

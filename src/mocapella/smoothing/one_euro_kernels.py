@@ -45,7 +45,10 @@ def smooth(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
     beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state, by the speed of each point; unmeasured points do not change."""
+    """Update the filter's state, by the speed of each point; unmeasured points do not change.
+
+    The module describes the arguments: state, measured (points, dimensions), and capture time [s].
+    """
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
         if not seen(measured, j):
@@ -70,7 +73,10 @@ def smooth_points(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state as `smooth` does, and write the filtered points into ``out``, NaN where not seen."""
+    """Update the filter's state as `smooth` does, and write the filtered points into ``out``, NaN where not seen.
+
+    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    """
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
         there = seen(measured, j)
@@ -83,7 +89,10 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Filter points as `smooth_points` does, but by the speed of each coordinate."""
+    """Filter points as `smooth_points` does, but by the speed of each coordinate.
+
+    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    """
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):
         together &= seen_s[j] == since

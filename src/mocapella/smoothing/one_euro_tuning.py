@@ -90,9 +90,14 @@ def tune(
 
 
 def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 1: choose the highest minimum cutoff with no more jitter than a goal, on a still recording; see `tune`.
+    """Step 1: choose the highest minimum cutoff with no more jitter than a goal, on a still recording.
 
     The lowest cutoff is chosen if none reaches the goal.
+
+    Args:
+        still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move.
+        goal: largest jitter, in the unit of the points.
+        settings: the settings to change.
     """
     low, high = np.log(LOWEST_HZ), np.log(HIGHEST_HZ)
     if jitter(still, replace(settings, min_cutoff_hz=HIGHEST_HZ)) <= goal:
@@ -105,9 +110,14 @@ def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettin
 
 
 def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 2: choose the lowest beta with no more lag than a goal [s], on a fast recording; see `tune`.
+    """Step 2: choose the lowest beta with no more lag than a goal, on a fast recording.
 
     The highest beta is chosen if none reaches the goal.
+
+    Args:
+        fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
+        goal_s: largest lag [s].
+        settings: the settings to change.
     """
     if lag(fast, settings) <= goal_s:
         return settings
