@@ -46,7 +46,7 @@ class JumpSettings:
 
 
 class JumpLimits(NamedTuple):
-    """The fields of `JumpSettings`, for the kernels."""
+    """The fields of `JumpSettings` as a named tuple, for the kernels."""
 
     step_m: float
     fastest_m_s: float
@@ -55,7 +55,7 @@ class JumpLimits(NamedTuple):
 
 
 class KnownBodies(NamedTuple):
-    """The arrays of `SeenBodies`, for the kernels."""
+    """The arrays of `SeenBodies` as a named tuple, for the kernels."""
 
     ids: UInt64
     at_s: Float64
@@ -86,7 +86,7 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def arrays(self) -> KnownBodies:
-        """The fields, for the kernels."""
+        """The same arrays as a named tuple, for the kernels."""
         return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:

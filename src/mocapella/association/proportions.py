@@ -33,7 +33,10 @@ MOST: Final = 3.0
 
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
-    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing."""
+    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing.
+
+    `LENGTHS` names them.
+    """
     ends, lengths = ends_of_lengths(topology.joints), np.full((len(positions), len(LENGTHS)), np.nan)
     if ends is not None:
         _kernels().measure(np.ascontiguousarray(positions, dtype=np.float64), ends, lengths)

@@ -241,7 +241,7 @@ def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
 
 @njit(cache=True)
 def index_of(number: int, ids: UInt64) -> int:
-    """Return the index of ``number`` in ``ids``; −1 if it is missing."""
+    """Return the index of the tracking id ``number`` in ids (bodies,); −1 if it is missing."""
     for i in range(len(ids)):
         if ids[i] == number:
             return i

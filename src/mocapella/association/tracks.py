@@ -78,7 +78,7 @@ class TrackSettings:
 
 
 class TrackArrays(NamedTuple):
-    """The arrays of a `TrackMemory`, for the kernels."""
+    """The arrays of a `TrackMemory` without ``person`` as a named tuple, for the kernels."""
 
     since_s: Float64
     seen_s: Float64
@@ -108,7 +108,7 @@ class FrameBodies(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """`TrackSettings` of the gating, for the kernels."""
+    """The fields of `TrackSettings` for the gating as a named tuple, for the kernels."""
 
     gate_m: float
     stay_bonus_m: float
@@ -159,7 +159,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @classmethod
     def empty(cls, tracks: int, sensors: int, joints: int) -> TrackMemory:
-        """Return tracks without data."""
+        """Return unseen tracks for numbers of tracks, sensors and middle joints."""
         return cls(
             np.zeros(tracks, dtype=np.int64),
             np.zeros(tracks),
@@ -176,7 +176,7 @@ class TrackMemory(msgspec.Struct, eq=False):
         return TrackMemory(*(getattr(self, name)[rows] for name in self.__struct_fields__))
 
     def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
-        """Return a copy with more rows and columns."""
+        """Return a copy with additional, unseen tracks and sensors."""
         rows, columns = self.body.shape
         new = TrackMemory.empty(rows + tracks, columns + sensors, self.middle.shape[1])
         for name in self.__struct_fields__:
@@ -186,12 +186,12 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @property
     def arrays(self) -> TrackArrays:
-        """The fields without ``person``, for the kernels."""
+        """The same arrays without ``person`` as a named tuple, for the kernels."""
         return TrackArrays(self.since_s, self.seen_s, self.confirmed, self.middle, self.size, self.body, self.body_s)
 
     @property
     def present(self) -> Bools:
-        """Whether a sensor sees each track, (tracks,)."""
+        """Whether any sensor sees each person at present, (tracks,)."""
         return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
@@ -262,7 +262,10 @@ class Tracks:
         return list(self.memory.person.tolist())
 
     def owners(self, sensor: str) -> Mapping[int, int]:
-        """Return the person of each body that the sensor sees; the same object until an assignment changes."""
+        """Return the number of the person of each body that the sensor sees, by tracking id.
+
+        The same object is returned until an assignment changes.
+        """
         if sensor not in self._owners:
             self._owners[sensor] = {}
             if sensor in self.sensors:

@@ -149,7 +149,7 @@ class ArmExtrinsics:
         return [other for other in sorted(self.instants) if other not in places and self._pair(other, camera, places)]
 
     def needs(self, camera: str) -> str:
-        """Return what the user must do before the camera has a pose; empty if it has one."""
+        """Return an instruction for the user while the camera has no pose; empty once it has one."""
         found = self.found.get(camera)
         if found is not None:
             return found.missing

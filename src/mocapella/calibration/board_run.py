@@ -89,7 +89,7 @@ class BoardRunReport:
     split: int
 
     def words(self) -> str:
-        """Describe the time between simultaneous images; empty if there are none."""
+        """Describe the time between simultaneous images for users; empty if there are none."""
         if not self.apart_s:
             return ""
         apart, moved = 1e3 * np.array(self.apart_s), np.array(self.moved_px)
@@ -175,7 +175,7 @@ class BoardRun:
 
     @property
     def views(self) -> list[BoardView]:
-        """All kept views; the frame number is that of the round."""
+        """All kept views; their frame number is the number of the round."""
         return [replace(view, frame=k) for k, of in enumerate(self._rounds) for view in of.views.values()]
 
     @property
@@ -193,7 +193,7 @@ class BoardRun:
 
     @property
     def report(self) -> BoardRunReport:
-        """Counts so far."""
+        """Counts of all rounds so far."""
         several = [of for of in self._rounds if len(of.views) > 1]
         shared = [of for of in several if np.isfinite(of.apart_s)]
         return BoardRunReport(

@@ -62,7 +62,7 @@ class ColdStart:
             known.update(key[:2], a[key[0]], b[key[1]], mirror)
 
     def likeliest(self) -> Likeliest | None:
-        """Return the hypothesis with the best fit; None before there is data."""
+        """Return the hypothesis with the best fit, and its best rival; None before there is data."""
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
@@ -112,7 +112,12 @@ class ColdStart:
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
-    """The hypothesis with the best fit, and the residual of its best rival, a contradicting hypothesis [m]."""
+    """The hypothesis with the best fit.
+
+    Attributes:
+        pair: its estimator.
+        rival: least residual of a hypothesis that matches one of the two bodies with another one [m]; infinite if none.
+    """
 
     pair: PairCalibration
     rival: float

@@ -101,7 +101,7 @@ class PairSettings:
 
     @cached_property
     def parameters(self) -> PairParameters:
-        """The settings for the kernels, as floats."""
+        """The settings as a named tuple of floats, for the kernels."""
         return PairParameters(*(float(getattr(self, name)) for name in PairParameters._fields))
 
 
@@ -204,7 +204,7 @@ class PairCalibration:
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
-        """From now on, leave out frames that disagree with this estimate by more than usual."""
+        """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted."""
         reach = estimate.position_sd + REACH_M * estimate.rotation_sd
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
@@ -228,7 +228,11 @@ class PairCalibration:
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
     def follow_clock(self, estimate: PairEstimate) -> None:
-        """Adopt the most likely offset of b's clock, given that the clocks are synchronised by the network."""
+        """Replace the assumed offset of b's clock by its most likely value, with synchronised clocks as prior.
+
+        Args:
+            estimate: the present result.
+        """
         closed = self.scalars[at.BLOCKS_CLOSED]
         if closed == self.scalars[at.FOLLOWED]:
             return

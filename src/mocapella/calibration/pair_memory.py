@@ -101,7 +101,7 @@ class PairArrays(NamedTuple):
 
 
 class BodyFrames(NamedTuple):
-    """The arrays of a `BodyTrack` of the same names, for the kernels."""
+    """Arrays of a `BodyTrack` as a named tuple, for the kernels."""
 
     times: Float64
     points: Float64
@@ -110,7 +110,7 @@ class BodyFrames(NamedTuple):
 
 
 class PairParameters(NamedTuple):
-    """The values of `pair_calibration.PairSettings` for the kernels."""
+    """Fields of `pair_calibration.PairSettings` as a named tuple of floats, for the kernels."""
 
     memory_s: float
     first_memory_s: float
@@ -180,7 +180,7 @@ class BodyTrack:
 
     @property
     def arrays(self) -> BodyFrames:
-        """The frames, for the kernels."""
+        """The same arrays as a named tuple, for the kernels."""
         return BodyFrames(self.times, self.points, self.weights, self.held)
 
     @property

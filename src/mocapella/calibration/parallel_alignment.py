@@ -49,7 +49,7 @@ class PairAlignment:
     swapped: bool
 
     def advice(self, first: str, second: str) -> list[str]:
-        """Return instructions for the user; empty if the pair is well aligned."""
+        """Return instructions for users to align the cameras with these names; empty if the pair is well aligned."""
         out = []
         if self.swapped:
             out.append(f"camera {second} stands to the left of camera {first}: exchange them")

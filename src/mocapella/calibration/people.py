@@ -166,7 +166,7 @@ class PeopleCalibration:
         )
 
     def layout_now(self) -> SensorLayout:
-        """Return the layout of the `tied` sensors, to be saved."""
+        """Return the layout of the `tied` sensors, for `sensor_layout.save_layout`."""
         tied = self.tied
         sensors = {
             name: LayoutSensor(
@@ -185,7 +185,7 @@ class PeopleCalibration:
         return SensorLayout(VERSION, self.state.floor_known, sensors, pairs)
 
     def memory(self) -> dict[str, Any]:
-        """Return all state, by the names in takes."""
+        """Return all state for `recall`, by the names of its parts in takes."""
         return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:

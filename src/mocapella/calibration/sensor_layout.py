@@ -31,7 +31,14 @@ VERSION: Final = 1
 
 
 class LayoutPair(msgspec.Struct, frozen=True):
-    """State of the `PairCalibration` of two sensors."""
+    """State of the `PairCalibration` of two sensors, as stored in a layout file.
+
+    Attributes:
+        a, b: names of the sensors.
+        quality: description for users.
+        T_a_b: (4, 4) from b's camera space to a's.
+        moments, scatter, scalars: arrays of the `PairCalibration`.
+    """
 
     RECORDED_AS: ClassVar[str] = "RigPair"
 
@@ -45,7 +52,13 @@ class LayoutPair(msgspec.Struct, frozen=True):
 
 
 class LayoutSensor(msgspec.Struct, frozen=True):
-    """A sensor's pose ``T_world_sensor`` (4, 4) [m], and its standard deviations [mm, °]."""
+    """A sensor's pose, as stored in a layout file.
+
+    Attributes:
+        T_world_sensor: (4, 4) [m].
+        position_sd_mm: standard deviation of its position [mm].
+        rotation_sd_deg: standard deviation of its rotation [°].
+    """
 
     RECORDED_AS: ClassVar[str] = "RigSensor"
 
@@ -88,7 +101,7 @@ def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPa
 
 
 def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
-    """Return the estimator that continues from a saved pair."""
+    """Return the estimator that continues from a saved pair, with these settings."""
     return PairCalibration(
         settings,
         np.array(pair.T_a_b),

@@ -35,7 +35,7 @@ class PairOfSensors:
             once confirmed.
         shown: whether people have confirmed it once; it then stays in use while it is less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: person of each tracking id in a and in b, from which ``matched`` was derived.
+        owners: person of each tracking id in a and in b; ``matched`` was derived from it.
         turn: counter that selects among the matched bodies.
         due: capture time of the next refinement [s].
         trying: whether the hypotheses are tried.
@@ -75,7 +75,7 @@ class PairOfSensors:
 
 
 def covariance_of(pair: PairOfSensors) -> Float64:
-    """Return the covariance (6, 6) of a pair's estimate; that of a given pose until people confirm it."""
+    """Return the covariance (6, 6) of a pair's estimate; of a given pose, the expected one until people confirm it."""
     assert pair.estimate is not None
     return _GIVEN if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
 

@@ -56,7 +56,7 @@ class SpaceObservations:
         self._poses: list[tuple[_Key, str, Float64]] = []
 
     def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
-        """Add the observations of new messages."""
+        """Add the observations in scenes (the cameras' object) and frames (the other tracker's body)."""
         for message in messages:
             if isinstance(message, Scene):
                 self._add_scene(message)

@@ -102,7 +102,7 @@ class StandStill:
         self._T_world_sensor = {}
 
     def unknown(self, bodies: Bodies) -> bool:
-        """Return whether one of these bodies arrived after the calibration."""
+        """Return whether any of a frame's bodies arrived after the calibration."""
         known = self._T_world_sensor
         return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
 

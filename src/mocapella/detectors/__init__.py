@@ -34,12 +34,12 @@ RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 
 
 def arm_detectors() -> dict[str, Detector]:
-    """Return the detectors that find arms in depth images, by name."""
+    """Return the descriptors of the detectors that find arms in depth images, by name."""
     return detectors_of("arms")
 
 
 def detectors_of(frame_type: str) -> dict[str, Detector]:
-    """Return the detectors that make frames of a type, by name."""
+    """Return the descriptors of the detectors that make frames of a type, such as ``arms``, by name."""
     return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == frame_type}
 
 

@@ -290,7 +290,7 @@ def _work(evidence: ArmEvidence, iterations: int) -> int:
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
-    """Return the cost of a pose, without iterations of the fit."""
+    """Return the cost `Fitted.cost` of a pose for a depth image's evidence, without fitting it."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 

@@ -42,7 +42,7 @@ class ArmGestures:
 
     @property
     def reports(self) -> dict[int, GesturesReport]:
-        """Reports by arm id; dropped arms have none."""
+        """Counts of each arm's gestures by arm id; dropped arms have none."""
         return {number: hand.report for number, hand in self._hands.items()}
 
     def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:

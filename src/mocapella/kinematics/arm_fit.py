@@ -178,7 +178,7 @@ class Fitted(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Weighted sum of the costs, for comparing poses."""
+        """Weighted sum of the costs of points, flesh, overlaps and deviations from the prior, for comparing poses."""
         points, flesh, overlap, unusual = kernels().COSTS
         c = self.costs
         return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
@@ -236,7 +236,11 @@ class ArmModel:
         self.forearm_m = _FOREARM_OF_HAND * length
 
     def state(self, forearm: Float64 | None = None) -> Float64:
-        """Return the state (STATE,) of an average arm, straight or with a forearm direction in the palm's frame."""
+        """Return the state (STATE,) of an average arm, see `arm_flesh_kernels`.
+
+        Args:
+            forearm: (3,) unit vector from wrist to elbow in the palm's frame; by default the wrist is straight.
+        """
         v = np.empty(kernels().STATE)
         v[:4] = 1.0, 1.0, self.forearm_m, 1.0
         v[4:7] = (0.0, 0.0, -1.0) if forearm is None else forearm / np.linalg.norm(forearm)
@@ -245,7 +249,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of an arm that was not seen before."""
+        """Return the prior of a new arm, about which only an approximate pose is known."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -425,7 +429,7 @@ class ArmModel:
         return out
 
     def angles(self, pose: ArmPose) -> Float64:
-        """Return the angles (21,) of `ANGLES` [rad]."""
+        """Return the hand's angles (21,) in the order of `ANGLES` [rad]."""
         out = np.zeros(21)
         for digit in range(5):
             for k in range(5):

@@ -159,7 +159,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def arrays(self) -> BodyArrays:
-        """The model as the kernels take it."""
+        """The same arrays as a named tuple, for the kernels."""
         return BodyArrays(
             self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values, self.order,
             self.parameters,

@@ -125,7 +125,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
 
 
 def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
-    """Make the local tree of a pose."""
+    """Make the local tree of a body's tree about a pose; see `LocalTree`."""
     angles = np.array(pose.angles, np.float64)
     twists, limits, n = tree.twists.copy(), tree.limits.copy(), len(balls.parts)
     turned, axes = np.empty((n, 9)), np.empty((n, 3, 3))

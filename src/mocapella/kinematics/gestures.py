@@ -212,7 +212,10 @@ GESTURES: Final[dict[str, Gesture]] = {
 
 
 def closure(hand: HandFeatures) -> float:
-    """Return how closed a hand is, 0 (open) to 1 (closed), by its least bent finger or a pinch; NaN if not known."""
+    """Return how closed a hand is, from 0 (open) to 1 (closed); NaN if not known.
+
+    It is the larger one of the score of a pinch and the closure of the least bent finger.
+    """
     closed = _least([1.0 - ramp(float(hand.reach[finger]), 0.45, 0.85) for finger in range(1, 5)])
     pinched = Pinch().score(hand)
     return pinched if math.isnan(closed) else closed if math.isnan(pinched) else max(closed, pinched)
@@ -356,7 +359,7 @@ class HandGestures:
 
     @property
     def report(self) -> GesturesReport:
-        """Counts over the instants so far."""
+        """Counts since the recognition was made or reset."""
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
     def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:

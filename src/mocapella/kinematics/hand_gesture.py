@@ -125,7 +125,7 @@ class GesturePoints:
 
     @property
     def report(self) -> GestureReport:
-        """Counts of the scenes so far."""
+        """Counts of the scenes since the collection was made or reset."""
         kept = {phase: len(rows) for phase, rows in self._kept.items()}
         return GestureReport(self._scenes, kept, self._without, self._too_soon)
 

@@ -46,7 +46,7 @@ _DIRECTIONS = 8
 
 @njit(cache=True)
 def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a point (x, y, z) from the palm's frame to the frame of a digit with the parameters row [m]."""
+    """Transform a point (x, y, z) from the palm's frame to a digit's frame [m]; row is (`DIGIT`,) its parameters."""
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
         row[FRAME] * x + row[FRAME + 3] * y + row[FRAME + 6] * z,
@@ -71,7 +71,14 @@ def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, fl
 
 @njit(cache=True)
 def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
-    """Return the distance of the tip from a point (x, y, z) in the digit's frame, at angles f, a, m, b [m]."""
+    """Return the distance of a digit's tip from a point, at given angles [m].
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        x, y, z: the point in the digit's frame [m].
+        f, a: flexion and abduction of the first joint [rad].
+        m, b: flexion of the second and third joint [rad].
+    """
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
@@ -96,7 +103,14 @@ def in_cone(row: Float64, f: float, a: float) -> bool:
 
 @njit(cache=True)
 def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) -> None:
-    """Clamp the angles f, a, m, b to the limits of the digit with the parameters row, into out (4,) [rad]."""
+    """Clamp a digit's angles to its limits.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        f, a: flexion and abduction of the first joint [rad].
+        m, b: flexion of the second and third joint [rad].
+        out: (4,) written: the clamped angles, in the same order.
+    """
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
     if row[AX] > 0.0:

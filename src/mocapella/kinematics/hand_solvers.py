@@ -125,7 +125,10 @@ class _Solver:
 
 
 class ClosedForm(_Solver):
-    """Closed form in the digit's plane; limited search for unreachable targets. The start matters without a target."""
+    """Solver by a closed form in each digit's plane, with a limited search for unreachable targets.
+
+    The initial angles matter only for a digit without a target.
+    """
 
     name = "closed form"
 
@@ -173,25 +176,25 @@ class _Iterative(_Solver):
 
 
 class Fabrik(_Iterative):
-    """Forward and backward reaching, with a rotor and hinges that are held within their limits."""
+    """Solver by forward and backward reaching, with a rotor and hinges that are held within their limits."""
 
     name, kind = "FABRIK", "FABRIK"
 
 
 class JacobianTranspose(_Iterative):
-    """Gradient steps, each of the length that is optimal for linear motion of the tip."""
+    """Solver by gradient steps, each of the length that is optimal for linear motion of the tip."""
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
 
 
 class PseudoInverse(_Iterative):
-    """Smallest steps that would reach the target if the tip's motion were linear."""
+    """Solver by the smallest steps that would reach the target if the tip's motion were linear."""
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
 
 
 class DampedLeastSquares(_Iterative):
-    """Pseudo-inverse steps, damped near singular poses."""
+    """Solver by pseudo-inverse steps, damped near singular poses."""
 
     name, kind = "damped least squares", "DAMPED"
 

@@ -183,7 +183,7 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """Keep the foreground that the previous image also shows within `REACH` samples; it rejects brief flashes."""
+    """Lower an image's foreground to that of the previous image within `REACH` samples; this rejects brief flashes."""
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
     _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)

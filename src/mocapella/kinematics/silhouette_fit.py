@@ -130,7 +130,7 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def silhouette(self) -> Silhouette:
-        """The mask as a silhouette; its phi is ±0.5 (positive inside), not a distance to the outline."""
+        """The mask as a silhouette; its phi is ±0.5 px, positive inside, not a distance to the outline."""
         return Silhouette(self.origin_px, self.step_px, self.mask.astype(np.float32) - np.float32(0.5))
 
 

@@ -84,7 +84,7 @@ FIRST_SDS = 1.5
 
 
 class BackgroundMemory:
-    """The learnt background of one camera, in samples of step × step pixels."""
+    """The learnt background of one camera, in samples of ``step_px`` × ``step_px`` pixels."""
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
         check(step_px >= 1, "step_px", step_px, "1 or more")

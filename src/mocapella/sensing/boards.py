@@ -38,7 +38,7 @@ class BoardReport:
 
 
 class BoardDetector:
-    """Finds one board in images of any camera; ``report`` counts."""
+    """Detects one board in images of any camera; ``report`` counts images and corners, see `BoardReport`."""
 
     def __init__(self, board: Board) -> None:
         self.board = board
@@ -104,7 +104,7 @@ def _gray(image: UInt8, inverted: bool) -> UInt8:
 
 
 def charuco_board(board: Board) -> Any:
-    """Return OpenCV's object of a ChArUco board, to draw or detect it."""
+    """Return OpenCV's ``CharucoBoard`` of a board, to draw or detect it."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     drawn = cv2.aruco.CharucoBoard(
         (board.columns, board.rows), board.square_m, board.square_m * board.marker_ratio, markers

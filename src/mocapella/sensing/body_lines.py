@@ -195,7 +195,11 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
 
 
 def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
-    """Return an image of each stage that was reached, by its name, in order: gray, or blue, green, red."""
+    """Draw the result of each stage that was reached, by its name, in the order of processing.
+
+    Returns:
+        (height, width) gray or (height, width, 3) BGR images by name.
+    """
     first = seen.separated
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {

@@ -181,7 +181,7 @@ class ColourProfile:
 
 
 def encode_profile(profile: ColourProfile) -> bytes:
-    """Return a profile as JSON."""
+    """Encode a profile as JSON in UTF-8."""
     return msgspec.json.encode(asdict(profile)) + b"\n"
 
 

@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Each camera's image of the empty room, composed of images with people elsewhere."""
+    """Learns each camera's image of the empty room, from images with people elsewhere, to detect differences."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
@@ -108,7 +108,7 @@ class EmptyRoom:
 
 
 class MovedSince:
-    """Changes in each camera's image since its first one."""
+    """Detects changes in each camera's images since its first one, and compares them with the body's position."""
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[UInt8, Bool]] = {}

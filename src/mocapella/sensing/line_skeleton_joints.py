@@ -119,7 +119,15 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
 
 
 def palm_and_wrist(centre: Float64, elbow: Float64) -> tuple[Float64, Float64]:
-    """Return palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2; R is the region's centre, E the elbow, (..., 2)."""
+    """Compute palm and wrist from the arm's circular region and elbow.
+
+    Args:
+        centre: (..., 2) R, centre of the region [px].
+        elbow: (..., 2) E [px].
+
+    Returns:
+        Palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2, (..., 2) each [px].
+    """
     palm = 2.0 * centre - (elbow + centre) / 2.0
     return palm, ((elbow + palm) / 2.0 + palm) / 2.0
 

@@ -111,7 +111,15 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
 
 
 def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
-    """Run edges, outlines, area filter, circular region and noise; return None if no outline is large enough."""
+    """Detect the arm in the mirrored image: edges, outlines, area filter, circular region and noise replacement.
+
+    Args:
+        pictures: the near part of the depth image.
+        s: thresholds.
+
+    Returns:
+        The arm; None if no outline is large enough.
+    """
     p = _PAD_PX
     padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
     edges = cv2.Canny(padded, s.canny_low, s.canny_high)
@@ -138,7 +146,7 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
 
 
 def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
-    """Return the skeleton's stages and the probabilistic Hough transform of its lines."""
+    """Detect the straight lines of an arm's skeleton by thinning and the probabilistic Hough transform."""
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)

@@ -28,7 +28,11 @@ _BITS: Final = 4
 
 
 def pictures(looked: Looked) -> Mapping[str, UInt8]:
-    """Return an image of each stage that was reached, by its name, in order."""
+    """Draw the result of each stage that was reached, by its name, in the order of processing.
+
+    Returns:
+        (height, width) gray or (height, width, 3) BGR images by name.
+    """
     first, second, third, hand = looked.separated, looked.outline, looked.lines, looked.hand
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {
@@ -67,7 +71,7 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
 
 
 def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8:
-    """Return all images in rows, each under its number and name; (height, width, 3) BGR."""
+    """Draw all images into one, ``columns`` in a row, each under its number and name; return (height, width, 3) BGR."""
     tiles: list[Any] = []
     for number, (name, picture) in enumerate(stages.items(), start=1):
         image: Any = picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)

@@ -117,7 +117,7 @@ def side_by_side(pictures: list[UInt8], height: int = 720) -> UInt8:
 
 
 def jpeg(picture: UInt8, quality: int = _QUALITY) -> bytes:
-    """Encode an image (height, width, 3) BGR."""
+    """Encode an image (height, width, 3) BGR as JPEG with a quality of 0 to 100."""
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
 
 

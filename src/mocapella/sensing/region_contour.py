@@ -149,7 +149,7 @@ def region_contour(
 
 
 class Background(Protocol):
-    """A model of the scene without people."""
+    """Interface of models of the scene without people, such as `BackgroundModel` and `BackgroundMemory`."""
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """Return the cost −log p of each of a band's samples being background [nats]; NaN where that is unknown.

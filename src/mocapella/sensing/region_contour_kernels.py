@@ -121,7 +121,7 @@ def _wholly_modelled(outside_costs: Float32, count: int) -> UInt8:
 
 @njit(cache=True, error_model="numpy")
 def new_samples(shape: tuple[int, int]) -> ContourSamples:
-    """Return arrays (blocks, size) for a band's samples; their content is undefined, except costs outside, 0."""
+    """Return the state of a band's samples, arrays (blocks, size); only outside_cost is initialised, to 0."""
     return ContourSamples(
         np.empty(shape, np.float32), np.empty(shape, np.uint16), np.empty(shape, np.float32),
         np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(shape, np.float32),

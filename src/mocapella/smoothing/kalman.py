@@ -65,13 +65,19 @@ class Points(msgspec.Struct, frozen=True, eq=False):
 
 
 def unknown(count: int, at_s: float) -> Points:
-    """Return the state of ``count`` unknown points at an instant [s]."""
+    """Return the state of ``count`` unknown points at an instant, on the clock of the capture times [s]."""
     nan = np.full((3, count, 3), np.nan)
     return Points(at_s, nan[0], nan[1], nan[2], np.full(count, -np.inf))
 
 
 def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
-    """Predict the points at a later instant [s], with larger variances; forget points not measured for too long."""
+    """Predict the points at a later instant, with larger variances; forget points not measured for too long.
+
+    Args:
+        points: the present state.
+        at_s: the later instant, on the clock of the capture times [s].
+        settings: process model, and time after which points are forgotten.
+    """
     later = _copy(points, at_s)
     _kernels().predict(
         *_arrays(later), at_s - points.at_s, at_s, settings.acceleration_density, settings.forget_after_s

@@ -47,7 +47,7 @@ class OneEuroSettings:
 
 
 class OneEuro:
-    """The filter of one set of points. The same inputs give the same outputs, to the bit."""
+    """A 1-euro filter of one set of points. The same inputs give the same outputs, to the bit."""
 
     def __init__(self, settings: OneEuroSettings | None = None) -> None:
         self.settings = settings or OneEuroSettings()
