@@ -63,7 +63,7 @@ class CameraReport:
         own_px: robust standard deviation of a corner's coordinate, from this camera's own views [px].
         position_sd_mm: standard deviation of the camera's position: the root of the sum of the three variances; 0 for
             the world's origin [mm].
-        rotation_sd_deg: likewise of its orientation [°].
+        rotation_sd_deg: standard deviation of its orientation, about all axes together [°].
         focal_sd_percent: relative standard deviation of its focal length; 0 if the lens was given [%].
         observed: coefficients among cx cy k1 k2 p1 p2 k3 that the views determined; the others are typical values.
     """
@@ -92,7 +92,8 @@ class CameraCalibration:
             the cameras are not triggered together [px].
         dispersion: see `board_bundle.Adjusted`.
         fit: quality of triangulated corners, of the views used for calibration.
-        left_out: likewise, each half of the views by a calibration from the other; None with too few.
+        left_out: quality of triangulated corners of each half of the views, by a calibration from the other; None with
+            too few.
         hints: advice that would improve it.
     """
 

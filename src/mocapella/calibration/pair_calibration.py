@@ -38,8 +38,8 @@ class PairSettings:
 
     Attributes:
         memory_s: time constant of fading, in shared motion [s].
-        first_memory_s: the same at the beginning, when the weights come from a poor estimate [s].
-        memory_growth: its growth per second of motion, up to ``memory_s``.
+        first_memory_s: that time constant at the beginning, when the weights come from a poor estimate [s].
+        memory_growth: growth of that time constant per second of shared motion, up to ``memory_s``.
         residual_floor_m: residuals below this have equal weights [m].
         label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped [m].
         mirrored_weight: weight of a view with swapped labels.
@@ -54,8 +54,9 @@ class PairSettings:
         residual_allowed_m: largest mean distance between the two views' joints in a trusted estimate [m].
         offset_bound_wanted_s: bound within which a clock offset counts as known [s].
         offset_expected_s: prior standard deviation of the offset between synchronised clocks [s].
-        moved_factor: a sensor was moved if the views' centres are farther apart than usual by this factor …
-        moved_least_m: … and by at least this distance [m].
+        moved_factor: a sensor was moved if the two views' centres are farther apart than usual by this factor and by
+            moved_least_m.
+        moved_least_m: least distance of the centres of a moved sensor, see moved_factor [m].
         every_s: least interval between frames of one body, because sensor errors persist for longer [s].
         told_s: weight of a given initial estimate, as a duration of shared motion [s].
     """
@@ -347,9 +348,9 @@ def _problems(  # noqa: PLR0917 - likewise
 
 
 TOLD_CENTRE: Final = np.array([0.0, 0.0, 2.5])
-"""Usual area of people: centre in camera space [m] …"""
+"""Centre of the usual area of people, in camera space [m]."""
 TOLD_REACH: Final = np.array([0.6, 0.6, 0.6])
-"""… and half its extent [m]."""
+"""Half the extent of the usual area of people, along each axis [m]."""
 TOLD_JOINTS: Final = 25
 TOLD_RESIDUAL_M: Final = 0.1
 """Expected distance between two views of a joint, before it is known [m]."""

@@ -79,7 +79,7 @@ def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Flo
         weights: (frames, joints).
         t: the time [s].
         q: (joints, 3) written if the result is 1: positions [m].
-        w: (joints,) written likewise: weights, the smaller ones of the neighbouring frames.
+        w: (joints,) written if the result is 1: weights, the smaller ones of the neighbouring frames.
 
     Returns:
         1 if t is between two frames at most `LONGEST_STEP` apart; 0 if it is in a gap or before the first frame; −1 if

@@ -15,7 +15,7 @@ UInt8 = NDArray[np.uint8]
 
 # Of the pair of sensors. Values that fade are multiplied by the same factor as the moments, at every frame.
 MOTION: Final = 0
-"""Shared motion so far [s]; standing still hardly counts."""
+"""Index of the duration of shared motion so far [s]; standing still hardly counts."""
 BLOCKS: Final = 1
 """Number of independent samples in memory, as the fading sum Σf of their weights f; `BLOCKS_SQ` is Σf²."""
 BLOCKS_SQ: Final = 2
@@ -27,7 +27,7 @@ COST: Final = 3
 COST_WEIGHT: Final = 4
 APART_SQ: Final = 5
 OFFSET: Final = 6
-"""Added to `REFERENCE_OFFSET`: their sum is b's clock minus a's [s]."""
+"""Index of an offset [s] that is added to the one at `REFERENCE_OFFSET`: their sum is b's clock minus a's."""
 REFERENCE_OFFSET: Final = 7
 CENTRE: Final = 8
 """Index of three numbers: the mean position of people in a's frame [m], weighted like `COST`."""

@@ -19,7 +19,7 @@ from mocapella.model.camera import PlacedCamera
 Float64 = NDArray[np.float64]
 
 LITTLE_PX: Final = 1.0
-"""Vertical disparity that is negligible beside a marker's height."""
+"""Vertical disparity that is negligible beside a marker's height [px]."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,11 @@ STEPS = 20
 def distort(
     x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Distort normalised image coordinates (x, y).
+    """Distort normalised image coordinates.
+
+    Args:
+        x, y: x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
 
     Returns:
         The distorted coordinates (u, v), then the derivatives ∂u/∂x, ∂u/∂y = ∂v/∂x and ∂v/∂y.
@@ -47,6 +51,9 @@ def undistorted(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Undistort normalised image coordinates as `undistort` does.
+
+    Args:
+        u, v, k1, k2, p1, p2, k3, farthest_r2: as in `undistort`.
 
     Returns:
         x and y, then the three derivatives that `distort` returns at that point.
@@ -111,7 +118,13 @@ def undistorted_all(
 def undistort(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the (x, y) that `distort` maps to (u, v); NaN if there is none within the lens model's radius."""
+    """Return the (x, y) that `distort` maps to (u, v); NaN if there is none within the lens model's radius.
+
+    Args:
+        u, v: distorted x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
+        farthest_r2: squared radius of the lens model, see `lens.farthest_r2`; 0 for no limit.
+    """
     x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
     return x, y
 

@@ -336,7 +336,7 @@ def outlined(
         faces: (k, 3) corners, counter-clockwise as seen from outside.
         edges: (e, 4) of `outline_edges`.
         by_edges: whether `cover_by_edges` can be used, see `one_way`.
-        step, margin: of `window` [px].
+        step, margin: distance between samples, and margin of the window about the mesh [px].
         given: an earlier result of `window` that is reused, unless it has no columns.
         spacing, bones: distance between the outline's points [px], and (n,) part of each vertex, as in `outline`.
 

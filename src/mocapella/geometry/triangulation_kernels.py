@@ -100,7 +100,8 @@ def linearised(
     """Return the two numbers of `offset` and the derivatives of the projection.
 
     Args:
-        views, n, X, Y, Z, u, v: as in `offset`.
+        views, n, X, Y, Z, u, v: (views, 25) cameras, index of one, world point [m] and measured pixel [px], as in
+            `offset`.
 
     Returns:
         du and dv [px], then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
@@ -236,7 +237,7 @@ def meeting(
         rays: (views, 6) of `keep_ray`.
         weights: (views,) 1/variance of a pixel's coordinates [1/px²].
         m, n: indices of the views.
-        gate2: square of the largest distance of the rays from each other, in standard deviations.
+        gate2: square of the outlier gate [sd²].
         least_sin2: squared sine of the least angle between the rays.
 
     Returns:

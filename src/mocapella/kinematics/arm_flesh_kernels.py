@@ -232,7 +232,7 @@ def relevance(
         R, t: (9,), (3,) from the palm's frame to the camera frame.
         v: (STATE,) sizes and directions.
         length: length of the shape's hand, before its size factor [m].
-        forearm: likewise of the forearm [m].
+        forearm: length of the shape's forearm, before its size factor [m].
         beyond: weight of points away from hand and forearm.
         out: (m,) written: 1 near the hand, 0.5 near the forearm, else ``beyond``.
     """

@@ -352,12 +352,12 @@ def _follow_contact(row: Float64, c: int, dt: float, positions: Float64, measure
 
 @njit(cache=True, error_model="numpy")
 def move(layout: MemoryLayout, memory: Float64, T: Float64) -> None:
-    """Change the world frame of all bodies.
+    """Change the world frame of all bodies of a memory, in place.
 
     Args:
         layout: layout of a body's memory, of `ArticulatedModel`.
         memory: (people, memory_size), changed.
-        T: (4, 4) `T_new_old`, rigid.
+        T: (4, 4) rigid motion from the old to the new world frame.
     """
     for p in range(len(memory)):
         for k in range(3):

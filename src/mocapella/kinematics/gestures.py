@@ -154,7 +154,7 @@ class FingerGesture:
         return tuple(sorted(DIGITS.index(digit) for digit in (*self.extended, *self.folded)))
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score of the digit that fits worst."""
+        """Return the score of the digit that fits worst, 0 to 1; NaN if unknown."""
         fits = [hand.extended(DIGITS.index(digit)) for digit in self.extended]
         return _least([*fits, *(hand.folded(DIGITS.index(digit)) for digit in self.folded)])
 
@@ -173,7 +173,7 @@ class Closed:
     digits: tuple[int, ...] = (1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score by the fingers' mean reach; no finger may be extended."""
+        """Return the score by the fingers' mean reach, 0 to 1; it is low if any finger is extended. NaN if unknown."""
         mean = float(hand.reach[1:].mean())
         loose = ramp(mean, 0.36, 0.52)
         bent = min(loose, 1.0 - ramp(mean, 0.58, 0.72)) if not self.tight else 1.0 - loose
@@ -188,7 +188,7 @@ class Pinch:
     digits: tuple[int, ...] = (0, 1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score by the gap between the tips and the other fingers' mean reach."""
+        """Return the score by the gap between the tips and the other fingers' mean reach, 0 to 1; NaN if unknown."""
         others = ramp(float(hand.reach[2:].mean()), 0.68, 0.82)
         return _least([1.0 - ramp(float(hand.gaps[0, 1]), 0.28, 0.50), others])
 

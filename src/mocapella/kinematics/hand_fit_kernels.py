@@ -48,9 +48,9 @@ def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Floa
     The axes of f and a go through the first joint, of m and c through the second, of b through the third.
 
     Args:
-        row: (`DIGIT`,) of `hand_kernels`.
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
         mirror: -1 for a left hand, else 1.
-        q: (5,) angles f, a, m, b, c [rad].
+        q: (5,) flexion f and abduction a of the first joint, flexions m and b of the next ones, opposition c [rad].
         x: (4, 3) written: joints and tip [m].
         axes: (5, 3) written: unit axis of each angle.
     """
@@ -351,7 +351,7 @@ def describe(
             measurements, as in `fit`; not changed.
         x: (21, 3) written: landmarks in the world [m].
         sd: (21,) written: standard deviation of a coordinate, from all information [m].
-        alone: (21,) written: likewise, from the markers alone [m].
+        alone: (21,) written: standard deviation of a coordinate, from the markers alone [m].
         variances: (6 + n,) written: of the palm's twist and of the free angles, from all information.
         residuals: (5 + k,) written: distances of the markers from the hand's [m]; NaN where a marker's position is not
             finite.

@@ -41,9 +41,10 @@ def fabrik(row: Float64, x: float, y: float, z: float, out: Float64, tolerance: 
     once the rotor points at the target.
 
     Args:
-        row: (`DIGIT`,) of `hand_kernels`.
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
         x, y, z: target of the tip, in the digit's frame [m].
-        out: (4,) angles f, a, m, b [rad]; the start, overwritten with the result.
+        out: (4,) flexion f and abduction a of the first joint, flexions m and b of the others [rad]; the start,
+            overwritten with the result.
         tolerance: distance of the tip at which it has reached the target [m].
         iterations: largest number of iterations.
     """
@@ -90,9 +91,10 @@ def follow_jacobian(
     Buss 2004, sections 3 to 6; the angles are clamped to their limits.
 
     Args:
-        row: (`DIGIT`,) of `hand_kernels`.
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
         x, y, z: target of the tip, in the digit's frame [m].
-        out: (4,) angles f, a, m, b [rad]; the start, overwritten with the result.
+        out: (4,) flexion f and abduction a of the first joint, flexions m and b of the others [rad]; the start,
+            overwritten with the result.
         kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
         tolerance: distance of the tip at which it has reached the target [m].
         iterations: largest number of iterations.

@@ -170,7 +170,7 @@ def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> boo
     Args:
         row: (`DIGIT`,) the digit's parameters.
         x, y, z: the point in the digit's frame [m].
-        out: (4,) written: f, a, m, b [rad].
+        out: (4,) written: flexion f and abduction a of the first joint, flexions m and b of the others [rad].
 
     Returns:
         Whether such angles exist.
@@ -326,7 +326,7 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
     Args:
         row: (`DIGIT`,) the digit's parameters.
         x, y, z: the point in the digit's frame [m].
-        out: (4,) written: f, a, m, b [rad].
+        out: (4,) written: flexion f and abduction a of the first joint, flexions m and b of the others [rad].
         work: (25, 4) workspace.
     """
     low, high, v, best, starts, values = work[11], work[12], work[13], work[14], work[15:23], work[23:25].reshape(8)
@@ -388,7 +388,8 @@ def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors:
         digits: (5, `DIGIT`) the digits' parameters.
         targets: (5, 3) in the palm's frame of a right hand [m]; a digit without a finite target keeps its angles,
             within limits.
-        angles: (5, 4) f, a, m, b of each digit [rad], in and out.
+        angles: (5, 4) flexion f and abduction a of each digit's first joint, flexions m and b of the others [rad], in
+            and out.
         errors: (5,) written: remaining distances of the tips [m]; NaN without a target.
         reached: (5,) written: whether the closed form was within the limits.
     """

@@ -28,7 +28,7 @@ class ArmRegionSettings:
     Attributes:
         near_m, far_m: range of valid depths [m].
         spacing_m: distance between the grid's points on the arm's surface [m].
-        seed_m: surfaces nearer than this to the predicted arm belong to it [m].
+        seed_m: surfaces nearer than this to the predicted hand belong to it [m].
         grow_m: surfaces connected to the hand belong to the arm within this distance of the predicted hand [m].
         arm_m: surfaces connected to the hand belong to the arm within this distance of forearm and upper arm [m].
         jump: neighbours whose depths differ by less than this share of the depth are connected.

@@ -95,7 +95,7 @@ def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Fl
         spheres: (k, 5) centre (3) in the camera frame and radius [m], and 1 for the hand or 0 for the arm.
         lens: (4,) of the grid.
         gate: largest distance of the surface from the spheres of the hand [m].
-        arm_gate: likewise from the spheres of the arm [m].
+        arm_gate: largest distance of the surface from the spheres of the arm [m].
         low, high: (h, w) written: least and greatest depth [m]; infinite and 0 where no sphere is near.
     """
     height, width = low.shape

@@ -43,7 +43,7 @@ class MemorySettings:
         cut_sd: a sample farther than this from its mean has changed [standard deviations].
         strange_sd: likewise, for the foreground score in colour images, a vote of several samples [standard
             deviations].
-        strange_gray_sd: likewise in gray images, where shadows cannot be distinguished [standard deviations].
+        strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
         shadow: least brightness of a sample in shadow, as a share of its usual one; 1: no sample is in shadow.
         shadow_sd: largest distance of such a sample from its darkened colour [grey levels].
         every: stride between the samples that decide whether an image shows this room.

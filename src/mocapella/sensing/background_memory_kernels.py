@@ -146,9 +146,9 @@ def unlike(
         learnt: the background model.
 
     Returns:
-        The number of changed samples, the number of known ones, and the image's noise as the standard deviation of a
-        sample from its neighbours' mean [grey levels]; it is estimated from the smallest fifth, because larger
-        deviations may be texture.
+        The number of changed samples, the number of known ones, and the standard deviation of a sample's noise [grey
+        levels]. The noise is estimated from differences to neighbouring samples, the smallest fifth of them, because
+        larger ones may be texture.
     """
     phi, left, top, guard = window
     mean, variance, count = learnt

@@ -116,6 +116,10 @@ def charuco_board(board: Board) -> Any:
 def draw_board(board: Board, square_px: int) -> UInt8:
     """Draw the board for printing, with a white margin of half a square.
 
+    Args:
+        board: the board.
+        square_px: side of a square [px].
+
     Returns:
         (height, width) gray.
     """

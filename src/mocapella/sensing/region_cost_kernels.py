@@ -364,7 +364,7 @@ def background_costs(
 
     Args:
         values: (channels, blocks, size) int16 the image's values in half grey levels, 0 in the middle of the scale.
-        usual: (channels, blocks, size) int16 the background's values, likewise.
+        usual: (channels, blocks, size) int16 the background's values, in the same unit.
         spread: (channels, blocks, size) int16 the background's standard deviation, as 8 × grey levels − 255.
         known: (blocks, size) uint8, 1 where the image shows the sample.
         least_sd: smallest standard deviation [half grey levels].

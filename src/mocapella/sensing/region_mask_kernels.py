@@ -29,7 +29,7 @@ def blur(inside: UInt8, out: UInt16) -> None:
 
     Args:
         inside: (rows, columns) uint8, 0 or 1.
-        out: (rows, columns) uint16.
+        out: (rows, columns) uint16, written.
     """
     rows, columns = inside.shape
     line, down = np.zeros(columns + 4, np.uint8), np.zeros((rows + 4, columns), np.uint8)
