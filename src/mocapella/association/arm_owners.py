@@ -24,10 +24,10 @@ class ArmOwnerSettings:
     """Parameters of the assignment.
 
     Attributes:
-        take_m: mean distance of the joints within which an arm is assigned to a person …
-        keep_m: … and within which it stays.
-        other_side_m: penalty of assigning the arm to a limb of the other side.
-        switch_m: penalty of changing the arm's present limb.
+        take_m: mean distance of the joints within which an arm is assigned to a person [m].
+        keep_m: mean distance of the joints within which an arm stays with its person [m].
+        other_side_m: penalty of assigning the arm to a limb of the other side [m].
+        switch_m: penalty of changing the arm's present limb [m].
     """
 
     take_m: float = 0.2
@@ -47,7 +47,7 @@ class ArmOwners:
     """Assigns arms to people over time. The same input in the same order gives the same result.
 
     Attributes:
-        limbs: by arm, the person and whether it is the left limb.
+        limbs: by the arm's id, the person's id and whether the arm is the person's left one.
     """
 
     def __init__(self, settings: ArmOwnerSettings | None = None) -> None:
@@ -61,13 +61,13 @@ class ArmOwners:
     def update(
         self, arms: Sequence[int], lefts: Bools, joints: Float64, people: Sequence[int], limbs: Float64
     ) -> list[int]:
-        """Assign arms to people.
+        """Assign the arms of one instant to people.
 
         Args:
-            arms: their ids.
+            arms: ids of the n arms.
             lefts: (n,) whether they are left arms.
             joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known.
-            people: ids.
+            people: ids of the m people.
             limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; likewise.
 
         Returns:

@@ -23,10 +23,10 @@ class ArmMatchSettings:
     """Parameters of the matching.
 
     Attributes:
-        within_m: largest distance of two palms of one arm …
-        follow_m: … and the same for an arm that the camera itself reports as the previous one.
-        other_side_m: penalty of an arm that is certainly of the other side; less for an uncertain side.
-        new_id_m: penalty of an arm with another number in the camera.
+        within_m: largest distance between the palms of a camera's arm and of its tracked arm [m].
+        follow_m: the same for an arm that the camera itself reports as the previous one [m].
+        other_side_m: penalty of an arm that is certainly of the other side; less for an uncertain side [m].
+        new_id_m: penalty of an arm that has another id in the camera than before [m].
     """
 
     within_m: float = 0.15
@@ -51,12 +51,12 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     """Return the index of the tracked arm for each of a camera's arms (n,); −1 for none.
 
     Args:
-        palms: (n, 3) [m]; NaN if unknown.
+        palms: (n, 3) of the camera's arms, world [m]; NaN if unknown.
         sides: (n,) confidence of a left arm, from −1 (right) to 1.
-        known_palms, known_sides: (m, 3) and (m,) the same, predicted to the camera's time.
+        known_palms, known_sides: (m, 3) and (m,) the same of the tracked arms, predicted to the camera's time.
         followed: (n, m) whether the camera reports the same arm as before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
-        settings: the settings.
+        settings: gates and penalties.
     """
     s = settings or ArmMatchSettings()
     apart = np.linalg.norm(palms[:, None] - known_palms[None], axis=-1)

@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 
 class PersonViews(msgspec.Struct, frozen=True, eq=False):
-    """A person's id, and the person's views in the order of their sensors' names."""
+    """A person's number, and the person's views in the order of their sensors' names."""
 
     person: int
     views: tuple[PotentialSkeleton, ...]
@@ -53,7 +53,7 @@ def closest_pairs(
     sensor. The order of ``skeletons`` does not matter.
 
     Args:
-        skeletons: in the world.
+        skeletons: all sensors' skeletons, in the world.
         max_distance_m: pairs further apart are not joined. The thesis has no such limit.
 
     Returns:
@@ -98,8 +98,8 @@ class HeldPairs:
         """Return the people with a visible joint, in the order of their numbers.
 
         Args:
-            skeletons: all calibrated ones, in the world.
-            calibration: number of the calibration that they use; a new one groups again.
+            skeletons: all skeletons of calibrated sensors, in the world.
+            calibration: number of the calibration that they use; with a new one, all skeletons are grouped again.
         """
         if calibration != self._calibration:
             self._calibration = calibration
@@ -114,7 +114,7 @@ class HeldPairs:
         )
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """Update tracking ids of a sensor (old → new) of the same bodies."""
+        """Replace tracking ids of a sensor; ``new_ids`` maps each old id to the new id of the same body."""
         people = {new: self._person.pop((sensor, old)) for old, new in new_ids.items() if (sensor, old) in self._person}
         self._person.update({(sensor, new): person for new, person in people.items()})
 

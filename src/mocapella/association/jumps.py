@@ -28,10 +28,11 @@ class JumpSettings:
     """Thresholds of a jump.
 
     Attributes:
-        step_m: largest motion of a body's middle between two frames by the sensor's own error …
-        fastest_m_s: … plus motion at this speed.
-        longest_step_s: for a body that has jumped, the longest time of that motion.
-        doubt_s: a body that jumped and stays away is accepted after this time.
+        step_m: motion of a body's middle between two frames that the sensor's own error explains [m].
+        fastest_m_s: highest speed of a person; a larger motion than step_m plus this speed times the time is a jump
+            [m/s].
+        longest_step_s: for a body that has jumped, the longest time in that product [s].
+        doubt_s: a body that jumped and stays away is accepted after this time [s].
     """
 
     step_m: float = 0.05
@@ -45,7 +46,7 @@ class JumpSettings:
 
 
 class JumpLimits(NamedTuple):
-    """The fields of `JumpSettings`, for the kernels."""
+    """The fields of `JumpSettings` as a named tuple, for the kernels."""
 
     step_m: float
     fastest_m_s: float
@@ -54,7 +55,7 @@ class JumpLimits(NamedTuple):
 
 
 class KnownBodies(NamedTuple):
-    """The arrays of `SeenBodies`, for the kernels."""
+    """The arrays of `SeenBodies` as a named tuple, for the kernels."""
 
     ids: UInt64
     at_s: Float64
@@ -63,11 +64,11 @@ class KnownBodies(NamedTuple):
 
 
 class SeenBodies(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's last positions of bodies that did not jump.
+    """A sensor's last positions of bodies, from frames without a jump.
 
     Attributes:
         ids: (bodies,) tracking ids.
-        at_s: (bodies,) their times; −inf for a body whose middle was never seen.
+        at_s: (bodies,) capture times of the positions [s]; −inf for a body whose middle was never seen.
         middle: (bodies, middle joints, 3) in the sensor's camera space [m].
         jumped: (bodies,) whether the body has jumped since.
     """
@@ -79,17 +80,22 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def new(cls, ids: UInt64, joints: int) -> SeenBodies:
-        """Return bodies that were never seen."""
+        """Return bodies that were never seen, with these tracking ids (bodies,) and number of middle joints."""
         n = len(ids)
         return cls(ids, np.full(n, -np.inf), np.full((n, joints, 3), np.nan), np.zeros(n, dtype=np.bool_))
 
     @property
     def arrays(self) -> KnownBodies:
-        """The fields, for the kernels."""
+        """The same arrays as a named tuple, for the kernels."""
         return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
-        """Return the ``kept`` bodies, and new ones for the other ``ids``."""
+        """Return the kept bodies, followed by never seen ones for all other ids of a frame.
+
+        Args:
+            ids: (bodies',) the frame's tracking ids.
+            kept: (bodies,) whether each known body is kept.
+        """
         new = SeenBodies.new(ids[~np.isin(ids, self.ids[kept])], self.middle.shape[1])
         parts = ((getattr(self, name)[kept], getattr(new, name)) for name in self.__struct_fields__)
         return SeenBodies(*(np.concatenate(pair) for pair in parts))
@@ -99,7 +105,7 @@ class Jumps:
     """Detects bodies at impossible positions. The same frames in the same order give the same results.
 
     Attributes:
-        seen: by sensor.
+        seen: bodies by the sensor's name.
     """
 
     def __init__(self, settings: JumpSettings | None = None) -> None:
@@ -114,10 +120,10 @@ class Jumps:
         """Compare a frame's bodies with recent positions of the same sensor's bodies, whatever their ids.
 
         Args:
-            sensor: name.
+            sensor: name of the sensor.
             ids: (bodies,) tracking ids.
             middles: (bodies, middle joints, 3), the sensor's camera space [m]; NaN where not seen.
-            at_s: capture time.
+            at_s: capture time [s].
 
         Returns:
             (bodies,) whether the body is near a recent position; false for a body that jumped, true for a new one.

@@ -25,7 +25,7 @@ LENGTHS: Final = (
     ("Shoulder", "Elbow"),
     ("Elbow", "Wrist"),
 )
-"""Pairs of joints; the mean of both sides."""
+"""Pairs of joints whose distances describe a body; for limbs, the mean of both sides."""
 SD_M: Final[Float64] = np.array([0.030, 0.026, 0.020, 0.022, 0.018, 0.012])
 """(lengths,) standard deviations over one second, rounded from the same logs [m]."""
 MOST: Final = 3.0
@@ -33,7 +33,10 @@ MOST: Final = 3.0
 
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
-    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing."""
+    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing.
+
+    `LENGTHS` names them.
+    """
     ends, lengths = ends_of_lengths(topology.joints), np.full((len(positions), len(LENGTHS)), np.nan)
     if ends is not None:
         _kernels().measure(np.ascontiguousarray(positions, dtype=np.float64), ends, lengths)
@@ -52,10 +55,12 @@ def known_size(known: Float64) -> bool:
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Return the mean squared difference of common lengths, in standard deviations; infinite if they are under a third.
+    """Return the mean squared difference of two bodies' common lengths, in standard deviations.
+
+    It is infinite if fewer than a third of the lengths are common.
 
     Args:
-        one, other: (lengths,) [m].
+        one, other: (lengths,) [m]; NaN where not measured.
     """
     squared = ((one - other) / SD_M) ** 2
     both = np.isfinite(squared)
@@ -64,7 +69,11 @@ def size_difference(one: Float64, other: Float64) -> float:
 
 @cache
 def ends_of_lengths(joints: tuple[str, ...]) -> NDArray[np.int64] | None:
-    """Return the joints (2 · lengths, 2) of both sides, those on the middle line twice; None if a joint is missing."""
+    """Return the indices of the joints at the ends of each length; None if a topology with these joints lacks one.
+
+    Returns:
+        (2 · lengths, 2): for each length a row of the left and a row of the right side, or its row twice.
+    """
     rows = []
     for one, other in LENGTHS:
         for side in ("Left", "Right"):

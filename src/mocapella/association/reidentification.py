@@ -23,12 +23,12 @@ def reidentified(bodies: Bodies, people: Sequence[Person], within_m: float) -> d
     by the mean distance of the joints that both track. The closest are matched first, each body and person once.
 
     Args:
-        bodies: of the sensor's new frame.
-        people: before it; a person whom the sensor has lost keeps a view of it.
-        within_m: largest distance [m].
+        bodies: bodies of the sensor's new frame.
+        people: the people before that frame; a person whom the sensor has lost keeps a view of it.
+        within_m: largest distance of a match [m].
 
     Returns:
-        Lost tracking id → new tracking id.
+        The new tracking id by the lost one.
     """
     candidates: list[tuple[float, int, int]] = []
     views = [(person, view) for person in people if (view := person.view_of(bodies.sensor)) is not None]

@@ -29,7 +29,11 @@ _MOST_VALUES = 300
 
 @njit(cache=True)
 def apart(one: Float64, other: Float64) -> float:
-    """Return the mean distance of the joints (joints, 3) that both have [m]; infinite if they share none."""
+    """Return the mean distance between two bodies' joints [m]; infinite if they share none.
+
+    Args:
+        one, other: (joints, 3) in one frame [m]; NaN where not seen.
+    """
     total, count = 0.0, 0
     for j in range(min(len(one), len(other))):
         square = 0.0
@@ -43,7 +47,7 @@ def apart(one: Float64, other: Float64) -> float:
 
 @njit(cache=True)
 def is_placed(middle: Float64) -> bool:
-    """Return whether any joint on the body's middle line, (joints, 3), is visible."""
+    """Return whether any joint on the body's middle line is visible: finite in middle (joints, 3)."""
     for j in range(len(middle)):
         if np.isfinite(middle[j, 0]) and np.isfinite(middle[j, 1]) and np.isfinite(middle[j, 2]):
             return True
@@ -52,7 +56,12 @@ def is_placed(middle: Float64) -> bool:
 
 @njit(cache=True)
 def distances(bodies: Float64, people: Float64, out: Float64) -> None:
-    """Compute the distance of each body to each person into ``out`` (bodies, people)."""
+    """Write the distance `apart` of each body from each person.
+
+    Args:
+        bodies, people: (bodies, joints, 3) and (people, joints, 3) in one frame [m]; NaN where not seen.
+        out: (bodies, people) written [m].
+    """
     for b in range(len(bodies)):
         for p in range(len(people)):
             out[b, p] = apart(bodies[b], people[p])
@@ -60,7 +69,13 @@ def distances(bodies: Float64, people: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def measure(positions: Float64, ends: Int64, lengths: Float64) -> None:
-    """Measure bodies (bodies, joints, 3) between pairs of joints into (bodies, lengths); mean of left and right."""
+    """Measure the lengths of bodies between pairs of joints, as means of left and right.
+
+    Args:
+        positions: (bodies, joints, 3) [m]; NaN where not seen.
+        ends: (2 · lengths, 2) of `proportions.ends_of_lengths`.
+        lengths: (bodies, lengths) written [m]; NaN if a joint is missing.
+    """
     for b in range(len(lengths)):
         for i in range(lengths.shape[1]):
             total = 0.0
@@ -94,7 +109,7 @@ def learn_size(size: Float64, seen: Float64) -> None:
 
 @njit(cache=True)
 def known_size(size: Float64) -> bool:
-    """Return whether at least half of the lengths have been measured."""
+    """Return whether at least half of the lengths in size (2, lengths) have been measured; see `learn_size`."""
     count = 0
     for i in range(size.shape[1]):
         count += size[1, i] > 0.0
@@ -104,11 +119,11 @@ def known_size(size: Float64) -> bool:
 
 @njit(cache=True)
 def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArrays, result: Assignment) -> int:
-    """Compute the cost of assigning each body of a frame to each person, and whether the gates allow it.
+    """Compute the cost of assigning each body of a frame to each track, and whether the gates allow it.
 
     Args:
         frame, gates, tracks: the frame's bodies, the gating settings, and the tracks.
-        expected: (tracks, middle joints, 3) predicted positions [m]; NaN or no joints where not known.
+        expected: (tracks, middle joints, 3) predicted positions, world [m]; NaN or no joints where not known.
         result: written.
 
     Returns:
@@ -156,7 +171,13 @@ def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArra
 
 @njit(cache=True)
 def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s: float, tracks: TrackArrays) -> int:
-    """Update tracks by a frame's bodies, assigned to ``rows``; −1 for none.
+    """Update tracks, in place, by a frame's bodies after their assignment.
+
+    Args:
+        frame: the frame's bodies.
+        rows: (bodies,) the track of each body; −1 for none.
+        same_within_m, confirm_after_s: settings of `TrackSettings` [m], [s].
+        tracks: the tracks, updated.
 
     Returns:
         The sum of events: two tracks may be one person (`MAY_BE_ONE`), a new track is due for confirmation
@@ -203,7 +224,7 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
 @njit(cache=True)
 def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
-    """Return the row (bodies,) of the person to whom each of a sensor's bodies was last assigned; −1 for none.
+    """Return the track (bodies,) that each of a sensor's bodies was last assigned to; −1 for none.
 
     Args:
         ids: (bodies,) tracking ids.
@@ -220,7 +241,7 @@ def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
 
 @njit(cache=True)
 def index_of(number: int, ids: UInt64) -> int:
-    """Return the index of ``number`` in ``ids``; −1 if it is missing."""
+    """Return the index of the tracking id ``number`` in ids (bodies,); −1 if it is missing."""
     for i in range(len(ids)):
         if ids[i] == number:
             return i
@@ -229,10 +250,18 @@ def index_of(number: int, ids: UInt64) -> int:
 
 @njit(cache=True)
 def stay(at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: KnownBodies, there: Bools) -> bool:
-    """Compute which bodies are near a recent body of the same sensor, into ``there``.
+    """Compute which bodies are near a recent position of any body of the same sensor.
+
+    Args:
+        at_s: capture time [s].
+        ids: (bodies,) tracking ids.
+        middles: (bodies, middle joints, 3) in the sensor's camera space [m]; NaN where not seen.
+        limits: thresholds.
+        known: the sensor's recent bodies.
+        there: (bodies,) written; true also for a body that is new or was unseen for long.
 
     Returns:
-        Whether a body is new, or was unseen for long.
+        Whether ``known`` must be renewed, because a body is new or was unseen for long.
     """
     doubt_s = limits.doubt_s
     changed = False
@@ -253,7 +282,13 @@ def stay(at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: 
 
 @njit(cache=True)
 def follow(at_s: float, ids: UInt64, middles: Float64, there: Bools, known: KnownBodies) -> None:
-    """Store the positions of bodies that did not jump, and mark the others."""
+    """Store the positions of bodies that did not jump, and mark the others as jumped.
+
+    Args:
+        at_s, ids, middles, there: capture time [s], (bodies,), (bodies, middle joints, 3) [m] and (bodies,), as in
+            `stay`, which is called before.
+        known: the sensor's bodies, with all ``ids``; updated.
+    """
     for b in range(len(ids)):
         i = index_of(ids[b], known.ids)
         if not there[b]:

@@ -32,18 +32,18 @@ class TrackSettings:
     """Parameters of the assignment.
 
     Attributes:
-        gate_m: largest distance of a body from the person's predicted position.
-        stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person.
-        speed_m_s: growth of the gate while the person is unseen.
-        widest_gate_m: upper bound of the gate.
-        confirm_after_s: a new person is reported after this time; a sensor's phantoms are shorter.
-        forget_after_s: a person unseen for longer is dropped, and becomes a new one on return.
-        same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance …
-        same_after_s: … for this time.
-        by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known.
+        gate_m: largest distance of a body from the person's predicted position [m].
+        stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person [m].
+        speed_m_s: growth of the gate while the person is unseen [m/s].
+        widest_gate_m: upper bound of the gate [m].
+        confirm_after_s: a new person is reported after this time; a sensor's phantoms are shorter [s].
+        forget_after_s: a person unseen for longer is dropped, and becomes a new one on return [s].
+        same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance [m].
+        same_after_s: duration for which they must stay within it [s].
+        by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known [s].
         size_after_s: while a known person is missing, a new one is reported after this time, and is then recognised as
-            the missing one with the most similar lengths, if similar enough.
-        fastest_m_s: speed that bounds the distance of a missing person, beyond the gate.
+            the missing one with the most similar lengths, if similar enough [s].
+        fastest_m_s: speed that bounds the distance of a missing person, beyond the gate [m/s].
         same_size: largest mean squared difference of the lengths, in standard deviations; twice as much if the position
             fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves in the same session, and so
             are 38 % of others (``told_apart_by_lengths``).
@@ -78,7 +78,7 @@ class TrackSettings:
 
 
 class TrackArrays(NamedTuple):
-    """The arrays of a `TrackMemory`, for the kernels."""
+    """The arrays of a `TrackMemory` without ``person`` as a named tuple, for the kernels."""
 
     since_s: Float64
     seen_s: Float64
@@ -96,7 +96,7 @@ class FrameBodies(NamedTuple):
         at_s: capture time, on the common clock [s].
         column: column of the sensor in the memory.
         ids: (bodies,) tracking ids.
-        middles: (bodies, middle joints, 3), world [m].
+        middles: (bodies, middle joints, 3), world [m]; NaN where not seen.
         lengths: (bodies, lengths) [m]; (0, 0) where not measured.
     """
 
@@ -108,7 +108,7 @@ class FrameBodies(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """`TrackSettings` of the gating, for the kernels."""
+    """The fields of `TrackSettings` for the gating as a named tuple, for the kernels."""
 
     gate_m: float
     stay_bonus_m: float
@@ -122,7 +122,8 @@ class Assignment(NamedTuple):
     """Costs of a frame's bodies, written by the kernel.
 
     Attributes:
-        cost, allowed: (bodies, tracks) cost of an assignment, and whether it passes the gates.
+        cost: (bodies, tracks) cost of an assignment [m].
+        allowed: (bodies, tracks) whether it passes the gates.
         unplaced: (bodies,) whether no middle joint is visible.
         rows: (bodies,) the cheapest allowed track; −1 for none.
     """
@@ -138,12 +139,13 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     Attributes:
         person: (tracks,) number of the person; never reused.
-        since_s, seen_s: (tracks,) first and last seen, on the common clock [s].
+        since_s, seen_s: (tracks,) capture times of the first and last view, on the common clock [s].
         confirmed: (tracks,) whether the person is reported.
         middle: (tracks, middle joints, 3) last seen position, world [m].
-        size: (tracks, 2, lengths) of `mocapella.association.proportions.unknown_size`.
-        body: (tracks, sensors) each sensor's last tracking id of the person …
-        body_s: (tracks, sensors) … and its time [s]; −inf where the sensor does not see the person.
+        size: (tracks, 2, lengths) record of the body's lengths, see `mocapella.association.proportions.unknown_size`.
+        body: (tracks, sensors) each sensor's last tracking id of the person.
+        body_s: (tracks, sensors) capture time of that id's last view [s]; −inf where the sensor does not see the
+            person.
     """
 
     person: Int64
@@ -157,7 +159,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @classmethod
     def empty(cls, tracks: int, sensors: int, joints: int) -> TrackMemory:
-        """Return tracks without data."""
+        """Return unseen tracks for numbers of tracks, sensors and middle joints."""
         return cls(
             np.zeros(tracks, dtype=np.int64),
             np.zeros(tracks),
@@ -170,11 +172,11 @@ class TrackMemory(msgspec.Struct, eq=False):
         )
 
     def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> TrackMemory:
-        """Return a copy of these rows."""
+        """Return a copy of some rows, given by index or by a mask."""
         return TrackMemory(*(getattr(self, name)[rows] for name in self.__struct_fields__))
 
     def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
-        """Return a copy with more rows and columns."""
+        """Return a copy with additional, unseen tracks and sensors."""
         rows, columns = self.body.shape
         new = TrackMemory.empty(rows + tracks, columns + sensors, self.middle.shape[1])
         for name in self.__struct_fields__:
@@ -184,17 +186,17 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @property
     def arrays(self) -> TrackArrays:
-        """The fields without ``person``, for the kernels."""
+        """The same arrays without ``person`` as a named tuple, for the kernels."""
         return TrackArrays(self.since_s, self.seen_s, self.confirmed, self.middle, self.size, self.body, self.body_s)
 
     @property
     def present(self) -> Bools:
-        """Whether a sensor sees each track, (tracks,)."""
+        """Whether any sensor sees each person at present, (tracks,)."""
         return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
 RECENT_S: Final = 0.25
-"""Time after which a person is not visible to a sensor any more [s]."""
+"""Time since the last view after which a sensor does not see a person any more [s]."""
 
 
 def distances(bodies: Float64, people: Float64) -> Float64:
@@ -260,7 +262,10 @@ class Tracks:
         return list(self.memory.person.tolist())
 
     def owners(self, sensor: str) -> Mapping[int, int]:
-        """Return the person of each body that the sensor sees; the same object until an assignment changes."""
+        """Return the number of the person of each body that the sensor sees, by tracking id.
+
+        The same object is returned until an assignment changes.
+        """
         if sensor not in self._owners:
             self._owners[sensor] = {}
             if sensor in self.sensors:
@@ -278,7 +283,7 @@ class Tracks:
         return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
 
     def move(self, T_new_old: Float64) -> None:
-        """Express all positions in another frame."""
+        """Express all positions in another world frame; T_new_old is a rigid motion (4, 4)."""
         self.memory.middle = apply(T_new_old, self.memory.middle)
 
     def update(  # noqa: PLR0917 - one frame, as it comes
@@ -293,13 +298,13 @@ class Tracks:
         """Assign one frame's bodies to people.
 
         Args:
-            sensor: name.
+            sensor: name of the sensor.
             ids: (bodies,) tracking ids.
-            middles: (bodies, middle joints, 3), world [m].
-            expected: (tracks, middle joints, 3) predicted for all tracks [m]; the last seen position is used where it
-                is NaN, and for all if None.
-            at_s: capture time, on the common clock.
-            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them nobody is
+            middles: (bodies, middle joints, 3), world [m]; NaN where not seen.
+            expected: (tracks, middle joints, 3) predicted for all tracks, world [m]; the last seen position is used
+                where it is NaN, and for all if None.
+            at_s: capture time, on the common clock [s].
+            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them, people are not
                 recognised by size.
 
         Returns:

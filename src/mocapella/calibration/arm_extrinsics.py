@@ -41,13 +41,13 @@ class ArmExtrinsicsSettings:
 
     Attributes:
         instants: least number of shared frames, and the number after which collection stops.
-        most_hz: highest rate of frames that are used.
-        gap_s: largest gap between the calibrated camera's frames that is interpolated.
-        space_m: least motion of the joints about their means: standard deviation in the second direction.
-        scale_m: scale of the robust weights.
-        largest_residual_m: above this, the cameras do not see the same arm.
-        largest_sd_m, largest_sd_rad: of the pose.
-        delay_sd_s: prior standard deviation of the cameras' delay.
+        most_hz: highest rate of frames that are used [Hz].
+        gap_s: largest gap between the calibrated camera's frames that is interpolated [s].
+        space_m: least motion of the joints about their means: standard deviation in the second direction [m].
+        scale_m: scale of the robust weights [m].
+        largest_residual_m: above this residual, the cameras do not see the same arm [m].
+        largest_sd_m, largest_sd_rad: largest standard deviation of the pose's position [m] and rotation [rad].
+        delay_sd_s: prior standard deviation of the cameras' delay [s].
     """
 
     instants: tuple[int, int] = (60, 300)
@@ -73,11 +73,11 @@ class ArmExtrinsicsResult(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         T_world_camera: (4, 4).
-        delay_s: delay of its frames relative to the calibrated camera's clock.
-        position_sd_m: standard deviation of a point where the arm was.
-        rotation_sd_rad: standard deviation of the rotation.
-        residual_m: median distance between the cameras' joints.
-        missing: what the user must do before the pose can be used; empty if nothing.
+        delay_s: delay of its frames relative to the calibrated camera's clock [s].
+        position_sd_m: standard deviation of a point at the arm's position [m].
+        rotation_sd_rad: standard deviation of the rotation [rad].
+        residual_m: median distance between the cameras' joints [m].
+        missing: instruction for the user before the pose can be used; empty if it can be used.
     """
 
     T_world_camera: Float64
@@ -92,10 +92,10 @@ class Instant(msgspec.Struct, frozen=True, eq=False):
     """Eight joints that two cameras saw at the same time.
 
     Attributes:
-        at_s: on the common clock.
+        at_s: capture time, on the common clock [s].
         world: (8, 3) from the calibrated camera [m].
         own: (8, 3) from the other camera, in its frame [m].
-        velocity: (8, 3) of these [m/s].
+        velocity: (8, 3) velocities of ``own`` [m/s].
         weights: (8,) [1/m²]; 0 for a joint that one camera does not measure.
     """
 
@@ -107,7 +107,7 @@ class Instant(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArmSights(msgspec.Struct, frozen=True, eq=False):
-    """One camera's frame: its arms and their time."""
+    """One camera's frame: its arms in the camera's frame, and its capture time on the common clock [s]."""
 
     at_s: float
     arms: tuple[SeenArm, ...]
@@ -134,9 +134,10 @@ class ArmExtrinsics:
         """Update the estimates with a camera's frame.
 
         Args:
-            camera, arms: name, and its arms in its own frame.
+            camera: name of the camera.
+            arms: its arms, in its own frame.
             at_s: capture time on the common clock [s].
-            places: ``T_world_camera`` of the calibrated cameras; poses of all others are estimated.
+            places: ``T_world_camera`` (4, 4) of the calibrated cameras; poses of all others are estimated.
 
         Returns:
             The cameras with a new estimate.
@@ -148,7 +149,7 @@ class ArmExtrinsics:
         return [other for other in sorted(self.instants) if other not in places and self._pair(other, camera, places)]
 
     def needs(self, camera: str) -> str:
-        """Return what the user must do before the camera has a pose; empty if it has one."""
+        """Return an instruction for the user while the camera has no pose; empty once it has one."""
         found = self.found.get(camera)
         if found is not None:
             return found.missing

@@ -21,7 +21,7 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 CAMERA: Final = 15
-"""Parameters of a camera: a small motion in its own frame (translation, rotation), then the lens."""
+"""Number of parameters of a camera: a small motion in its own frame (translation, rotation), then the lens."""
 POSE: Final = slice(0, 6)
 LENS: Final = slice(6, 15)
 CAUCHY: Final = 3.0
@@ -43,7 +43,7 @@ class Corners:
     Attributes:
         camera: (n,) index of the camera.
         board: (n,) index of the board pose.
-        corner_m: (n, 3) corners in the board's frame.
+        corner_m: (n, 3) corners in the board's frame [m].
         pixel: (n, 2) detected corners [px].
     """
 
@@ -87,10 +87,10 @@ class Adjusted:
 
     Attributes:
         bundle: adjusted cameras and boards.
-        residual_px: (n, 2) measured minus projected corners.
-        sigma_px: robust standard deviation of a corner's coordinate.
+        residual_px: (n, 2) measured minus projected corners [px].
+        sigma_px: robust standard deviation of a corner's coordinate [px].
         dispersion: variance of whole views' errors relative to that of single corners; 1 or more.
-        covariance: (cameras, 15, cameras, 15) of all cameras' parameters; 0 for fixed ones.
+        covariance: (cameras, 15, cameras, 15) of all cameras' parameters, as `CAMERA` describes; 0 for fixed ones.
     """
 
     bundle: Bundle
@@ -115,11 +115,11 @@ def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior
     """Minimise the reprojection error from ``start``, alternating with estimates of the noise level.
 
     Args:
-        corners: n of them.
-        start: near the minimum.
-        free: (cameras, 15) parameters to estimate.
-        free_boards: (boards,) poses to estimate.
-        prior: of the lenses.
+        corners: the n corners of all views.
+        start: initial parameters, near the minimum.
+        free: (cameras, 15) whether each parameter is estimated.
+        free_boards: (boards,) whether each board pose is estimated.
+        prior: prior of the lenses.
 
     Returns:
         The minimum that was found; its residuals show whether it is good.

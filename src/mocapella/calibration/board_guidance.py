@@ -13,14 +13,14 @@ from mocapella.geometry.homography import homography
 from mocapella.model.board import Board, BoardView
 
 GRID: Final = (4, 3)
-"""Fields of the image for counting corners, columns and rows."""
+"""Numbers of columns and rows of fields into which the image is divided for counting corners."""
 ENOUGH_VIEWS: Final = 10
 SMALL: Final = 0.01
-"""Fraction of the image under the board below which the lens is poorly sampled and depth is uncertain."""
+"""Fraction of the image covered by the board below which the lens is poorly sampled and depth is uncertain."""
 TILTED: Final = 0.12
 """Relative change of scale across the board; about 25° at arm's length."""
 BLURRED_PX: Final = 8.0
-"""Width of a blurred edge; a sharp one is 2 to 3 px wide."""
+"""Least width of an edge that counts as blurred; a sharp one is 2 to 3 px wide [px]."""
 ENOUGH_SHARED: Final = 5
 
 Cause = Literal[
@@ -34,8 +34,8 @@ class Hint(msgspec.Struct, frozen=True):
 
     Attributes:
         cause: identifier for programs.
-        camera: name; empty if it concerns all.
-        text: for the user.
+        camera: name of the camera; empty if the advice concerns all.
+        text: sentence for the user.
     """
 
     cause: Cause
@@ -44,7 +44,7 @@ class Hint(msgspec.Struct, frozen=True):
 
 
 def field_counts(views: Sequence[BoardView]) -> NDArray[np.int64]:
-    """Return the number of corners of one camera's views in each field of the image, (rows, columns)."""
+    """Return the number of corners of one camera's views in each field of the image, (rows, columns), see `GRID`."""
     counts = np.zeros(GRID[::-1], dtype=np.int64)
     for view in views:
         x, y = (view.corners_px + 0.5).T / np.array(view.size_px)[:, None]
@@ -62,14 +62,15 @@ def coverage(
     *,
     lens_known: Sequence[str] = (),
 ) -> list[Hint]:
-    """Return missing views, the most urgent first. Cheap enough to call after every image.
+    """Return hints about missing views, the most urgent first. Cheap enough to call after every image.
 
     Args:
-        views: of all cameras so far.
+        views: views of all cameras so far.
         board: the calibration board.
         cameras: all names, including cameras without a view.
-        instant_of: group of simultaneous frames, by camera and frame; the frame number if not given.
-        lens_known: cameras with a given lens, which need no tilt and no corners everywhere.
+        instant_of: number of the group of simultaneous frames, by camera and frame number; the frame number itself if
+            not given.
+        lens_known: names of cameras with a given lens, which need no tilt and no corners everywhere.
     """
     hints: list[Hint] = []
     of = {name: [view for view in views if view.camera == name] for name in cameras}

@@ -25,18 +25,18 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 LATELY: Final = 4
-"""Number of rounds after which a board that is always in motion is reported."""
+"""Number of rounds in a row with a moving board after which this is reported."""
 
 
 @dataclass(frozen=True)
 class BoardRunSettings:
-    """Which images count as simultaneous, and which views are kept.
+    """Which images count as simultaneous, and which views are kept. A round is one image of each camera.
 
     Attributes:
-        tolerance_s: largest time difference of simultaneous images.
-        most_moved_px: largest motion of the board in an image within that time.
-        least_moved: fraction of the image width; a round with less motion of the board in every camera since the
-            previous one is dropped.
+        tolerance_s: largest time difference of simultaneous images [s].
+        most_moved_px: largest motion of the board in an image within that time [px].
+        least_moved: a round is dropped if the board has moved less than this since the previous one in every camera, as
+            a fraction of the image width.
     """
 
     tolerance_s: float = 0.1
@@ -55,7 +55,7 @@ class BoardLook:
 
     Attributes:
         at_s: capture time, on one clock for all cameras [s]; NaN without an image.
-        view: of the board; None if it is not detected.
+        view: the detected board; None if it is not detected.
         problem: reason why there is no view.
     """
 
@@ -66,17 +66,17 @@ class BoardLook:
 
 @dataclass
 class BoardRunReport:
-    """Counts of all rounds.
+    """Counts of all rounds, each of one image per camera.
 
     Attributes:
-        looks: rounds, each of one image per camera.
-        kept: rounds whose views are kept.
-        unseen: rounds without a detection of the board.
-        still: rounds dropped because the board had hardly moved.
+        looks: number of rounds.
+        kept: number of rounds whose views are kept.
+        unseen: number of rounds without a detection of the board.
+        still: number of rounds dropped because the board had hardly moved.
         unanswered: number of missing images, by camera.
-        apart_s: for each kept group of two or more cameras, the time between its images.
-        moved_px: the board's motion in one of these images within that time.
-        split: rounds with detections in two or more cameras, but not simultaneous ones.
+        apart_s: for each kept group of two or more cameras, the time between its images [s].
+        moved_px: the board's motion in one of these images within that time [px].
+        split: number of rounds with detections in two or more cameras, but not simultaneous ones.
     """
 
     looks: int
@@ -89,7 +89,7 @@ class BoardRunReport:
     split: int
 
     def words(self) -> str:
-        """Describe the time between simultaneous images; empty if there are none."""
+        """Describe the time between simultaneous images for users; empty if there are none."""
         if not self.apart_s:
             return ""
         apart, moved = 1e3 * np.array(self.apart_s), np.array(self.moved_px)
@@ -124,7 +124,7 @@ class BoardRun:
         settings: the settings.
 
     Attributes:
-        newest: the last image of each camera.
+        newest: the last answer of each camera, by name.
     """
 
     def __init__(
@@ -175,12 +175,12 @@ class BoardRun:
 
     @property
     def views(self) -> list[BoardView]:
-        """All kept views; the frame number is that of the round."""
+        """All kept views; their frame number is the number of the round."""
         return [replace(view, frame=k) for k, of in enumerate(self._rounds) for view in of.views.values()]
 
     @property
     def instants(self) -> dict[tuple[str, int], int]:
-        """The group of simultaneous images of each view."""
+        """The number of the group of simultaneous images of each view, by camera and frame number."""
         of_all = len(self.cameras)
         return {
             (name, k): k * of_all + group for k, of in enumerate(self._rounds) for name, group in of.instant.items()
@@ -193,7 +193,7 @@ class BoardRun:
 
     @property
     def report(self) -> BoardRunReport:
-        """Counts so far."""
+        """Counts of all rounds so far."""
         several = [of for of in self._rounds if len(of.views) > 1]
         shared = [of for of in several if np.isfinite(of.apart_s)]
         return BoardRunReport(
@@ -203,7 +203,7 @@ class BoardRun:
         )  # fmt: skip
 
     def hints(self) -> list[Hint]:
-        """Return missing views, the most urgent first."""
+        """Return hints about missing views, the most urgent first; see `coverage`."""
         hints = coverage(self.views, self.board, self.cameras, self.instants, lens_known=list(self._known))
         if len(self._lately) == LATELY and not any(self._lately):
             text = "hold the board still for a second: it moves too far between the cameras' pictures"

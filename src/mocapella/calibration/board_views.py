@@ -26,7 +26,7 @@ LEAST_CORNERS: Final = 6
 LEAST_VIEWS: Final = 3
 """Fewest views of a camera whose lens is estimated (Zhang, section 3.1)."""
 CANDIDATES: Final = 40
-"""Most candidates for the motion between two cameras, each from one group of simultaneous views."""
+"""Largest number of candidates for the motion between two cameras, each from one group of simultaneous views."""
 
 
 def usable(view: BoardView, board: Board) -> bool:
@@ -37,12 +37,12 @@ def usable(view: BoardView, board: Board) -> bool:
 
 @dataclass(frozen=True)
 class OneCamera:
-    """A camera from its own views alone.
+    """A camera estimated from its own views alone.
 
     Attributes:
         lens: (9,), see `geometry.lens`.
         T_camera_board: (4, 4) for each view, in order.
-        sigma_px: noise of a corner's coordinate.
+        sigma_px: standard deviation of a corner's coordinate [px].
         covariance: (9, 9) of the lens; 0 if it was given.
     """
 
@@ -91,7 +91,12 @@ def _directions(view: BoardView, lens: Float64) -> Float64:
 
 
 def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corners:
-    """Concatenate the corners of views, with the indices of their cameras and board poses."""
+    """Concatenate the corners of views.
+
+    Args:
+        views: of each view the index of its camera, the index of its board pose, and the view.
+        board: gives the corners' positions.
+    """
     counts = [len(view.ids) for _, _, view in views]
     return Corners(
         np.repeat([camera for camera, _, _ in views], counts),
@@ -102,7 +107,7 @@ def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corner
 
 
 Poses = Mapping[str, Mapping[int, Float64]]
-"""``T_camera_board`` by camera and instant."""
+"""``T_camera_board`` (4, 4) by camera name and group of simultaneous views."""
 
 
 def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m: Float64) -> tuple[Float64, float]:
@@ -111,8 +116,12 @@ def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m
     A board that is small in the image may be mistaken for its mirror image in depth; the median over the views ignores
     a minority of such errors.
 
+    Args:
+        a, b: ``T_camera_board`` (4, 4) of each camera by group of simultaneous views; at least one group is shared.
+        corners_m: (corners, 3) in the board's frame [m].
+
     Returns:
-        The motion, and the median distance [m] between the corners from both cameras.
+        ``T_a_b`` (4, 4), and the median over views of the largest distance between the corners from both cameras [m].
     """
     shared = sorted(set(a) & set(b))
     of_a, of_b = np.array([a[i] for i in shared]), np.array([b[i] for i in shared])
@@ -125,7 +134,13 @@ def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m
 
 
 def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
-    """Return ``T_camera_first`` of every camera, along a spanning tree of the most shared views; the first is the root.
+    """Return ``T_camera_first`` of every camera, by name, along a spanning tree of the most shared views.
+
+    The first camera is the root.
+
+    Args:
+        poses: the board's pose in each camera's views.
+        corners_m: (corners, 3) in the board's frame [m].
 
     Raises:
         CalibrationError: a camera shares no view with those connected to the first.
@@ -158,7 +173,14 @@ def _cameras(names: Sequence[str]) -> str:
 def board_poses(
     poses: Poses, T_camera_first: Mapping[str, Float64], corners_m: Float64, instants: Sequence[int]
 ) -> Float64:
-    """Return ``T_first_board`` (instants, 4, 4): for each, the view that the others support best."""
+    """Return ``T_first_board`` (instants, 4, 4): for each group of simultaneous views, of the best supported view.
+
+    Args:
+        poses: the board's pose in each camera's views.
+        T_camera_first: (4, 4) of each camera, of `places`.
+        corners_m: (corners, 3) in the board's frame [m].
+        instants: the groups.
+    """
     out = np.empty((len(instants), 4, 4))
     for k, instant in enumerate(instants):
         candidates = np.array(
@@ -176,7 +198,17 @@ def joint_start(
     single: Mapping[str, OneCamera],
     board: Board,
 ) -> tuple[Bundle, Corners, list[int]]:
-    """Return all initial values in the first camera's frame, the corners, and the board poses' time indices."""
+    """Return initial values of the bundle adjustment, in the first camera's frame.
+
+    Args:
+        views: views of all cameras.
+        instant_of: group of simultaneous frames, by camera and frame number.
+        single: each camera from its own views.
+        board: the calibration board.
+
+    Returns:
+        Cameras and board poses, the corners, and the group of simultaneous frames of each board pose.
+    """
     names = list(single)
     seen: dict[str, int] = dict.fromkeys(names, 0)
     poses: dict[str, dict[int, Float64]] = {name: {} for name in names}

@@ -26,12 +26,12 @@ from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 
 Float64 = NDArray[np.float64]
 Instants = Mapping[tuple[str, int], int]
-"""Index of the group of simultaneous frames, by camera and frame."""
+"""Number of the group of simultaneous frames, by camera and frame number."""
 
 SURE_FOCAL: Final = 0.05
 """Relative standard deviation of a focal length above which the views did not determine it."""
 LEAST_FOR_HALVES: Final = 6
-"""Fewest shared groups for a cross-validation of each half by the other."""
+"""Least number of shared groups for a cross-validation: each half of the views by the other."""
 BOARD_LYING: Final = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """``R_world_board`` of a board on the floor, face up: y up, x along its columns, z along its rows."""
 BOARD_UPRIGHT: Final = np.diag([1.0, -1, -1])
@@ -40,10 +40,10 @@ BOARD_UPRIGHT: Final = np.diag([1.0, -1, -1])
 
 @dataclass(frozen=True)
 class Origin:
-    """The world frame. By default at the first camera, y up if the camera is level, z backwards.
+    """Definition of the world frame by a board. Without one, the world is at the first camera, y up if it is level.
 
     Attributes:
-        instant: group of views whose board defines the world.
+        instant: number of the group of simultaneous views whose board defines the world.
         upright: whether the board hung on a wall then; otherwise it lay on the floor, face up.
     """
 
@@ -56,14 +56,15 @@ class CameraReport:
     """Quality of one camera's calibration.
 
     Attributes:
-        views: images with a good detection of the board.
-        rejected: images with too few corners, or all on a line.
-        fields: fraction of the image fields that have corners.
-        reprojection_px: root mean square reprojection error, of all cameras together.
-        own_px: robust noise of a coordinate, from this camera's own views.
-        position_sd_mm: of the camera's position: the root of the sum of the three variances; 0 for the world's origin.
-        rotation_sd_deg: likewise of its orientation.
-        focal_sd_percent: of its focal length; 0 if the lens was given.
+        views: number of images with a good detection of the board.
+        rejected: number of images with too few corners, or all on a line.
+        fields: fraction of the image's fields (`board_guidance.GRID`) that have corners.
+        reprojection_px: root mean square reprojection error after the adjustment of all cameras together [px].
+        own_px: robust standard deviation of a corner's coordinate, from this camera's own views [px].
+        position_sd_mm: standard deviation of the camera's position: the root of the sum of the three variances; 0 for
+            the world's origin [mm].
+        rotation_sd_deg: standard deviation of its orientation, about all axes together [°].
+        focal_sd_percent: relative standard deviation of its focal length; 0 if the lens was given [%].
         observed: coefficients among cx cy k1 k2 p1 p2 k3 that the views determined; the others are typical values.
     """
 
@@ -80,19 +81,20 @@ class CameraReport:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A rig and its quality.
+    """A rig and its quality. A group is one of simultaneous views.
 
     Attributes:
         rig: the cameras in the order of their names.
         cameras: a report by name.
         instants: number of groups with one or more cameras.
         shared_instants: number of groups with two or more.
-        sigma_px: noise of a corner's coordinate in the joint adjustment; larger than each camera's own if the cameras
-            are not triggered together.
+        sigma_px: standard deviation of a corner's coordinate in the joint adjustment; larger than each camera's own if
+            the cameras are not triggered together [px].
         dispersion: see `board_bundle.Adjusted`.
-        fit: of triangulated corners, from the views used for calibration.
-        left_out: likewise, each half of the views by a calibration from the other; None with too few.
-        hints: what would improve it.
+        fit: quality of triangulated corners, of the views used for calibration.
+        left_out: quality of triangulated corners of each half of the views, by a calibration from the other; None with
+            too few.
+        hints: advice that would improve it.
     """
 
     rig: CameraRig
@@ -118,11 +120,11 @@ def calibrate_cameras(
     """Calibrate a rig of all cameras in the views, or one camera's lens.
 
     Args:
-        views: of the board.
-        board: whose squares give the scale.
+        views: views of the board by all cameras.
+        board: the calibration board, whose squares give the scale.
         instant_of: groups of simultaneous frames; the frame numbers if not given.
-        known: cameras with a given lens, which stays fixed.
-        origin: of the world; the first camera by name if not given.
+        known: cameras with a given lens, which stays fixed, by name.
+        origin: definition of the world frame; the first camera by name if not given.
         measure: whether to cross-validate halves, which takes twice as long again.
 
     Raises:

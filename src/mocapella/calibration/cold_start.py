@@ -26,19 +26,19 @@ RIVALS_FACTOR = 0.7
 SWAPPED_FACTOR = 1.25
 """Swapped labels must fit better by this factor."""
 TOGETHER_M = 0.35
-"""Bodies whose centres agree within this distance are one person [m] …"""
+"""Largest distance of the centres of two bodies that are one person [m]."""
 OTHERS = 2
-"""… and at least this many other bodies must agree as well."""
+"""Least number of further bodies that must agree, too."""
 MOST = 72
-"""Upper bound of hypotheses: all of six people in both sensors. With more people, the lowest ids come first."""
+"""Upper bound of the number of hypotheses: all of six people in both sensors. With more, the lowest ids come first."""
 
 
 @dataclass
 class ColdStart:
-    """The hypotheses of one pair of sensors.
+    """The hypotheses of one pair of sensors, a and b.
 
     Attributes:
-        settings: of each hypothesis.
+        settings: settings of each hypothesis.
         hypotheses: their estimates.
     """
 
@@ -50,7 +50,7 @@ class ColdStart:
 
         Args:
             a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
-            mirror: (joints,) of the topology.
+            mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
         """
         self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
         for key in ((one, other, swapped) for one in sorted(a) for other in sorted(b) for swapped in (False, True)):
@@ -62,7 +62,7 @@ class ColdStart:
             known.update(key[:2], a[key[0]], b[key[1]], mirror)
 
     def likeliest(self) -> Likeliest | None:
-        """Return the hypothesis with the best fit; None before there is data."""
+        """Return the hypothesis with the best fit, and its best rival; None before there is data."""
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
@@ -112,13 +112,18 @@ class ColdStart:
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
-    """The hypothesis with the best fit, and the residual of its best rival [m]."""
+    """The hypothesis with the best fit.
+
+    Attributes:
+        pair: its estimator.
+        rival: least residual of a hypothesis that matches one of the two bodies with another one [m]; infinite if none.
+    """
 
     pair: PairCalibration
     rival: float
 
     def judged(self, estimate: PairEstimate) -> PairEstimate:
-        """Return the estimate of `pair`, marked as not trusted while rivals remain."""
+        """Return the estimate of `pair`, marked as not trusted while rivals fit nearly as well."""
         if estimate.trusted and not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
         return estimate

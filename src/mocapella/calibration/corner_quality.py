@@ -30,8 +30,8 @@ class CameraNoise:
     """Uncertainty of cameras and corners.
 
     Attributes:
-        sigma_px: noise of a corner's coordinate.
-        covariance: (cameras, 15, cameras, 15) of `board_bundle`.
+        sigma_px: standard deviation of a corner's coordinate [px].
+        covariance: (cameras, 15, cameras, 15) of `board_bundle.Adjusted`.
     """
 
     sigma_px: float
@@ -45,13 +45,13 @@ class CornerQuality:
     Attributes:
         points: number of corners seen by two or more cameras.
         distances: number of pairs of corners in one group of simultaneous views.
-        distance_rms_mm: root mean square of measured minus true distance.
-        distance_median_mm: median of its absolute value.
-        scale_percent: median relative excess of distances.
-        reprojection_median_px, reprojection_rms_px: reprojection error of the triangulated corners; the distance, not a
-            coordinate's.
+        distance_rms_mm: root mean square of measured minus true distance [mm].
+        distance_median_mm: median magnitude of measured minus true distance [mm].
+        scale_percent: median relative excess of distances [%].
+        reprojection_median_px, reprojection_rms_px: reprojection error of the triangulated corners, as a distance, not
+            of a coordinate [px].
         predicted_rms_mm: distance_rms_mm as expected from the covariance of the cameras and the noise of corners; NaN
-            if these are not given.
+            if these are not given [mm].
     """
 
     points: int
@@ -74,11 +74,11 @@ def corner_quality(
     """Triangulate every corner that two or more cameras saw at the same time, and compare distances.
 
     Args:
-        views: of all cameras.
-        instant_of: group of simultaneous frames, by camera and frame.
-        cameras: by name.
+        views: views of all cameras.
+        instant_of: group of simultaneous frames, by camera and frame number.
+        cameras: the rig's cameras, by name.
         board: gives the true distances.
-        noise: of the cameras in the order of their names, if known.
+        noise: uncertainty of the cameras, in the order of their names, if known.
     """
     nan = float("nan")
     names = list(cameras)

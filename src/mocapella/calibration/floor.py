@@ -32,7 +32,7 @@ FOOT_SD_M: Final = 0.03
 BACK_SD: Final = np.radians(5.0)
 """Standard deviation of the mean back direction from the vertical [rad]."""
 OUTLIER_M: Final = 0.06
-"""Distance from the floor at which a foot counts a quarter [m]."""
+"""Distance of a foot from the floor at which its weight is a quarter [m]."""
 EVERY_S: Final = 0.08
 """Least interval between frames that are used [s]."""
 ENOUGH_S: Final = 1.0
@@ -48,7 +48,7 @@ class FloorJoints(NamedTuple):
 
 
 class FeetOfFrame(NamedTuple):
-    """Tracking ids (bodies,) of a frame, and its feet (bodies, feet, 3) [m]; NaN where not seen."""
+    """Tracking ids (bodies,) of a frame, and feet (bodies, feet, 3) in the sensor's frame [m]; NaN where not seen."""
 
     ids: NDArray[np.uint64]
     positions: Float64
@@ -58,9 +58,10 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
     """The floor in a sensor's frame: up·x + height = 0 for its points.
 
     Attributes:
-        up: (3,) unit vector.
-        height: of the sensor over it [m].
-        up_sd, height_sd: standard deviations of the direction [rad] and of the height [m].
+        up: (3,) unit vector, upwards.
+        height: height of the sensor over the floor [m].
+        up_sd: standard deviation of the direction [rad].
+        height_sd: standard deviation of the height [m].
     """
 
     up: Float64
@@ -70,7 +71,7 @@ class Floor(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def under(cls, T_world_sensor: Float64) -> Floor:
-        """Return the floor in the frame of a sensor (4, 4) whose world has the floor at y = 0."""
+        """Return the floor in a sensor's frame, from its pose (4, 4) in a world with the floor at y = 0."""
         return cls(T_world_sensor[1, :3].copy(), float(T_world_sensor[1, 3]), 0.02, 0.03)
 
     @property
@@ -114,7 +115,12 @@ class FloorFromFeet:
     known: Floor | None = None
 
     def update(self, bodies: Bodies, at: float) -> None:
-        """Update with a frame's bodies at its time [s]; about ten frames a second are used, and no inferred joints."""
+        """Update with a sensor's frame; about ten frames a second are used, and no inferred joints.
+
+        Args:
+            bodies: the frame's bodies.
+            at: its capture time [s].
+        """
         dt = at - self.last
         if 0 <= dt < EVERY_S:
             return

@@ -19,11 +19,11 @@ from mocapella.compiled import njit
 Float64 = NDArray[np.float64]
 
 LONGEST_STEP = 0.3
-"""A foot that was unseen for longer is not compared [s]."""
+"""Longest time between two views of a foot for which its motion is measured [s]."""
 BACK_STEP_S = 0.03
-"""Time that each frame adds to the back directions [s]."""
+"""Time that each frame adds to the weight of the back directions [s]."""
 TRACKED = 2
-"""`JointState.TRACKED`."""
+"""Value of `JointState.TRACKED`."""
 
 
 @njit(cache=True)
@@ -42,10 +42,12 @@ def stand(
 
     Args:
         sums, back: (10,) and (4,) of `floor.FloorFromFeet`, updated.
-        plane: (4,) of `floor.FloorFromFeet`.
-        before, now: the previous frame; this frame, whose feet are written.
+        plane: (4,) of `floor.FloorFromFeet`; 0 while the floor is unknown.
+        before: the previous frame.
+        now: this frame; its ids are read, its feet are written.
         dt: time between the frames [s].
-        positions, states: (bodies, joints, 3) in the sensor's frame [m], (bodies, joints) `JointState`.
+        positions: (bodies, joints, 3) in the sensor's frame [m].
+        states: (bodies, joints) `JointState`.
         joints: the joints that are used.
     """
     ids, feet, foot_joints, root, head = now.ids, now.positions, joints.feet, joints.root, joints.head

@@ -62,13 +62,15 @@ def refine(  # noqa: PLR0917
 
     Args:
         world: (sensors, 4, 4) T_root_sensor, updated in place.
-        a, b: (pairs,) indices of the sensors.
+        a, b: (pairs,) indices of each pair's sensors.
         T_a_b: (pairs, 4, 4) measured relative poses.
-        weights: (pairs, 6, 6) their inverse covariances.
-        most_steps, smallest_step: stopping criteria.
+        weights: (pairs, 6, 6) inverse covariances of a small motion in a's frame (translation [m], rotation [rad]).
+        most_steps: largest number of steps.
+        smallest_step: the last step is smaller than this [m, rad].
 
     Returns:
-        Covariance (6·(sensors − 1), 6·(sensors − 1)) of small motions of the poses.
+        Covariance (6·(sensors − 1), 6·(sensors − 1)) of small motions of the poses in the root's frame; NaN if the
+        pairs do not determine them.
     """
     n = len(world)
     C = np.zeros((6 * n - 6, 6 * n - 6))

@@ -22,11 +22,16 @@ ASPECT_SD: Final = 0.005
 DISTORTION_SD: Final = (0.4, 0.4, 0.005, 0.005, 0.3)
 """Standard deviations of k1 k2 p1 p2 k3."""
 OBSERVED: Final = 0.5
-"""A coefficient counts as determined if the views leave less than this fraction of its standard deviation."""
+"""A coefficient is determined if the views leave less than this fraction of its prior standard deviation."""
 
 
 def lens_prior(sizes_px: Float64, focal_px: Float64) -> LensPrior:
-    """Return the prior for image sizes (cameras, 2) and rough focal lengths (cameras,), which scale fy/fx only."""
+    """Return the prior of the lenses of several cameras.
+
+    Args:
+        sizes_px: (cameras, 2) width and height of the images [px].
+        focal_px: (cameras,) rough focal lengths, which scale the prior of fy/fx only [px].
+    """
     cameras = len(sizes_px)
     mean, precision = np.zeros((cameras, 9)), np.zeros((cameras, 9, 9))
     mean[:, 2:4] = (sizes_px - 1) / 2
@@ -38,7 +43,12 @@ def lens_prior(sizes_px: Float64, focal_px: Float64) -> LensPrior:
 
 
 def observed(covariance: Float64, size_px: tuple[int, int]) -> list[str]:
-    """Return the coefficients among cx cy k1 k2 p1 p2 k3 that the views determined, given a lens' covariance (9, 9)."""
+    """Return the coefficients among cx cy k1 k2 p1 p2 k3 that the views determined.
+
+    Args:
+        covariance: (9, 9) of the estimated lens.
+        size_px: (width, height) of the image.
+    """
     before = np.array([CENTRE_SD * size_px[0]] * 2 + list(DISTORTION_SD))
     after = np.sqrt(np.diag(covariance)[2:])
     return [name for name, a, b in zip(COEFFICIENTS[2:], after, before, strict=True) if a < OBSERVED * b]

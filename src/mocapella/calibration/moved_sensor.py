@@ -21,6 +21,10 @@ def disagrees_for(pair: PairCalibration, now: float) -> float:
     """Return how long all persons seen by both sensors have contradicted the estimate [s]; 0 if one agrees.
 
     Only persons count who agreed for `AGREED_BEFORE_S` before and are seen by both sensors now.
+
+    Args:
+        pair: the estimate and the state of its bodies.
+        now: capture time of the newest frame, on the common clock [s].
     """
     since = []
     for body in pair.bodies.values():
@@ -36,8 +40,12 @@ def disagrees_for(pair: PairCalibration, now: float) -> float:
 def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], order: Sequence[str]) -> list[str]:
     """Return the smallest set of moved sensors that explains the disagreeing pairs.
 
-    The sensor with the most disagreeing pairs is blamed repeatedly. Ties go to the one with fewer agreeing pairs, then
+    The sensor with the most disagreeing pairs is chosen repeatedly. Ties go to the one with fewer agreeing pairs, then
     to the last in ``order``: of two sensors alone either may have moved, and the first one's frame is kept.
+
+    Args:
+        disagreeing, agreeing: pairs of sensors whose observations contradict, and confirm, their relative pose.
+        order: all sensors.
     """
     rest, moved = set(disagreeing), []
     while rest:
@@ -57,6 +65,6 @@ def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], ord
 
 
 SEEN_WITHIN_S = 0.5
-"""A body that was not compared for longer does not count [s]."""
+"""Time without a comparison after which a body does not count [s]."""
 AGREED_BEFORE_S = 1.0
 """Time for which two views must have agreed before a disagreement counts [s]."""

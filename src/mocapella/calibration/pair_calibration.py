@@ -38,8 +38,8 @@ class PairSettings:
 
     Attributes:
         memory_s: time constant of fading, in shared motion [s].
-        first_memory_s: the same at the beginning, when the weights come from a poor estimate [s].
-        memory_growth: its growth per second of motion, up to ``memory_s``.
+        first_memory_s: that time constant at the beginning, when the weights come from a poor estimate [s].
+        memory_growth: growth of that time constant per second of shared motion, up to ``memory_s``.
         residual_floor_m: residuals below this have equal weights [m].
         label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped [m].
         mirrored_weight: weight of a view with swapped labels.
@@ -48,15 +48,16 @@ class PairSettings:
         still_fraction: fraction of the time that counts for a standing person; it decreases while they stand.
         velocity_window_s: a joint's velocity spans this time before and after [s].
         independent_after_m: distance after which a sensor's errors are taken as independent [m].
-        samples_wanted: fewest independent samples of a trusted estimate.
-        position_sd_wanted_m: its largest standard deviation where people were [m].
-        rotation_sd_wanted: its largest standard deviation of the rotation [rad].
-        residual_allowed_m: its largest mean distance between the two views' joints [m].
+        samples_wanted: least number of independent samples of a trusted estimate.
+        position_sd_wanted_m: largest standard deviation of a trusted estimate, at the people's positions [m].
+        rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation [rad].
+        residual_allowed_m: largest mean distance between the two views' joints in a trusted estimate [m].
         offset_bound_wanted_s: bound within which a clock offset counts as known [s].
         offset_expected_s: prior standard deviation of the offset between synchronised clocks [s].
-        moved_factor: a sensor was moved if the views' centres are farther apart than usual by this factor …
-        moved_least_m: … and by at least this distance [m].
-        every_s: least interval between frames of one body [s], because sensor errors persist for longer.
+        moved_factor: a sensor was moved if the two views' centres are farther apart than usual by this factor and by
+            moved_least_m.
+        moved_least_m: least distance of the centres of a moved sensor, see moved_factor [m].
+        every_s: least interval between frames of one body, because sensor errors persist for longer [s].
         told_s: weight of a given initial estimate, as a duration of shared motion [s].
     """
 
@@ -101,25 +102,25 @@ class PairSettings:
 
     @cached_property
     def parameters(self) -> PairParameters:
-        """The settings for the kernels, as floats."""
+        """The settings as a named tuple of floats, for the kernels."""
         return PairParameters(*(float(getattr(self, name)) for name in PairParameters._fields))
 
 
 class PairEstimate(msgspec.Struct, frozen=True, eq=False):
-    """Result for a pair of sensors.
+    """Result for a pair of sensors, a and b.
 
     Attributes:
         T_a_b: (4, 4), from b's camera space to a's; NaN before both saw a person.
-        covariance: (6, 6) of a small motion in a's frame (translation [m], rotation [rad]) that corrects it: exp(d)
-            T_a_b.
-        position_sd: of a point where people were, all directions together [m].
-        rotation_sd: of the angle [rad].
-        motion_s: seconds of shared motion so far.
+        covariance: (6, 6) of a small motion d in a's frame (translation [m], rotation [rad]) that corrects the pose to
+            exp(d) T_a_b.
+        position_sd: standard deviation of a point at the people's positions, all directions together [m].
+        rotation_sd: standard deviation of the angle [rad].
+        motion_s: duration of shared motion so far [s].
         samples: number of independent samples in memory.
         residual: mean distance between the two views' joints [m].
-        offset: of b's clock against a's; 0 while it is not known.
-        offset_now: its most likely value, known or not.
-        problem: why it is not trusted yet, and what to do; empty if it is.
+        offset: offset of b's clock against a's; 0 while it is not known.
+        offset_now: most likely value of that offset, known or not.
+        problem: why the estimate is not trusted yet, and its remedy; empty if it is trusted.
     """
 
     T_a_b: Float64
@@ -135,7 +136,7 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def trusted(self) -> bool:
-        """Whether there is no problem."""
+        """Whether the estimate has no problem."""
         return not self.problem
 
 
@@ -153,9 +154,9 @@ class PairCalibration:
 
     Attributes:
         settings: the settings.
-        T_a_b: (4, 4), from past frames only; NaN before there was one.
-        moments, scatter, scalars, clock, bodies: see `pair_memory` and `geometry.alignment`; ``bodies`` by the key
-            given to `update`.
+        T_a_b: (4, 4) the present estimate; NaN before there is one.
+        moments, scatter, scalars, clock: see `pair_memory` and `geometry.alignment`.
+        bodies: state of each pair of bodies, see `pair_memory`, by the key given to `update`.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -190,8 +191,8 @@ class PairCalibration:
 
         Args:
             who: key of the pair of bodies, such as the tracking ids in a and b.
-            a, b: their newest frames.
-            mirror: (joints,) of the topology.
+            a, b: the body's newest frames in each sensor.
+            mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
 
         Returns:
             Whether a frame of a was used: the newest one that b's frames surround by at least half a
@@ -204,7 +205,7 @@ class PairCalibration:
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
-        """From now on, leave out frames that disagree with this trusted estimate more than usual."""
+        """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted."""
         reach = estimate.position_sd + REACH_M * estimate.rotation_sd
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
@@ -218,7 +219,7 @@ class PairCalibration:
 
     @property
     def samples_closed(self) -> int:
-        """Number of independent samples so far, including faded ones."""
+        """Number of completed independent samples so far, including faded ones."""
         return int(self.scalars[at.BLOCKS_CLOSED])
 
     @property
@@ -228,7 +229,11 @@ class PairCalibration:
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
     def follow_clock(self, estimate: PairEstimate) -> None:
-        """Adopt the most likely offset of b's clock, given that the clocks are synchronised by the network."""
+        """Replace the assumed offset of b's clock by its most likely value, with synchronised clocks as prior.
+
+        Args:
+            estimate: the present result.
+        """
         closed = self.scalars[at.BLOCKS_CLOSED]
         if closed == self.scalars[at.FOLLOWED]:
             return
@@ -343,31 +348,31 @@ def _problems(  # noqa: PLR0917 - likewise
 
 
 TOLD_CENTRE: Final = np.array([0.0, 0.0, 2.5])
-"""Usual area of people: centre in camera space [m] …"""
+"""Centre of the usual area of people, in camera space [m]."""
 TOLD_REACH: Final = np.array([0.6, 0.6, 0.6])
-"""… and half its extent [m]."""
+"""Half the extent of the usual area of people, along each axis [m]."""
 TOLD_JOINTS: Final = 25
 TOLD_RESIDUAL_M: Final = 0.1
 """Expected distance between two views of a joint, before it is known [m]."""
 TOLD_APART_M: Final = 0.3
-"""Expected distance between their centres [m]."""
+"""Expected distance between the centres of two views of a person, before it is known [m]."""
 LEAST_EIGENVALUE: Final = 1e-7
 """Lower bound of the eigenvalues of H in units of its diagonal."""
 SHIFT_TRUSTED: Final = 0.1
-"""Shift of the clock after which moments count 1/e [s]."""
+"""Change of the assumed clock offset that reduces the weight of earlier moments to 1/e [s]."""
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
 PRIOR_SAMPLES: Final = 2.0
 """Weight of the prior of an estimate's error, in samples."""
 REACH_M: Final = 1.0
-"""Distance from where people were at which they may be next [m]."""
+"""Distance from people's positions so far within which they are expected next [m]."""
 M_ESTIMATE: Final = 1.5
 """Correction for the weights 1/r of the estimate itself, which enlarge H for 3-D points by up to 3/2 each time."""
 RESAMPLE_BEYOND: Final = 0.01
-"""Offset beyond which frames are interpolated at other times instead of moved along their velocity [s]."""
+"""Change of the clock offset beyond which frames are interpolated anew instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
-"""Points with less scatter across their line do not determine the rotation about it [m]."""
+"""Least scatter of points across their line for determining the rotation about it [m]."""
 MIRRORED_M: Final = 0.15
-"""Depth of a mirror image that is not a flat body by accident [m]."""
+"""Least depth of a mirror image that is not a flat body by accident [m]."""
 
 
 @cache

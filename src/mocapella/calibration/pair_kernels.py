@@ -56,7 +56,7 @@ LONGEST_STEP = 0.2
 STANDS_FOR = 20.0
 """Upper bound of the time that standing in one spot counts, at `PairSettings.still_fraction` [s]."""
 TRACKED = 2
-"""`JointState.TRACKED`."""
+"""Value of `JointState.TRACKED`."""
 FARTHEST = 0.3
 """Upper bound of residuals in the statistics [m]."""
 CLOCK_LAG = 0.1
@@ -71,10 +71,19 @@ CLOCK_FASTEST = 3.0
 
 @njit(cache=True)
 def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Float64, w: Float64) -> int:
-    """Interpolate (frames, joints, 3) at t into q (joints, 3) and w (joints,).
+    """Interpolate a body's frames at a time.
+
+    Args:
+        times: (frames,) increasing [s].
+        points: (frames, joints, 3) [m].
+        weights: (frames, joints).
+        t: the time [s].
+        q: (joints, 3) written if the result is 1: positions [m].
+        w: (joints,) written if the result is 1: weights, the smaller ones of the neighbouring frames.
 
     Returns:
-        1 if t is between two frames at most `LONGEST_STEP` apart; 0 if it is in a gap; −1 if after the last frame.
+        1 if t is between two frames at most `LONGEST_STEP` apart; 0 if it is in a gap or before the first frame; −1 if
+        it is after the last frame.
     """
     n = len(times)
     if n == 0 or times[n - 1] < t:
@@ -111,7 +120,16 @@ def add_frame(
     states: NDArray[np.uint8],
     inferred: float,
 ) -> bool:
-    """Append a frame, see `pair_memory.BodyTrack.add`."""
+    """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`; return False if it is not newer.
+
+    Args:
+        times, points, weights, held, frozen_since: (2·kept,) [s], (2·kept, joints, 3) [m], (2·kept, joints), (2,) and
+            (1,) [s] of `pair_memory.BodyTrack`, updated.
+        at: capture time, on the common clock [s].
+        positions: (joints, 3) in the sensor's camera space [m].
+        states: (joints,) `JointState`.
+        inferred: weight of an inferred joint.
+    """
     begin, end = held
     if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
         return False
@@ -157,7 +175,20 @@ def add_bodies(
     states: NDArray[np.uint8],
     inferred: float,
 ) -> float:
-    """Append a frame's bodies to their slots; return since when all of them are frozen [s], NaN if one moves."""
+    """Append a frame's bodies to their slots.
+
+    Args:
+        times, points, weights, held, frozen_since: the arrays of `pair_memory.BodyTrack` with a leading axis (slots,),
+            updated.
+        slots: (bodies,) slot of each body.
+        at: capture time, on the common clock [s].
+        positions: (bodies, joints, 3) in the sensor's camera space [m].
+        states: (bodies, joints) `JointState`.
+        inferred: weight of an inferred joint.
+
+    Returns:
+        The time since when all of the bodies have not changed at all [s]; NaN if one moves.
+    """
     since = -np.inf if len(slots) else np.nan
     for i in range(len(slots)):
         s = slots[i]
@@ -168,12 +199,12 @@ def add_bodies(
 
 @njit(cache=True)
 def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
-    """Update the pair with the newest frame of a that b's frames surround in time; return whether one was due.
+    """Update the pair with the newest frame of a that b's frames surround in time; return whether there was one.
 
     Args:
         pair: state, updated in place.
-        a, b: the newest frames of the body in both sensors.
-        mirror: (joints,) of the topology.
+        a, b: the body's newest frames in both sensors.
+        mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
         p: the settings.
     """
     S, body, half = pair.scalars, pair.body, p.velocity_window_s

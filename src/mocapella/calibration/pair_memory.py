@@ -15,19 +15,22 @@ UInt8 = NDArray[np.uint8]
 
 # Of the pair of sensors. Values that fade are multiplied by the same factor as the moments, at every frame.
 MOTION: Final = 0
-"""Shared motion so far [s]; standing still hardly counts."""
+"""Index of the duration of shared motion so far [s]; standing still hardly counts."""
 BLOCKS: Final = 1
-"""Number of independent samples, fading; the next is the same, fading twice (Σf and Σf² of the weights f)."""
+"""Number of independent samples in memory, as the fading sum Σf of their weights f; `BLOCKS_SQ` is Σf²."""
 BLOCKS_SQ: Final = 2
 COST: Final = 3
-"""Σ of residuals, weighted by motion, fading; then their weight; then Σ of squared distances of the centres."""
+"""Fading sum of the residuals, weighted by motion.
+
+`COST_WEIGHT` is the sum of the weights, `APART_SQ` that of the centres' squared distances.
+"""
 COST_WEIGHT: Final = 4
 APART_SQ: Final = 5
 OFFSET: Final = 6
-"""Added to `REFERENCE_OFFSET`: their sum is b's clock minus a's [s]."""
+"""Index of an offset [s] that is added to the one at `REFERENCE_OFFSET`: their sum is b's clock minus a's."""
 REFERENCE_OFFSET: Final = 7
 CENTRE: Final = 8
-"""Three: where people were, weighted like `COST`, in a's frame."""
+"""Index of three numbers: the mean position of people in a's frame [m], weighted like `COST`."""
 STEPS: Final = 11
 BLOCKS_CLOSED: Final = 12
 """Number of independent samples so far, not fading."""
@@ -43,31 +46,31 @@ PAIR_SCALARS: Final = 15
 CLOCK_A: Final = 0
 CLOCK_G: Final = 1
 CLOCK_AA: Final = 2
-"""Σ a² over the blocks; the next two: Σ a g, Σ g²."""
+"""Sum Σ a² over the blocks; `CLOCK_AG` is Σ a g, `CLOCK_GG` is Σ g²."""
 CLOCK_AG: Final = 3
 CLOCK_GG: Final = 4
 CLOCK_SUMS: Final = 5
 
 # Of a pair of bodies.
 LAST: Final = 0
-"""Newest frame of a that was processed [s]."""
+"""Capture time of the newest frame of a that was processed [s]."""
 MIRRORED: Final = 1
 ANCHOR: Final = 2
-"""Three: start of the block of frames that becomes one independent sample."""
+"""Index of three numbers: the body's position at the start of the block of frames that becomes one sample."""
 ANCHORED: Final = 5
 GRADIENT: Final = 6
-"""Seven: the gradient of the block."""
+"""Index of seven numbers: the gradient summed over the block."""
 APART: Final = 13
-"""Distance between the two views of the body's centre [m]; then the mean distance of the joints."""
+"""Distance between the two views of the body's centre [m]; `RESIDUAL` is the mean distance of the joints [m]."""
 RESIDUAL: Final = 14
 DISAGREES_SINCE: Final = 15
 """Time since when the centres are farther apart than usual [s]; NaN if they are not."""
 AGREED: Final = 16
-"""Total time for which they were not [s]."""
+"""Total time for which the centres were not farther apart than usual [s]."""
 STEP_AT: Final = 17
-"""Time of the last frame that was used [s]."""
+"""Capture time of the last frame that was used [s]."""
 BLOCK_A: Final = 18
-"""The block's part of `CLOCK_A`; then of `CLOCK_G`."""
+"""The block's part of `CLOCK_A`; `BLOCK_G` is its part of `CLOCK_G`."""
 BLOCK_G: Final = 19
 STOOD: Final = 20
 """Time of standing since the block began [s]."""
@@ -84,9 +87,9 @@ class PairArrays(NamedTuple):
         moments: (50,) of `geometry.alignment`.
         scatter: (7, 7) scatter of the gradients of closed blocks.
         T_a_b: (4, 4) the present estimate.
-        scalars: (PAIR_SCALARS,) of the pair, by the indices above.
-        clock: (CLOCK_SUMS,) sums for the clock offset.
-        body: (BODY_SCALARS,) of the pair of bodies.
+        scalars: (PAIR_SCALARS,) numbers of the pair, by the indices `MOTION` to `FOLLOWED`.
+        clock: (CLOCK_SUMS,) sums for the clock offset, by the indices `CLOCK_A` to `CLOCK_GG`.
+        body: (BODY_SCALARS,) numbers of the pair of bodies, by the indices `LAST` to `STOOD`.
     """
 
     moments: Float64
@@ -98,7 +101,7 @@ class PairArrays(NamedTuple):
 
 
 class BodyFrames(NamedTuple):
-    """The arrays of a `BodyTrack` of the same names, for the kernels."""
+    """Arrays of a `BodyTrack` as a named tuple, for the kernels."""
 
     times: Float64
     points: Float64
@@ -107,7 +110,7 @@ class BodyFrames(NamedTuple):
 
 
 class PairParameters(NamedTuple):
-    """The values of `pair_calibration.PairSettings` for the kernels."""
+    """Fields of `pair_calibration.PairSettings` as a named tuple of floats, for the kernels."""
 
     memory_s: float
     first_memory_s: float
@@ -125,7 +128,7 @@ class PairParameters(NamedTuple):
 
 
 def new_body(*, mirrored: bool = False) -> Float64:
-    """Return the initial state of a pair of bodies."""
+    """Return the initial state (BODY_SCALARS,) of a pair of bodies; ``mirrored`` if left and right start swapped."""
     body = np.zeros(BODY_SCALARS)
     body[LAST] = body[STEP_AT] = -np.inf
     body[MIRRORED] = mirrored
@@ -138,9 +141,11 @@ class BodyTrack:
     """One sensor's newest frames of one body, in the order of their times.
 
     Attributes:
-        times, points, weights: (2·kept,) [s], (2·kept, joints, 3) in camera space [m], and (2·kept, joints).
+        times: (2·kept,) capture times, on the common clock [s].
+        points: (2·kept, joints, 3) in camera space [m].
+        weights: (2·kept, joints), 0 where not seen.
         held: (2,) int64 index of the first stored frame, and index after the last one.
-        frozen_since: (1,) since when no joint has moved at all [s]; NaN if one has.
+        frozen_since: (1,) time since when no joint has moved at all [s]; NaN if one has.
     """
 
     times: Float64
@@ -157,10 +162,10 @@ class BodyTrack:
         return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
     def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
-        """Append a frame; False if it is not newer than the last one.
+        """Append a frame; return False if it is not newer than the last one.
 
         Args:
-            at: time [s].
+            at: capture time, on the common clock [s].
             positions: (joints, 3) float64, camera space [m]. A joint that is not finite, or exactly at the lens, weighs
                 nothing.
             states: (joints,) `JointState`; not tracked weighs nothing.
@@ -175,22 +180,23 @@ class BodyTrack:
 
     @property
     def arrays(self) -> BodyFrames:
-        """The frames, for the kernels."""
+        """The same arrays as a named tuple, for the kernels."""
         return BodyFrames(self.times, self.points, self.weights, self.held)
 
     @property
     def newest(self) -> float:
-        """Time of the newest frame [s]; −inf without any."""
+        """Capture time of the newest frame [s]; −inf without any."""
         begin, end = self.held
         return float(self.times[end - 1]) if end > begin else -np.inf
 
 
 @dataclass
 class SensorTracks:
-    """One sensor's newest frames of all bodies, one *slot* each; `bodies` are views of the arrays.
+    """One sensor's newest frames of all bodies; a slot of the arrays holds one body, and `bodies` are views of them.
 
     Attributes:
-        ids, used: (slots,) tracking ids, and whether a slot is in use.
+        ids: (slots,) tracking ids.
+        used: (slots,) whether a slot is in use.
         times, points, weights, held, frozen_since: the arrays of `BodyTrack` with a leading axis (slots,).
         frozen: time since when no body of the newest frame has changed at all [s]; NaN if one has, or none is seen.
     """
@@ -228,7 +234,7 @@ class SensorTracks:
         """Append a frame.
 
         Args:
-            at: time [s].
+            at: capture time, on the common clock [s].
             ids: (bodies,) tracking ids, each once.
             positions, states: (bodies, joints, 3) float64 and (bodies, joints), as in `BodyTrack.add`.
             inferred_weight: weight of an inferred joint.
@@ -242,7 +248,7 @@ class SensorTracks:
         )  # fmt: skip
 
     def forget_before(self, at: float) -> None:
-        """Drop every body that was not seen since a time [s]."""
+        """Drop every body without a frame since a capture time [s]."""
         gone = [body for body, track in self.bodies.items() if track.newest < at]
         for body in gone:
             self._free(self._slots[body])

@@ -19,7 +19,7 @@ from mocapella.model.camera import PlacedCamera
 Float64 = NDArray[np.float64]
 
 LITTLE_PX: Final = 1.0
-"""Vertical disparity that is negligible beside a marker's height."""
+"""Vertical disparity that is negligible beside a marker's height [px]."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class PairAlignment:
     """The second camera's pose relative to the first: x right, y down, z forwards.
 
     Attributes:
-        baseline_m: distance between the cameras.
-        axes_deg: angle between the optical axes.
-        turn_right_deg: yaw that the second camera lacks to the right.
-        turn_down_deg: pitch that it lacks downwards.
-        roll_clockwise_deg: roll that it lacks clockwise, as seen from behind it.
-        higher_mm: height of the second camera above the first.
-        ahead_mm: its position ahead of the first.
-        vertical_px: largest vertical disparity of far points at the centre and the corners of the image.
+        baseline_m: distance between the cameras [m].
+        axes_deg: angle between the optical axes [°].
+        turn_right_deg: rotation to the right that would align the second camera [°].
+        turn_down_deg: rotation downwards that would align it [°].
+        roll_clockwise_deg: clockwise roll, as seen from behind it, that would align it [°].
+        higher_mm: height of the second camera above the first [mm].
+        ahead_mm: distance of the second camera ahead of the first [mm].
+        vertical_px: largest vertical disparity of far points at the centre and the corners of the image [px].
         swapped: whether the second camera is to the left of the first.
     """
 
@@ -49,7 +49,7 @@ class PairAlignment:
     swapped: bool
 
     def advice(self, first: str, second: str) -> list[str]:
-        """Return instructions for the user; empty if the pair is well aligned."""
+        """Return instructions for users to align the cameras with these names; empty if the pair is well aligned."""
         out = []
         if self.swapped:
             out.append(f"camera {second} stands to the left of camera {first}: exchange them")

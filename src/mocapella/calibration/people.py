@@ -51,13 +51,13 @@ Identities = Callable[[str], Mapping[int, int]]
 """Returns the person of each tracking id of a sensor."""
 
 REFRESH_PART: Final = 0.05
-"""Poses are recomputed after this fraction of a pair's shared motion so far."""
+"""Poses are recomputed once a pair's shared motion has grown by this fraction."""
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
 MOST_TURNS: Final = 3
-"""Most people without a new frame that are skipped in a row."""
+"""Largest number of people without a new frame that are skipped in a row."""
 JUMPED_BACK_S: Final = 0.5
-"""Times that go back by more mean that the clock was set [s]."""
+"""Decrease of a sensor's times above which its clock was set back [s]."""
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
 """Sums the three translation and the three rotation components of a 6-vector."""
 _RECORDED: Final = {"layout": "rig"}
@@ -104,7 +104,7 @@ class PeopleCalibration:
         self.state = PeopleState({}, (), False, 0, 0)
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Restart from given poses (4, 4), which are used at once with little weight, and checked."""
+        """Restart from given poses (4, 4), by sensor; they are used at once with little weight, and checked."""
         sensors = {name: LayoutSensor(T.tolist(), 1e3 * GIVEN_SD_M, float(np.degrees(GIVEN_SD)))
                    for name, T in T_world_sensor.items()}  # fmt: skip
         self.layout = SensorLayout(VERSION, False, sensors, [])
@@ -124,7 +124,7 @@ class PeopleCalibration:
             at_ns: capture time on the common clock [ns].
             people: returns the person of each tracking id of a sensor; bodies of one person are matched. None derives
                 the matches from the calibration.
-            pose: given tilt and height of the sensor; a height of 0 means not given.
+            pose: tilt and height of the sensor, if given; a height of 0 means not given.
 
         Returns:
             The present result, as in `state`.
@@ -166,7 +166,7 @@ class PeopleCalibration:
         )
 
     def layout_now(self) -> SensorLayout:
-        """Return the layout of the `tied` sensors, to be saved."""
+        """Return the layout of the `tied` sensors, for `sensor_layout.save_layout`."""
         tied = self.tied
         sensors = {
             name: LayoutSensor(
@@ -185,7 +185,7 @@ class PeopleCalibration:
         return SensorLayout(VERSION, self.state.floor_known, sensors, pairs)
 
     def memory(self) -> dict[str, Any]:
-        """Return all state, by the names in takes."""
+        """Return all state for `recall`, by the names of its parts in takes."""
         return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:

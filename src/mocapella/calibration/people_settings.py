@@ -21,9 +21,9 @@ class PeopleCalibrationSettings:
         frozen_after_s: a sensor whose bodies do not change at all for this long is not used [s].
         gone_after_s: a body that a sensor has not seen for this long is dropped [s].
         clock_jump_s: tolerated delay of a sensor's times behind other sensors' [s].
-        refresh_s: interval at which all poses are recomputed [s] …
-        first_refresh_s: … and the interval at first, while pairs have seen little motion [s].
-        partners: number of best pairs per sensor that are refined, with more sensors than that.
+        refresh_s: interval at which all poses are recomputed [s].
+        first_refresh_s: that interval at first, while pairs have seen little motion [s].
+        partners: number of pairs of each sensor that are refined, the best ones, if it has more.
     """
 
     RECORDED_AS: ClassVar[str] = "PeopleSettings"

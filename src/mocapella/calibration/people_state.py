@@ -17,13 +17,14 @@ class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
     """Pose and clock of one sensor.
 
     Attributes:
-        sensor: name.
+        sensor: name of the sensor.
         T_world_sensor: (4, 4); sensors with the same ``root`` share one world frame.
-        covariance: (6, 6) of a small motion in the world (translation [m], rotation [rad]): exp(d) T_world_sensor.
+        covariance: (6, 6) of a small motion d in the world (translation [m], rotation [rad]) that corrects the pose to
+            exp(d) T_world_sensor.
         root: sensor in whose frame the pose is estimated; itself if no other sensor is tied to it.
         clock: offset of its clock from the root's; None or unknown counts as 0.
         trusted: whether the pose is certain enough for fusion with other sensors.
-        quality: such as ``12 mm, 0.4°``; empty for a root.
+        quality: standard deviations for users, such as ``12 mm, 0.4°``; empty for a root.
         condition: the problem and its remedy; empty without one.
     """
 
@@ -41,11 +42,11 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
     """All sensors after a frame.
 
     Attributes:
-        sensors: by name, in the order of names.
+        sensors: pose and clock of each sensor by name, in the order of names.
         qualities: descriptions of all pairs of sensors that have seen a person together.
         floor_known: whether the world's y = 0 is the floor; else the world is the root's camera frame.
         calibrations: number of pairs calibrated so far.
-        moved: how often a sensor was detected as moved.
+        moved: number of times that any sensor was detected as moved.
     """
 
     sensors: Mapping[str, CalibratedSensor]
@@ -56,5 +57,5 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The conditions that are not empty, each with its sensor's name."""
+        """The sensors' conditions that are not empty, each with its sensor's name."""
         return tuple(f"{name}: {sensor.condition}" for name, sensor in self.sensors.items() if sensor.condition)

@@ -21,7 +21,7 @@ def pair_quality(a: str, b: str, estimate: PairEstimate) -> str:
 
 
 def figures(position_sd: float, rotation_sd: float) -> str:
-    """Format standard deviations [m], [rad] as ``12 mm, 0.4°``."""
+    """Format the standard deviations of position [m] and rotation [rad] as ``12 mm, 0.4°``."""
     return f"{1e3 * position_sd:.0f} mm, {np.degrees(rotation_sd):.1f}°"
 
 

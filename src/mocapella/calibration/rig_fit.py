@@ -30,13 +30,13 @@ class RigFitSettings:
     """When a rig is reported as not fitting.
 
     Attributes:
-        memory_s: time constant of the statistics.
-        every_s: interval at which each pair of cameras is compared.
-        least_points: fewest observations before a result.
-        longest_gap_s: largest gap between a camera's frames that is interpolated.
-        largest_px: largest root mean square distance of a rig that fits.
+        memory_s: time constant of the statistics [s].
+        every_s: interval at which each pair of cameras is compared [s].
+        least_points: least number of observations before a result.
+        longest_gap_s: largest gap between a camera's frames that is interpolated [s].
+        largest_px: largest root mean square distance of a rig that fits [px].
         swapped_ratio: cameras are reported as exchanged if exchanging them reduces the distance by this factor.
-        cap_px: upper bound of one observation's distance.
+        cap_px: upper bound of one observation's distance [px].
     """
 
     memory_s: float = 3.0
@@ -84,7 +84,8 @@ class RigFit:
 
         Args:
             camera: its name in the rig.
-            pixels: (points, 2) [px]; NaN where a marker is not seen.
+            pixels: (points, 2) pixels of the markers, the same ones in every camera [px]; NaN where a marker is not
+                seen.
             at_s: capture time of its first row, on the common clock [s].
         """
         k, s = self._order.index(camera), self.settings
@@ -125,7 +126,14 @@ class RigFit:
         return float(np.minimum(np.nan_to_num(squares, nan=np.inf), self.settings.cap_px**2).sum())
 
     def rms_px(self, exchanged: bool = False) -> Float64:
-        """Return the root mean square distance of pixels from the epipolar geometry (pairs,) [px]; NaN with too few."""
+        """Return the root mean square distance of pixels from the epipolar geometry of each pair of cameras.
+
+        Args:
+            exchanged: whether to return it for the pair's cameras exchanged, instead of as calibrated.
+
+        Returns:
+            (pairs,) [px]; NaN with too few observations.
+        """
         sums = np.where(self._sums[:, :1] >= self.settings.least_points, self._sums, np.nan)
         rms: Float64 = np.sqrt(sums[:, 1 + exchanged] / sums[:, 0])
         return rms

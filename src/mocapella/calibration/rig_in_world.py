@@ -38,9 +38,9 @@ class RigInWorldSettings:
 
     Attributes:
         every_s: interval between samples [s].
-        samples: number of samples kept per pair.
-        fewest: fewest samples for an estimate.
-        moved_m: least motion of both [m].
+        samples: number of samples kept per pair of a body and a person.
+        fewest: least number of samples for an estimate.
+        moved_m: least motion of both body and person [m].
         within_m: largest median distance of joints of one person [m].
         beyond: largest ratio of the median distance to that of the next person.
         again_s: interval between estimates [s].
@@ -107,7 +107,7 @@ class RigAlignment:
             bodies: (joints, 3) of each body by its name, in the rig's frame [m]; NaN where not known. Left and right
                 joints alternate.
             people: (joints, 3) of each person by id, in the world [m]; the same joints.
-            at_s: the time [s].
+            at_s: capture time of both [s].
         """
         s = self.settings
         if at_s < self._taken_s:
@@ -180,4 +180,4 @@ def _moved(kept: deque[tuple[Float64, Float64]], which: int) -> float:
 
 
 REMEMBERED: Final = (RigInWorld,)
-"""Classes in the state."""
+"""Classes in the state of a `RigAlignment`, see `mocapella.model.memory`."""

@@ -24,7 +24,7 @@ HEADINGS: Final = (
 
 
 def table(found: CameraCalibration) -> list[tuple[str, ...]]:
-    """Return a row for each camera, under `HEADINGS`."""
+    """Return a row of texts for each camera, in the columns `HEADINGS`."""
     first, rows = next(iter(found.rig.cameras)), []
     for name, of in found.cameras.items():
         figures = (of.own_px, of.reprojection_px, of.position_sd_mm, of.rotation_sd_deg, of.focal_sd_percent)
@@ -56,7 +56,7 @@ def sentences(found: CameraCalibration) -> list[str]:
 
 
 def tape_measure(found: CameraCalibration) -> str:
-    """Return the distances between cameras, to check the board's size with a tape measure; empty for one camera."""
+    """Describe the distances between cameras, so that users can check the board's size; empty for one camera."""
     names: Sequence[str] = list(found.rig.cameras)
     said = [f"{a} – {b} {distance(found, a, b):.3f} m" for a, b in combinations(names, 2)]
     if not said:
@@ -65,7 +65,7 @@ def tape_measure(found: CameraCalibration) -> str:
 
 
 def as_result(found: CameraCalibration) -> dict[str, Any]:
-    """Return everything for JSON; unknown values are null."""
+    """Return all results as values for JSON; unknown numbers are null."""
     names = list(found.rig.cameras)
     cameras = {}
     for name in names:
@@ -101,7 +101,7 @@ def _finite(value: Any) -> Any:
 
 
 def distance(found: CameraCalibration, a: str, b: str) -> float:
-    """Return the distance between two cameras [m]."""
+    """Return the distance between the cameras named a and b [m]."""
     T_a, T_b = (found.rig.cameras[name].T_camera_world for name in (a, b))
     at_a, at_b = (-T[:3, :3].T @ T[:3, 3] for T in (T_a, T_b))
     return float(np.linalg.norm(at_a - at_b))

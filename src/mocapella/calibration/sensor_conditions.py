@@ -17,9 +17,9 @@ Float64 = NDArray[np.float64]
 REPORTED_FOR_S: Final = 5.0
 """A clock jump is reported for this long [s]."""
 ONE_PLACE_M: Final = 0.1
-"""Two sensors nearer than this [m] …"""
+"""Largest distance of two sensors that count as at one position, if their axes agree, too [m]."""
 ONE_PLACE_TURN: Final = np.radians(5.0)
-"""… and with optical axes within this angle [rad] see nothing different."""
+"""Largest angle between their optical axes [rad]; both sensors then see nothing different."""
 
 
 class StreamFaults(msgspec.Struct, frozen=True):
@@ -29,7 +29,7 @@ class StreamFaults(msgspec.Struct, frozen=True):
         frozen: whether its bodies do not change at all.
         behind_s: delay of its times behind another sensor's, if it is too large; otherwise 0 [s].
         jumped_s: time since its clock jumped back; infinite if it did not [s].
-        moved: whether it, or the other sensor of a pair, was moved and is not calibrated again yet.
+        moved: whether the sensor, or the other one of a pair, was moved and is not calibrated again yet.
     """
 
     frozen: bool
@@ -52,11 +52,11 @@ class StreamFaults(msgspec.Struct, frozen=True):
 
 
 def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
-    """Describe what a sensor's pose lacks or contradicts; empty without a problem.
+    """Describe a problem of a sensor's pose, such as a contradiction, and its remedy; empty without one.
 
     Args:
-        name: of the sensor.
-        pairs: its pairs with other sensors.
+        name: name of the sensor.
+        pairs: all pairs of sensors.
         placed: all sensors' poses.
     """
     if not pairs:

@@ -31,7 +31,7 @@ class SensorPair(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         a, b: their names.
         T_a_b, covariance: (4, 4) and (6, 6), as in `pair_calibration.PairEstimate`.
-        offset: of b's clock against a's.
+        offset: offset of b's clock against a's.
         trusted: an untrusted pair is used only if nothing else ties a sensor to the others.
     """
 
@@ -44,7 +44,7 @@ class SensorPair(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def variance(self) -> float:
-        """Scalar uncertainty: the variance of a point 2.5 m before the sensor."""
+        """Scalar uncertainty: the variance of a point 2.5 m before the sensor [m²]."""
         return float(np.trace(self.covariance[:3, :3]) + 2.5**2 * np.trace(self.covariance[3:, 3:]))
 
 
@@ -53,9 +53,9 @@ class PlacedSensor(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         T_root_sensor: (4, 4), in the frame of its component's first sensor.
-        covariance: (6, 6) of a small motion in that frame; zero for the first sensor.
-        offset: of its clock against the first sensor's; None without a chain of known offsets.
-        root: the component's first sensor.
+        covariance: (6, 6) of a small motion in that frame (translation [m], rotation [rad]); zero for the first sensor.
+        offset: offset of its clock against the first sensor's; None without a chain of known offsets.
+        root: name of the component's first sensor.
         trusted: whether trusted pairs tie it to the first.
     """
 
@@ -78,7 +78,7 @@ def place_sensors(
 
     Args:
         sensors: names; the first of each component is its root, whose frame the component is in.
-        pairs: of these sensors, at most one for each two.
+        pairs: relative poses of these sensors, at most one for each two.
         before: the previous result, as initial values of the refinement.
     """
     rank = {sensor: i for i, sensor in enumerate(sensors)}

@@ -27,11 +27,18 @@ from mocapella.model.whole_file import write_whole
 Float64 = NDArray[np.float64]
 
 VERSION: Final = 1
-"""Of the file's format."""
+"""Version of the file's format."""
 
 
 class LayoutPair(msgspec.Struct, frozen=True):
-    """State of the `PairCalibration` of two sensors."""
+    """State of the `PairCalibration` of two sensors, as stored in a layout file.
+
+    Attributes:
+        a, b: names of the sensors.
+        quality: description for users.
+        T_a_b: (4, 4) from b's camera space to a's.
+        moments, scatter, scalars: arrays of the `PairCalibration`.
+    """
 
     RECORDED_AS: ClassVar[str] = "RigPair"
 
@@ -45,7 +52,13 @@ class LayoutPair(msgspec.Struct, frozen=True):
 
 
 class LayoutSensor(msgspec.Struct, frozen=True):
-    """A sensor's pose ``T_world_sensor`` (4, 4) [m], and its standard deviations [mm, °]."""
+    """A sensor's pose, as stored in a layout file.
+
+    Attributes:
+        T_world_sensor: (4, 4) [m].
+        position_sd_mm: standard deviation of its position [mm].
+        rotation_sd_deg: standard deviation of its rotation [°].
+    """
 
     RECORDED_AS: ClassVar[str] = "RigSensor"
 
@@ -58,10 +71,10 @@ class SensorLayout(msgspec.Struct, frozen=True):
     """Poses of all sensors, and the pairs they were computed from.
 
     Attributes:
-        version: of the file's format.
+        version: version of the file's format.
         floor_known: whether y = 0 is the floor.
-        sensors: by name.
-        pairs: of sensors.
+        sensors: pose of each sensor by name.
+        pairs: state of the calibration of each pair of sensors.
     """
 
     RECORDED_AS: ClassVar[str] = "Rig"
@@ -73,7 +86,13 @@ class SensorLayout(msgspec.Struct, frozen=True):
 
 
 def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPair:
-    """Return the part of a pair to keep; without the clock offset, which is estimated again at every start."""
+    """Return the part of a pair's state to save, without the clock offset, which is estimated again at every start.
+
+    Args:
+        a, b: names of the sensors.
+        quality: description of the pair for users.
+        pair: the pair's state.
+    """
     scalars = pair.scalars.copy()
     scalars[at.REFERENCE_OFFSET] = scalars[at.OFFSET] = 0.0
     return LayoutPair(
@@ -82,7 +101,7 @@ def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPa
 
 
 def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
-    """Return the estimate that continues from a kept pair."""
+    """Return the estimator that continues from a saved pair, with these settings."""
     return PairCalibration(
         settings,
         np.array(pair.T_a_b),

@@ -15,18 +15,18 @@ from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_A
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
 BY_LAYOUT: Final = "rig"
-"""Value of `PairOfSensors.told`; takes contain it."""
+"""Value of `PairOfSensors.told` for an estimate from a layout file; takes contain it."""
 NO_OWNERS: Final[tuple[Mapping[int, int], Mapping[int, int]]] = ({}, {})
 GIVEN_SD_M: Final = 0.15
-"""Expected error of a given position [m] …"""
+"""Expected error of a given relative position, until people confirm it [m]."""
 GIVEN_SD: Final = np.radians(10.0)
-"""… and rotation [rad], until people confirm them."""
+"""Expected error of a given relative rotation, until people confirm it [rad]."""
 _GIVEN: Final = np.diag([GIVEN_SD_M**2 / 3] * 3 + [GIVEN_SD**2 / 3] * 3)
 
 
 @dataclass
 class PairOfSensors:
-    """Two sensors: the accepted estimate, or the hypotheses that are tried.
+    """Two sensors, a and b: the accepted estimate of their relative pose, or the hypotheses that are tried.
 
     Attributes:
         calibration: accepted estimate; None before there is one.
@@ -35,13 +35,14 @@ class PairOfSensors:
             once confirmed.
         shown: whether people have confirmed it once; it then stays in use while it is less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: the given identities behind ``matched``.
+        owners: person of each tracking id in a and in b; ``matched`` was derived from it.
         turn: counter that selects among the matched bodies.
-        due: time of the next refinement [s].
+        due: capture time of the next refinement [s].
         trying: whether the hypotheses are tried.
-        agreed_at: when a body last was at the same position in both sensors [s].
-        seen_since: since when both sensors see bodies without a break [s].
-        estimate: result of the last refresh with new data; judged_steps: number of steps it includes.
+        agreed_at: capture time at which a body last was at the same position in both sensors [s].
+        seen_since: capture time since when both sensors see bodies without a break [s].
+        estimate: result of the last refresh with new data.
+        judged_steps: number of steps that ``estimate`` includes.
     """
 
     calibration: PairCalibration | None
@@ -74,11 +75,11 @@ class PairOfSensors:
 
 
 def covariance_of(pair: PairOfSensors) -> Float64:
-    """Return the covariance (6, 6) of a pair's estimate; that of a given pose until people confirm it."""
+    """Return the covariance (6, 6) of a pair's estimate; of a given pose, the expected one until people confirm it."""
     assert pair.estimate is not None
     return _GIVEN if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
 
 
 def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
-    """Return whether each of the two sensors agrees with a third; then these two see different people."""
+    """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people."""
     return all(any(sensor in other and other != key for other in agreeing) for sensor in key)

@@ -15,7 +15,11 @@ Bools = NDArray[np.bool_]
 
 
 def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) -> tuple[tuple[int, int], ...]:
-    """Return pairs of tracking ids in two sensors with the same person, given each sensor's persons by id."""
+    """Return pairs of tracking ids in two sensors of the same person.
+
+    Args:
+        people_of_a, people_of_b: the person of each tracking id of a sensor.
+    """
     of_b = {person: body for body, person in people_of_b.items()}
     return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
 
@@ -23,7 +27,13 @@ def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) 
 def nearest_bodies(
     T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], within_m: float
 ) -> tuple[tuple[int, int], ...]:
-    """Return pairs of tracking ids of bodies that are mutually nearest, and within a distance [m]."""
+    """Return pairs of tracking ids of bodies that are mutually nearest, and within a distance.
+
+    Args:
+        T_a_b: (4, 4) pose of the sensor b in a's frame.
+        a, b: each sensor's bodies, by tracking id.
+        within_m: largest distance of their centres [m].
+    """
     ours, theirs = sorted(a), sorted(b)
     (pairs,) = mutually_nearest(T_a_b[None], newest_centres(a), newest_centres(b), within_m)
     return tuple((ours[i], theirs[k]) for i, k in np.argwhere(pairs).tolist())
@@ -35,11 +45,11 @@ def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) ->
     Args:
         T_a_b: (tried, 4, 4) candidate poses of b in a's frame.
         a: (n, 3) in a's frame [m]; NaN where not known.
-        b: (m, 3) in b's frame.
-        within_m: largest distance.
+        b: (m, 3) in b's frame [m].
+        within_m: largest distance [m].
 
     Returns:
-        (tried, n, m).
+        (tried, n, m) bool.
     """
     distance = np.linalg.norm(a[:, None] - apply(T_a_b, b[None])[:, None], axis=-1)
     distance = np.where(np.isfinite(distance), distance, np.inf)

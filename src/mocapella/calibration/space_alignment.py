@@ -50,11 +50,13 @@ class SpaceAlignmentSettings:
         vertical: both spaces have y up, which leaves one angle of rotation.
         delay_within_s: largest delay in either direction [s].
         longest_gap_s: largest gap between poses that is interpolated [s].
-        least_instants: fewest simultaneous observations.
+        least_instants: least number of simultaneous observations.
         least_space_m: least motion of the marker: standard deviation in its second direction [m].
         least_turn_rad: least rotation of the body about two axes, as a standard deviation [rad].
-        largest_residual_m: above this it is not the same rigid object [m].
-        largest_sd_m, largest_sd_rad, largest_delay_sd_s: of the result, and of the lever arm.
+        largest_residual_m: above this residual it is not the same rigid object [m].
+        largest_sd_m: largest standard deviation of a point, and of the lever arm [m].
+        largest_sd_rad: largest standard deviation of the rotation [rad].
+        largest_delay_sd_s: largest standard deviation of the delay [s].
     """
 
     vertical: bool = False
@@ -83,16 +85,17 @@ class SpaceFit(msgspec.Struct, frozen=True, eq=False):
     """An alignment and its quality.
 
     Attributes:
-        T_world_space: (4, 4).
-        lever_m: (points, 3) the markers in the body's frame.
-        delay_s: of the poses.
-        position_sd_m: standard deviation of a point in the region where the object was moved.
-        rotation_sd_rad: standard deviation of the rotation about an axis.
-        lever_sd_m: largest standard deviation of a marker's coordinate.
-        delay_sd_s: standard deviation of the delay.
-        residual_m: standard deviation of an inlier's coordinate.
-        instants, left_out: number of simultaneous observations, and of outliers among them.
-        turn_rad, space_m: rotation and motion of the object, as in `SpaceAlignmentSettings`.
+        T_world_space: (4, 4) from the other tracker's space to the cameras' world.
+        lever_m: (points, 3) the markers in the body's frame [m].
+        delay_s: delay δ of the poses [s].
+        position_sd_m: standard deviation of a point in the region where the object was moved [m].
+        rotation_sd_rad: standard deviation of the rotation about an axis [rad].
+        lever_sd_m: largest standard deviation of a marker's coordinate in the body's frame [m].
+        delay_sd_s: standard deviation of the delay [s].
+        residual_m: standard deviation of an inlier's coordinate [m].
+        instants: number of simultaneous observations.
+        left_out: number of outliers among them.
+        turn_rad, space_m: rotation and motion of the object, as in `SpaceAlignmentSettings` [rad], [m].
     """
 
     T_world_space: Float64
@@ -110,7 +113,7 @@ class SpaceFit(msgspec.Struct, frozen=True, eq=False):
 
 
 class Shortfall(NamedTuple):
-    """A missing requirement of an alignment: the problem, measured and required amount, and what to do."""
+    """A missing requirement of an alignment: the problem, measured and required amount, and advice to the user."""
 
     problem: str
     measured: str
@@ -123,14 +126,14 @@ class Shortfall(NamedTuple):
 def align_space(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> SpaceFit:
-    """Estimate the pose of the space.
+    """Estimate the pose of another tracker's space in the cameras' world.
 
     Args:
-        at_s: (instants,) times of the cameras [s].
+        at_s: (instants,) capture times of the cameras [s].
         points: (instants, points, 3) of one or more markers on the object, world [m]; NaN where not known.
         poses_s: (poses,) increasing times of the other tracker's poses, on the same clock except for the delay [s].
-        T_space_body: (poses, 4, 4).
-        settings: the settings.
+        T_space_body: (poses, 4, 4) the object's body in that space.
+        settings: parameters and required accuracy.
 
     Raises:
         CalibrationError: too few simultaneous observations, too little motion or rotation, not one rigid object, or too
@@ -146,9 +149,13 @@ def align_space(
 def try_to_align(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-    """Estimate the alignment as far as possible, and list its shortfalls; arguments as in `align_space`.
+    """Estimate the alignment as far as possible, and list its shortfalls.
 
     The fit is None if the observations do not suffice for one. Without shortfalls it is accurate enough.
+
+    Args:
+        at_s, points, poses_s, T_space_body, settings: (instants,) [s], (instants, points, 3) [m], (poses,) [s] and
+            (poses, 4, 4), as in `align_space`.
     """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)

@@ -34,9 +34,9 @@ class SpaceObservations:
 
     Args:
         body: the other tracker's name of the object.
-        space: its space; empty if there is only one.
+        space: name of the other tracker's space; empty if there is only one.
         thing, marker: name of the tracked object, or of the marker on it; one of them is empty.
-        source: origin of the messages for errors: a take's path, or None.
+        source: origin of the messages, named in errors: a take's path, or None.
 
     Raises:
         SettingsError: both or neither of thing and marker are given.
@@ -56,7 +56,7 @@ class SpaceObservations:
         self._poses: list[tuple[_Key, str, Float64]] = []
 
     def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
-        """Add the observations of new messages."""
+        """Add the observations in scenes (the cameras' object) and frames (the other tracker's body)."""
         for message in messages:
             if isinstance(message, Scene):
                 self._add_scene(message)
@@ -65,10 +65,10 @@ class SpaceObservations:
 
     @property
     def space(self) -> str:
-        """The other tracker's space.
+        """Name of the other tracker's space.
 
         Raises:
-            InputError: no space has that name, there is none at all, or there are several.
+            InputError: no space has the required name, there is none at all, or there are several.
         """
         if not self._spaces:
             fix = "start mocapella node osc or openvr" if self._source is None else "record with node osc or openvr"

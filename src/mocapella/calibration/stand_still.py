@@ -39,7 +39,8 @@ class StandStillSettings:
         still_within_m: largest distance of a head or hand from the frame it is compared with [m].
         compare_with: frame to compare with: the ``previous`` one (the thesis' algorithm) or the ``first`` of the stored
             ones (its program).
-        angle_from: θ is the circular ``mean`` over the frames, or that of the ``latest`` frame (its program).
+        angle_from: the shoulder angle is the circular ``mean`` over the frames, or that of the ``latest`` frame (its
+            program).
     """
 
     frames: int = 120
@@ -59,8 +60,8 @@ class Calibration(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         state: its progress.
-        T_world_sensor: (4, 4) by body; empty until it is complete.
-        number: completed calibrations so far, including this one.
+        T_world_sensor: (4, 4) by body, from the body's sensor; empty until the calibration is complete.
+        number: number of completed calibrations so far, including this one.
     """
 
     state: TrackerState
@@ -94,19 +95,19 @@ class StandStill:
         self._T_world_sensor: dict[BodyKey, Float64] = {}
 
     def restart(self, reason: str) -> None:
-        """Restart, for this reason."""
+        """Drop all frames and start to collect again; ``reason`` is reported to users."""
         self.restarts += 1
         self._reason = reason
         self._windows = {}
         self._T_world_sensor = {}
 
     def unknown(self, bodies: Bodies) -> bool:
-        """Return whether one of these bodies arrived after the calibration."""
+        """Return whether any of a frame's bodies arrived after the calibration."""
         known = self._T_world_sensor
         return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """Update tracking ids of a sensor (old → new) of the same bodies."""
+        """Replace tracking ids of a sensor; ``new_ids`` maps each old id to the new id of the same body."""
         renamed = {old: new for old, new in new_ids.items() if (sensor, old) in self._T_world_sensor}
         kept = {key: T for key, T in self._T_world_sensor.items() if key[0] != sensor or key[1] not in renamed}
         kept |= {(sensor, new): self._T_world_sensor[sensor, old] for old, new in renamed.items()}
@@ -116,8 +117,9 @@ class StandStill:
         """Update the calibration with one frame.
 
         Args:
-            bodies: of one sensor's newest frame.
-            speaking: the sensors that are not silent, including this one. A silent one is left out until it returns.
+            bodies: bodies of one sensor's newest frame.
+            speaking: names of the sensors that send frames, including this one. A silent one is left out until it
+                returns.
         """
         self._newest[bodies.sensor] = bodies
         self._anybody_yet |= bool(bodies.ids)
@@ -232,10 +234,14 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
 
 
 def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) -> tuple[Float64, Float64]:
-    """Return centres C (bodies, 3) and shoulder angles θ (bodies,) over frames of the same bodies.
+    """Return centres C (bodies, 3) [m] and shoulder angles θ (bodies,) [rad] over frames of the same bodies.
 
     A frame without even an inferred shoulder has no angle and does not count; NaN if no frame has one, or if no
     joint was ever tracked.
+
+    Args:
+        window: the frames.
+        angle_from: as in `StandStillSettings`.
     """
     parts = next(iter(window)).topology.parts
     positions = np.stack([bodies.positions for bodies in window], axis=1)

@@ -26,9 +26,9 @@ Float64 = NDArray[np.float64]
 OFFSET_PRIOR_SD: Final = 0.1
 """Prior standard deviation of the offset between clocks that the network has synchronised [s]."""
 BLOCKS_WANTED: Final = 3.0
-"""With fewer independent blocks (Kish's count, (Σa)²/Σa²), Σ u_a·u_b may be noise alone."""
+"""Least number of independent blocks (Kish's count, (Σa)²/Σa²); with fewer, Σ u_a·u_b may be noise alone."""
 MOVE_TRUSTED: Final = 0.05
-"""Change of the offset after which earlier sums count 1/e [s]."""
+"""Change of the assumed offset that reduces the weight of earlier sums to 1/e [s]."""
 
 
 def offset_of(clock: Float64) -> tuple[Float64, Float64]:
@@ -48,9 +48,13 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
 
 
 def moved_clock(clock: Float64, by: float) -> Float64:
-    """Return the sums `pair_memory.CLOCK_SUMS`, converted to another assumed offset [s]; a large change reduces them.
+    """Convert the sums for the clock offset to another assumed offset; a large change reduces them.
 
     For a swing of 2 Hz, 50 ms are a tenth of a period: beyond, velocities are not constant.
+
+    Args:
+        clock: (`pair_memory.CLOCK_SUMS`,).
+        by: change of the assumed offset [s].
     """
     a, g, aa, ag, gg = clock
     fade = np.exp(-((by / MOVE_TRUSTED) ** 2))
@@ -59,10 +63,10 @@ def moved_clock(clock: Float64, by: float) -> Float64:
 
 
 class TimeOffset(msgspec.Struct, frozen=True):
-    """A clock's offset.
+    """The estimated offset of b's clock from a's.
 
     Attributes:
-        seconds: b's times minus a's; 0 while unknown.
+        seconds: b's times minus a's; 0 while unknown [s].
         sd: standard deviation [s].
         known: whether the bound is small enough for the offset to be used.
     """

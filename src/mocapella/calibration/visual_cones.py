@@ -26,7 +26,7 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 MEET_FROM: Final = 0.6
-"""Least overlap of two intervals of one entirely visible object; errors of the outline cost less."""
+"""Least overlap of the two intervals of an object that is entirely visible to both cameras."""
 _FEWEST: Final = 30
 """Fewest samples of a silhouette."""
 
@@ -48,8 +48,8 @@ def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meet
     """Compare every pair of cameras that have a silhouette.
 
     Args:
-        silhouettes: of one time.
-        rig: of the cameras.
+        silhouettes: silhouettes of one time, by camera.
+        rig: the calibrated cameras.
     """
     rays = {name: _rays(silhouette, rig.cameras[name]) for name, silhouette in silhouettes.items()}
     centres = {name: inverse(rig.cameras[name].T_camera_world)[:3, 3] for name in silhouettes}
@@ -62,7 +62,7 @@ def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meet
 
 
 def disagreements(found: list[Meeting], least: float = MEET_FROM) -> list[str]:
-    """Describe the pairs of cameras whose silhouettes do not meet, one line each."""
+    """Describe the pairs of cameras whose silhouettes overlap less than ``least``, one line each."""
     bad = [one for one in found if one.overlap < least]
     if not bad:
         return []

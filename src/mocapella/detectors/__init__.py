@@ -34,12 +34,12 @@ RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 
 
 def arm_detectors() -> dict[str, Detector]:
-    """Return the detectors that find arms in depth images, by name."""
+    """Return the descriptors of the detectors that find arms in depth images, by name."""
     return detectors_of("arms")
 
 
 def detectors_of(frame_type: str) -> dict[str, Detector]:
-    """Return the detectors that make frames of a type, by name."""
+    """Return the descriptors of the detectors that make frames of a type, such as ``arms``, by name."""
     return {name: detector for name, detector in DETECTORS.items() if detector.frame_type == frame_type}
 
 
@@ -47,7 +47,7 @@ def arm_detector(name: str) -> Detector:
     """Return the detector of arms of that name.
 
     Raises:
-        SettingsError: there is none; names its present name, or lists the known ones.
+        SettingsError: there is none; names the detector's present name if it was renamed, or lists the known ones.
     """
     known = arm_detectors()
     if name in known:
@@ -62,12 +62,12 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
 
     Args:
         name: key of `arm_detectors`.
-        camera: its size and lens.
-        settings: the detector's own, by name, and ``gestures``, by the names of
-            `mocapella.kinematics.gestures.GestureSettings`; the rest are its defaults.
+        camera: size and lens of the depth camera.
+        settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
+            `mocapella.kinematics.gestures.GestureSettings`; missing ones have their defaults.
 
     Raises:
-        SettingsError: no such detector, an unknown setting, or one out of range; says what would work.
+        SettingsError: no such detector, an unknown setting, or one out of range; names valid ones.
     """
     from mocapella.detectors.arm_gestures import WithGestures
     from mocapella.kinematics.gestures import GestureSettings

@@ -35,7 +35,7 @@ FEW_POINTS: Final = 40
 
 
 class Found(NamedTuple):
-    """A detected arm: its side and fit, and a cost to compare it with others, at least that of the fit."""
+    """A detected arm: its side and fit, and a cost to compare it with others, which is at least the fit's cost."""
 
     cost: float
     side: Handedness
@@ -44,12 +44,12 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ArmFinder:
-    """Detects arms by fitting models of both sides.
+    """Detects arms in a depth image by fitting models of both sides.
 
     Attributes:
-        models: of either side.
-        lens: (4,) or (9,) of the camera.
-        settings: of the region.
+        models: an arm's model by side.
+        lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
+        settings: limits of the regions that may be arms.
         believe: cost above which a fit is rejected.
         gain: least expected reduction of the cost for trying another posture of a digit.
     """
@@ -63,7 +63,17 @@ class ArmFinder:
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
     ) -> Steps[list[PalmCandidate]]:
-        """Return the `palm_candidates` of a depth image (height, width) [m]."""
+        """Search a depth image for palms, in steps.
+
+        Args:
+            depth: (height, width) [m].
+            most: greatest number of candidates.
+            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm are returned.
+            but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+
+        Returns:
+            Steps whose result is the list of candidates, the likeliest first.
+        """
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
     def region(self, depth: Float32, spheres: Float64) -> Region | None:
@@ -82,7 +92,7 @@ class ArmFinder:
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
-        """Return the best fits at some of the candidates, and these candidates.
+        """Fit arms at palm candidates, in steps; return the best fits, and the candidates that were tried.
 
         Candidates near two that were tried are skipped, and those on an arm with a good fit.
 
@@ -117,7 +127,7 @@ class ArmFinder:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def apart(self, found: list[Found]) -> list[Found]:
-        """Return the best fit at each place, of either side."""
+        """Return the fits without those near a better one, of either side."""
         kept: list[Found] = []
         for one in sorted(found, key=lambda one: one.cost):
             if not any(self.near(other, one) for other in kept):
@@ -125,12 +135,17 @@ class ArmFinder:
         return kept
 
     def near(self, one: Found, other: Found) -> bool:
-        """Return whether two palms are so near that they must be one."""
+        """Return whether two fits' palms are so near that they must be the same hand."""
         apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
         return float(np.linalg.norm(apart)) < _SAME_M
 
     def sure(self, one: Found, found: list[Found]) -> float:
-        """Return the certainty of a hand's side, by the cost of the best fit of the other side there."""
+        """Return the certainty of a hand's side, 0.5 to `SUREST`, by the cost of the best fit of the other side there.
+
+        Args:
+            one: the hand's fit.
+            found: fits of both sides.
+        """
         others = [other.cost for other in found if other.side != one.side and self.near(other, one)]
         if not others:
             return SUREST
@@ -151,7 +166,12 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """Sort fits, the best first, by how well each explains the points around all rivals."""
+        """Sort fits, the best first, by how well each explains the points around all of them.
+
+        Args:
+            depth: (height, width) [m].
+            found: the fits.
+        """
         if len(found) < 2:
             return found
         judged: list[tuple[float, int]] = []
@@ -179,7 +199,14 @@ class ArmFinder:
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
     def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
-        """Return the best fit of either side at a candidate: all starts with few iterations, better ones with more."""
+        """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, if its cost is small.
+
+        All initial poses get few iterations, the better ones get more.
+
+        Args:
+            depth: (height, width) [m].
+            candidate: the palm.
+        """
         part = self.region(depth, candidate.spheres)
         if part is None:
             return []
@@ -263,12 +290,19 @@ def _work(evidence: ArmEvidence, iterations: int) -> int:
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
-    """Return the cost of a pose, without iterations of the fit."""
+    """Return the cost `Fitted.cost` of a pose for a depth image's evidence, without fitting it."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 
 def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000, beyond: float = 0.05) -> ArmEvidence:
-    """Return the evidence of a region, with at most ``most`` points, weighted by `ArmModel.relevance`."""
+    """Return the evidence of a region for a fit, its points weighted by `ArmModel.relevance` about a pose.
+
+    Args:
+        part: the region.
+        model, pose: the arm near which points have a large weight.
+        most: largest number of points.
+        beyond: weight of points away from the arm.
+    """
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return ArmEvidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
 

@@ -106,7 +106,15 @@ class KinematicArmDetector:
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Detect the arms in the next image, see `mocapella.detectors.ArmDetector`."""
+        """Detect the arms in the next image, and track known ones; see `mocapella.detectors.ArmDetector`.
+
+        Args:
+            depth: (height, width) [m]; 0 where nothing was measured.
+            at_s: the image's capture time [s].
+
+        Raises:
+            SettingsError: the image has another size than the camera's.
+        """
         width, height = self.camera.size_px
         if depth.shape != (height, width):
             raise SettingsError(

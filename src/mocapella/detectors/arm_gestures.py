@@ -21,13 +21,13 @@ _HAND: Final = slice(0, PALM)
 
 
 class ArmGestures:
-    """Adds each hand's gesture, unless the detector has reported one itself.
+    """Recognises each hand's gesture and adds it to the arm, unless the detector has reported one itself.
 
     An arm's state is dropped once it was unseen for longer than gestures are held.
 
     Args:
-        settings: of every hand.
-        gestures: to recognise; `mocapella.kinematics.gestures.GESTURES` if not given.
+        settings: thresholds, the same for every hand.
+        gestures: the gestures to recognise; `mocapella.kinematics.gestures.GESTURES` if not given.
     """
 
     def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
@@ -42,7 +42,7 @@ class ArmGestures:
 
     @property
     def reports(self) -> dict[int, GesturesReport]:
-        """Reports by arm id; dropped arms have none."""
+        """Counts of each arm's gestures by arm id; dropped arms have none."""
         return {number: hand.report for number, hand in self._hands.items()}
 
     def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:
@@ -77,14 +77,14 @@ class WithGestures:
     """An arm detector that adds gestures to another detector's arms.
 
     Args:
-        detector: of the arms.
-        settings: of the gestures.
+        detector: detects the arms.
+        settings: thresholds of the gestures.
         stages: as of `mocapella.detectors.detector.Detector`.
 
     Attributes:
-        name: the detector's.
-        stages: returns images of a depth image's (height, width) [m] stages, by name in order, without changing the
-            detector's state; None if it has no stages.
+        name: the detector's name.
+        stages: function from a depth image (height, width) [m] to images of the detector's stages, by name in order; it
+            does not change the detector's state. None if the detector has no stages.
     """
 
     def __init__(
@@ -97,7 +97,12 @@ class WithGestures:
         self.stages: Callable[[Float32], Pictures] | None = None if stages is None else partial(stages, detector)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Detect the arms in the next image, see `ArmDetector.update`."""
+        """Detect the arms in the next image and their gestures; see `ArmDetector.update`.
+
+        Args:
+            depth: (height, width) [m]; 0 where nothing was measured.
+            at_s: the image's capture time [s].
+        """
         seen = self.detector.update(depth, at_s)
         return SeenArms(self.gestures.update(seen.arms, at_s), seen.reason)
 

@@ -14,23 +14,24 @@ class KinematicArmSettings:
     """Parameters of detection and tracking. A cost is that of a fit, `Fitted.cost`.
 
     Attributes:
-        arms: most arms that are tracked.
-        hand_length_m: of the average hand.
+        arms: largest number of arms that are tracked.
+        hand_length_m: length of the average hand [m].
         believe: cost above which a new fit is rejected.
         keep: cost above which the fit of a tracked arm is doubtful.
         digits: number of digits tested in each image for a better posture; all are tested while an arm is in doubt.
         gain: least expected reduction of the cost for fitting another posture.
         doubt: cost above which an arm is in doubt.
         better: share of the present pose's cost below which another pose replaces it.
-        look_again_after: images in doubt before a hand is searched anew where it is; doubled each time nothing better
-            is found.
+        look_again_after: number of images in doubt before a hand is searched anew at its position; doubled each time
+            nothing better is found.
         firm: cost below which a new arm is reported; after several images below it, no replacement is searched.
-        refuse_for: images for which a place without an arm is not searched again; eight times as many while an arm is
-            tracked, and doubled each time.
-        lost_after: doubtful images in a row (see ``keep``) after which an arm is lost.
-        look_every: images between two searches for further arms where the foreground changed, while one is tracked.
-        look_anyway_every: images between two searches of the whole image.
-        region, fit: settings of the stages.
+        refuse_for: number of images for which a place without an arm is not searched again; eight times as many while
+            an arm is tracked, and doubled each time.
+        lost_after: number of successive doubtful images (see ``keep``) after which an arm is lost.
+        look_every: number of images between two searches for further arms where the foreground changed, while one is
+            tracked.
+        look_anyway_every: number of images between two searches of the whole image.
+        region, fit: settings of the segmentation and of the fit.
     """
 
     arms: int = 2

@@ -21,17 +21,17 @@ class CameraArmTrack:
     """An arm that is tracked in one camera's images.
 
     Attributes:
-        side, model: of the hand.
-        fitted: its newest fit.
-        at_s: when that image was captured [s].
-        velocity: (6 + angles,) of the palm, in its frame [m/s, rad/s], and of the joint angles [rad/s].
-        id: -1 until it is tracked.
-        doubtful: images in a row with a cost above the setting ``keep``.
-        in_doubt: images in a row with a doubtful posture.
-        firm: counts images with a good fit.
-        next_digit: that is tested for a better posture.
-        wait: images in doubt before the hand is searched anew.
-        sure: certainty of its side.
+        side, model: side of the hand, and the arm's model.
+        fitted: the newest fit.
+        at_s: capture time of the fitted image [s].
+        velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of the n free angles [rad/s].
+        id: number of the arm; -1 until it is tracked.
+        doubtful: number of successive images with a cost above the setting ``keep``.
+        in_doubt: number of successive images with a doubtful posture.
+        firm: counter that rises with each image with a good fit, and falls with each other one.
+        next_digit: index of the digit that is tested next for a better posture.
+        wait: number of images in doubt before the hand is searched anew.
+        sure: certainty of its side, 0.5 to 1.
         believed: whether it once fitted well, so that it is reported.
         region: the part of the image that it was fitted to.
     """
@@ -45,7 +45,7 @@ class CameraArmTrack:
         self.region: Region | None = None
 
     def move(self, fitted: Fitted, dt: float) -> None:
-        """Update pose and velocity with the next image's fit."""
+        """Update pose and velocity with the next image's fit, ``dt`` [s] after the last one."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
 
@@ -62,7 +62,13 @@ class CameraArmTrack:
         return ArmPose(turned, t, z, pose.v)
 
     def expected(self, predicted: ArmPose, dt: float, s: ArmFitSettings) -> Expected:
-        """Return the prior of the next fit: its mean is the prediction, its width follows from the velocity."""
+        """Return the prior of the next fit: its mean is the prediction, its width follows from the velocity.
+
+        Args:
+            predicted: of `predicted`.
+            dt: time since the last fitted image [s].
+            s: standard deviations and their growth.
+        """
         model = self.model
         rates = np.full(6 + len(predicted.z), np.radians(s.angle_rate_deg_s))
         rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)

@@ -24,7 +24,7 @@ class ArmDetector(Protocol):
 
         Args:
             depth: (height, width) [m]; 0 where nothing was measured.
-            at_s: when it was captured [s].
+            at_s: the image's capture time [s].
 
         Raises:
             SettingsError: the image has another size than the camera's.
@@ -44,12 +44,12 @@ class Detector:
     import their modules when they are called.
 
     Attributes:
-        interface: of `mocapella.registry`.
-        name: on the command line, and in `mocapella.model.arms.ArmFrame.method`.
+        interface: version of the interface, see `mocapella.registry`.
+        name: name on the command line, and in `mocapella.model.arms.ArmFrame.method`.
         summary: one line for users who choose.
-        frame_type: of the frames that a camera's node sends with it, such as ``arms``.
+        frame_type: type of the frames that a camera's node sends with it, such as ``arms``.
         settings: returns the frozen dataclass of its settings.
-        make: makes a detector for a camera, with such a settings value; of frame type ``arms`` an `ArmDetector`.
+        make: makes a detector for a camera and a value of that dataclass; for the frame type ``arms`` an `ArmDetector`.
         stages: returns images of a depth image's stages, by name in order: (height, width) gray or (height, width, 3)
             blue, green, red. Takes a made detector and the image, (height, width) [m], and does not change the
             detector's state. None if it has no stages.

@@ -98,7 +98,17 @@ def align(M: Float64, offset: float = 0.0) -> Float64:
 
 
 def centred_products(M: Float64, offset: float = 0.0) -> Float64:
-    """Return Σ w (p − p̄)(q + δv − q̄)ᵀ, (..., 3, 3), whose determinant is negative if q is a mirror image of p."""
+    """Return the covariance-like sums Σ w (p − p̄)(q + δv − q̄)ᵀ from moments; p̄ and q̄ are weighted means.
+
+    Their determinant is negative if q is a mirror image of p.
+
+    Args:
+        M: (..., `MOMENTS`).
+        offset: clock offset δ of q [s].
+
+    Returns:
+        (..., 3, 3) [m²].
+    """
     W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None, None]
     shape = (*M.shape[:-1], 3, 3)
     pq = M[..., 7:16].reshape(shape) + offset * M[..., 19:28].reshape(shape)
@@ -126,7 +136,7 @@ def _rotation(S: Float64) -> Float64:
 
 
 def shifted(M: Float64, by: Any) -> Float64:
-    """Return the moments after moving every q along its velocity by ``by`` seconds (...)."""
+    """Return the moments (..., `MOMENTS`) M after moving every q along its velocity by ``by`` seconds (...)."""
     out = M.copy()
     shape = (*M.shape[:-1], 3, 3)
     by = np.asarray(by, dtype=np.float64)[..., None]

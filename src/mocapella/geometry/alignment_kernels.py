@@ -1,6 +1,7 @@
-"""Kernels of `mocapella.geometry.alignment`, which describes the moments M (`alignment.MOMENTS`,).
+"""Kernels of `mocapella.geometry.alignment`: rigid alignment of paired points by their moments.
 
-Importing this module imports numba.
+M (`alignment.MOMENTS`,) are the moments of the pairs, sums over the points; `alignment` lists them. Importing this
+module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position
@@ -19,7 +20,15 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True, error_model="numpy")
 def accumulate(M: Float64, p: Float64, q: Float64, v: Float64, w: Float64, order: Int64) -> None:
-    """Add the points p (n, 3) with q[order] and v[order] to moments; a point counts if its weight w (n,) is above 0."""
+    """Add pairs of points to their moments, in place. A pair with a weight of 0 or less is left out.
+
+    Args:
+        M: (`alignment.MOMENTS`,) the moments, updated.
+        p: (n, 3) points in the target frame [m].
+        q, v: (m, 3) points in the other frame [m], and their velocities [m/s].
+        w: (n,) weights.
+        order: (n,) index of the row of q and v that is paired with each row of p.
+    """
     for j in range(len(w)):
         u, o = w[j], order[j]
         if u <= 0.0:
@@ -44,10 +53,14 @@ def accumulate(M: Float64, p: Float64, q: Float64, v: Float64, w: Float64, order
 
 @njit(cache=True, error_model="numpy")
 def largest_eigenvector(N: Float64, V: Float64) -> int:
-    """Diagonalise a symmetric (4, 4) matrix, in place, by cyclic Jacobi rotations (Golub and Van Loan, 8.5).
+    """Diagonalise a symmetric matrix by cyclic Jacobi rotations (Golub and Van Loan, 8.5).
+
+    Args:
+        N: (4, 4) the matrix, overwritten with the diagonal one.
+        V: (4, 4) written: the eigenvectors, one a column.
 
     Returns:
-        The column of the eigenvectors V (4, 4), written, that belongs to the largest eigenvalue.
+        The column of V that belongs to the largest eigenvalue.
     """
     for i in range(4):
         for k in range(4):
@@ -87,7 +100,13 @@ def largest_eigenvector(N: Float64, V: Float64) -> int:
 
 @njit(cache=True, error_model="numpy")
 def align(M: Float64, offset: float, T: Float64) -> None:
-    """Write the rigid motion that fits the moments best into T (4, 4); see `alignment.align`."""
+    """Write the least-squares rigid motion ``T_p_q`` of the moments M into T (4, 4); see `alignment.align`.
+
+    Args:
+        M: (`alignment.MOMENTS`,).
+        offset: clock offset of q [s].
+        T: (4, 4) written.
+    """
     W = M[0]
     mp, mq, S = np.empty(3), np.empty(3), np.empty((3, 3))
     for i in range(3):
@@ -125,7 +144,14 @@ def align(M: Float64, offset: float, T: Float64) -> None:
 def residuals(
     T: Float64, offset: float, p: Float64, q: Float64, v: Float64, order: Int64, w: Float64, r: Float64
 ) -> float:
-    """Write |p − T (q + offset·v)[order]| into r (n,), 0 where w is not above 0; return the mean over the others."""
+    """Write the distances |p − T (q + offset·v)[order]| into r; return the mean of those with a weight above 0 [m].
+
+    Args:
+        T: (4, 4) ``T_p_q``.
+        offset: clock offset of q [s].
+        p, q, v, order, w: (n, 3) [m], (m, 3) [m], (m, 3) [m/s], (n,) and (n,), as in `accumulate`.
+        r: (n,) written [m]; 0 where the weight is 0 or less.
+    """
     total, count = 0.0, 0
     for j in range(len(r)):
         r[j] = 0.0

@@ -17,12 +17,15 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy")
 def factorise(A: Float64, damping: float, L: Float64) -> bool:
-    """Factorise A (n, n), with its diagonal raised by the factor 1 + damping, into L Lᵀ.
+    """Factorise a symmetric matrix A, with its diagonal multiplied by 1 + damping, into L Lᵀ.
 
-    Only the lower triangles of A and L are used.
+    Args:
+        A: (n, n); only its lower triangle is read.
+        damping: relative increase of the diagonal (Levenberg and Marquardt).
+        L: (n, n); its lower triangle is written.
 
     Returns:
-        Whether the matrix is positive definite.
+        Whether the matrix is positive definite; if not, L is incomplete.
     """
     for i in range(len(A)):
         for k in range(i + 1):
@@ -40,7 +43,7 @@ def factorise(A: Float64, damping: float, L: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(L: Float64, b: Float64) -> None:
-    """Replace b (n,) by the solution x of L Lᵀ x = b."""
+    """Replace b (n,) by the solution x of L Lᵀ x = b, with L (n, n) of `factorise`."""
     n = len(b)
     for i in range(n):
         for k in range(i):

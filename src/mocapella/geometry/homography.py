@@ -20,8 +20,8 @@ def homography(plane: Float64, picture: Float64) -> Float64:
     """Estimate the homography from a plane to its image by the normalised direct linear transformation (DLT).
 
     Args:
-        plane: (n, 2), n ≥ 4, no three of four collinear.
-        picture: (n, 2) their images.
+        plane: (n, 2) points of the plane, in any unit; n ≥ 4, no three of four collinear.
+        picture: (n, 2) their images, in pixels or normalised.
 
     Returns:
         (3, 3), its last element 1.
@@ -50,7 +50,7 @@ def focal_length(homographies: Sequence[Float64], centre: Float64) -> float:
     part of the image determine no more.
 
     Args:
-        homographies: of one camera.
+        homographies: (3, 3) each, from a plane to one camera's images [px].
         centre: (2,) principal point [px].
 
     Returns:

@@ -18,12 +18,12 @@ UInt16 = NDArray[np.uint16]
 SLOPE_PER_M: Final = -0.0030711016
 OFFSET_PER_M: Final = 3.3309495161
 NOTHING: Final = 2047
-"""What the sensor sends where it measured nothing."""
+"""Raw disparity that the sensor sends where it measured nothing."""
 NEAREST_M: Final = 0.4
 FARTHEST_M: Final = 8.0
-"""Its range: what Microsoft's own interface passes on at all, near mode included."""
+"""With `NEAREST_M`, the range of depths that Microsoft's own interface passes on, near mode included [m]."""
 UNIT_M: Final = 0.000125
-"""Of `kinect_units`: 8 m are 64000."""
+"""Unit of the depths of `kinect_units` [m]; 8 m are 64000."""
 
 
 def kinect_metres(raw: Any, nearest_m: float = NEAREST_M, farthest_m: float = FARTHEST_M) -> Float32:
@@ -47,5 +47,5 @@ _UNITS: Final = np.rint(kinect_metres(np.arange(NOTHING + 1)).astype(np.float64)
 
 
 def kinect_units(raw: UInt16) -> UInt16:
-    """Convert raw disparities (...) to depths (...) in units of `UNIT_M`; 0 where invalid."""
+    """Convert raw disparities (...) uint16 to depths (...) uint16 in units of `UNIT_M`; 0 where invalid."""
     return np.asarray(_UNITS[np.minimum(raw, NOTHING)])

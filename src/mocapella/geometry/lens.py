@@ -26,7 +26,7 @@ def distort(normalised: Any, lens: Float64) -> Float64:
 
     Args:
         normalised: (..., 2) x/z and y/z.
-        lens: (9,).
+        lens: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     Returns:
         (..., 2) [px]; NaN where the distortion model is no longer one-to-one, see `farthest_r2`.
@@ -45,7 +45,7 @@ def project(points: Any, lens: Float64) -> Float64:
 
     Args:
         points: (..., 3) camera frame [m]: x right, y down, z out of the lens.
-        lens: (9,).
+        lens: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     Returns:
         (..., 2) [px]; NaN behind the camera, and where `distort` returns NaN.
@@ -60,7 +60,7 @@ def undistort(pixels: Any, lens: Float64) -> Float64:
 
     Args:
         pixels: (..., 2) [px].
-        lens: (9,).
+        lens: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     Returns:
         (..., 2) x/z and y/z; NaN outside the range of the distortion model, or where the pixel is NaN.
@@ -73,7 +73,7 @@ def undistort(pixels: Any, lens: Float64) -> Float64:
 
 
 def farthest_r2(lens: Float64) -> float:
-    """Return the squared radius x² + y² up to which the radial distortion is monotonic.
+    """Return the squared radius x² + y² up to which the radial distortion of a lens (9,) is monotonic.
 
     It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
     """

@@ -19,10 +19,11 @@ def project_with_jacobian(points: Any, lens: Any) -> tuple[Float64, Float64, Flo
 
     Args:
         points: (..., 3) camera frame [m].
-        lens: (..., 9); broadcasts with the points.
+        lens: (..., 9), see `mocapella.geometry.lens`; broadcasts with the points.
 
     Returns:
-        (..., 2) [px]; (..., 2, 3) by the point [px/m]; (..., 2, 9) by the lens. NaN behind the camera.
+        (..., 2) pixels [px]; (..., 2, 3) their derivatives by the point [px/m]; (..., 2, 9) by the lens's numbers. NaN
+        behind the camera.
     """
     points = np.asarray(points, dtype=np.float64)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = np.moveaxis(np.asarray(lens, dtype=np.float64), -1, 0)

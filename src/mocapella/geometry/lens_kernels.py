@@ -1,4 +1,8 @@
-"""The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba."""
+"""The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba.
+
+Arguments k1 to k3, p1 and p2 are the distortion coefficients. ``farthest_r2`` is the squared radius of the model, see
+`lens.farthest_r2`; 0 for no limit. Coordinates (x, y) are x/z and y/z in the camera frame, (u, v) the same distorted.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -13,14 +17,22 @@ from mocapella.compiled import njit
 Float64 = NDArray[np.float64]
 
 STEPS = 20
-"""Newton's method needs about 4; what takes more does not come back."""
+"""Largest number of Newton steps; about 4 suffice where they converge at all."""
 
 
 @njit(cache=True, forceinline=True)  # into its callers' loops, which are vectorised
 def distort(
     x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Distort normalised coordinates (x, y); return (x', y') and ∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y."""
+    """Distort normalised image coordinates.
+
+    Args:
+        x, y: x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
+
+    Returns:
+        The distorted coordinates (u, v), then the derivatives ∂u/∂x, ∂u/∂y = ∂v/∂x and ∂v/∂y.
+    """
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -38,7 +50,14 @@ def distort(
 def undistorted(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Return (x, y) of `undistort` and the derivatives of `distort` at that point."""
+    """Undistort normalised image coordinates as `undistort` does.
+
+    Args:
+        u, v, k1, k2, p1, p2, k3, farthest_r2: as in `undistort`.
+
+    Returns:
+        x and y, then the three derivatives that `distort` returns at that point.
+    """
     x, y = u, v
     for _ in range(STEPS):
         at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
@@ -65,7 +84,13 @@ def undistorted_all(
     us: Float64, vs: Float64, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float, xs: Float64,
     ys: Float64,
 ) -> None:  # fmt: skip
-    """Write `undistort` of points us, vs (n,) into xs, ys (n,), by vectorised Newton steps of all points together."""
+    """Undistort points as `undistort` does, by vectorised Newton steps of all points together.
+
+    Args:
+        us, vs: (n,) distorted normalised coordinates.
+        k1, k2, p1, p2, k3, farthest_r2: the lens.
+        xs, ys: (n,) written: undistorted ones; NaN where there are none within the lens model's radius.
+    """
     for i in range(len(us)):
         xs[i], ys[i] = us[i], vs[i]
     edge = farthest_r2 if farthest_r2 > 0.0 else math.inf
@@ -93,14 +118,27 @@ def undistorted_all(
 def undistort(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return (x, y) with distort(x, y) = (u, v); NaN if there is none within the lens model's radius."""
+    """Return the (x, y) that `distort` maps to (u, v); NaN if there is none within the lens model's radius.
+
+    Args:
+        u, v: distorted x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
+        farthest_r2: squared radius of the lens model, see `lens.farthest_r2`; 0 for no limit.
+    """
     x, y, _, _, _ = undistorted(u, v, k1, k2, p1, p2, k3, farthest_r2)
     return x, y
 
 
 @njit(cache=True)
 def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Float64) -> None:
-    """Write the directions (points, 2) of pixels (points, 2) into ``out``, see `lens.undistort`."""
+    """Undistort pixels to viewing directions, as `lens.undistort` does.
+
+    Args:
+        lens: (9,), see `lens`.
+        farthest_r2: of `lens.farthest_r2`.
+        pixels: (n, 2) [px].
+        out: (n, 2) written: x/z and y/z; NaN outside the range of the distortion model.
+    """
     for i in range(len(pixels)):
         u, v = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]
         out[i, 0], out[i, 1] = undistort(u, v, lens[4], lens[5], lens[6], lens[7], lens[8], farthest_r2)

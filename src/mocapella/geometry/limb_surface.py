@@ -56,7 +56,15 @@ def polygonise(
 
 
 def group_distances(limbs: Float64, within: Float64, points: Float64) -> Float64:
-    """Return the signed distances (n, groups) of points (n, 3) from each group [m]; negative inside."""
+    """Return the signed distance of each point from each group of limbs alone [m]; negative inside.
+
+    Args:
+        limbs, within: (n, 9) and (groups,) blending distances [m], as in `polygonise`.
+        points: (n, 3) [m].
+
+    Returns:
+        (n, groups).
+    """
     out = np.empty((len(points), len(within)))
     _kernels().group_distances(limbs, within, points, out)
     return out

@@ -1,7 +1,7 @@
 """Kernels of the smooth union of tapered limbs, as a signed distance field, and of its triangulated surface.
 
-A limb is a row of `LIMB` numbers: ends a and b [m], the radii there [m], and the group it belongs to. Importing this
-module imports numba; `mocapella.geometry.limb_surface` is what to call.
+A limb is a row of `LIMB` numbers: ends a (3) and b (3) [m], the radii there (2) [m], and the index of its group (1).
+Importing this module imports numba; `mocapella.geometry.limb_surface` is the interface.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
@@ -22,14 +22,22 @@ LIMB = 9
 
 @njit(cache=True)
 def smooth_min(a: float, b: float, k: float) -> float:
-    """Return the quadratic smooth minimum: rounded where a and b differ by less than ``k``, by k/4 where equal."""
+    """Return the quadratic smooth minimum of a and b.
+
+    It is below the minimum where they differ by less than k, by k/4 where they are equal.
+    """
     h = k - abs(a - b)
     return min(a, b) - (h * h / (4.0 * k) if h > 0.0 else 0.0)
 
 
 @njit(cache=True)
 def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
-    """Return the signed distance of a point (x, y, z) from a tapered limb with round ends [m]; negative inside."""
+    """Return the signed distance of a point (x, y, z) from a tapered limb with round ends [m]; negative inside.
+
+    Args:
+        limb: (`LIMB`,).
+        x, y, z: in the frame of the limb's ends [m].
+    """
     ux, uy, uz = limb[3] - limb[0], limb[4] - limb[1], limb[5] - limb[2]
     px, py, pz = x - limb[0], y - limb[1], z - limb[2]
     uu = ux * ux + uy * uy + uz * uz
@@ -46,6 +54,7 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
         limbs: (n, `LIMB`), sorted by group.
         within: (groups,) blending distance between limbs of a group [m].
         between: blending distance between groups [m].
+        x, y, z: the point, in the frame of the limbs' ends [m].
         by_group: (groups,) written: signed distance from each group alone [m].
     """
     by_group[:] = 1e3
@@ -60,7 +69,13 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
 
 @njit(cache=True)
 def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out: Float64) -> None:
-    """Write `flesh` at the grid nodes (a, b, c, 3) into out (a, b, c) [m]."""
+    """Evaluate `flesh` at the nodes of a grid.
+
+    Args:
+        limbs, within, between: (n, `LIMB`), (groups,) [m] and a number [m], as in `flesh`.
+        nodes: (a, b, c, 3) positions [m].
+        out: (a, b, c) written: signed distances [m], negative inside.
+    """
     by_group = np.empty(len(within))
     for i in range(nodes.shape[0]):
         for j in range(nodes.shape[1]):
@@ -187,7 +202,7 @@ def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, m
     """Move vertices (n, 3) [m] onto the surface, in place, by three steps along its gradient.
 
     Args:
-        limbs, within, between: as in `flesh`.
+        limbs, within, between: (n, `LIMB`), (groups,) [m] and a number [m], as in `flesh`.
         vertices: (n, 3) [m], in and out.
         most_m: longest step, where the gradient has the length 1 [m].
     """
@@ -206,6 +221,12 @@ def settle(limbs: Float64, within: Float64, between: float, vertices: Float64, m
 
 @njit(cache=True)
 def group_distances(limbs: Float64, within: Float64, points: Float64, out: Float64) -> None:
-    """Write the signed distance of points (n, 3) from each group into out (n, groups) [m]."""
+    """Write the signed distance of each point from each group of limbs alone [m]; negative inside.
+
+    Args:
+        limbs, within: (n, `LIMB`) and (groups,) blending distances [m], as in `flesh`.
+        points: (n, 3) [m].
+        out: (n, groups) written.
+    """
     for i in range(len(points)):
         flesh(limbs, within, 1e-6, points[i, 0], points[i, 1], points[i, 2], out[i])

@@ -24,16 +24,22 @@ Int64 = NDArray[np.int64]
 NEAREST_M = 0.05
 """Depth below which vertices are not drawn [m]."""
 MOST = 4096
-"""Largest number of points of an outline."""
+"""Largest number of points that `outline` writes."""
 
 
 @njit(cache=True, error_model="numpy")
 def see(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, pixels: Float64, depth: Float64,
 ) -> None:  # fmt: skip
-    """Project vertices (n, 3) in the world [m]; write pixels (n, 2) [px] and depths (n,) [m].
+    """Project a mesh's vertices to pixels.
 
-    Vertices that are too near, or outside of the lens model, have the depth 0.
+    Args:
+        vertices: (n, 3) in the world [m].
+        T_camera_world: (4, 4) extrinsics.
+        lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
+        pixels: (n, 2) written [px].
+        depth: (n,) written: along the camera's axis [m]; 0 where a vertex is nearer than `NEAREST_M` or outside the
+            range of the distortion model.
     """
     T = T_camera_world
     # Local scalars, no branches and separate arrays let the compiler vectorise the loop.
@@ -65,7 +71,12 @@ def see(
 def within(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, width: int, height: int,
 ) -> bool:  # fmt: skip
-    """Return whether all vertices (n, 3) are visible in the image."""
+    """Return whether all vertices of a mesh are visible in an image.
+
+    Args:
+        vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
+        width, height: of the image [px].
+    """
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
     for i in range(len(pixels)):
@@ -79,9 +90,16 @@ def within(
 def window(
     pixels: Float64, depth: Float64, width: int, height: int, step: int, margin: int,
 ) -> tuple[int, int, int, int]:  # fmt: skip
-    """Return the window of samples about the visible vertices: first x and y, columns, rows; zeros if none.
+    """Return the window of samples about the visible vertices, with a margin that may extend beyond the image.
 
-    It extends ``margin`` px beyond the body, and at most as far beyond the image.
+    Args:
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
+        width, height: of the image [px].
+        step: distance between samples [px].
+        margin: [px].
+
+    Returns:
+        The first sample's x and y [px], then the numbers of columns and rows; zeros if no vertex is in the image.
     """
     left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
     for i in range(len(pixels)):
@@ -98,7 +116,13 @@ def window(
 
 @njit(cache=True)
 def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> None:
-    """Write the visible side of each face: 1 the outside, −1 the inside, 0 where a corner is not visible."""
+    """Write the visible side of each triangle of a mesh.
+
+    Args:
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
+        faces: (k, 3) corners, counter-clockwise as seen from outside.
+        sides: (k,) written: 1 for the outside, −1 for the inside, 0 where a corner is not visible.
+    """
     for k in range(len(faces)):
         i, j, m = np.uint64(faces[k, 0]), np.uint64(faces[k, 1]), np.uint64(faces[k, 2])
         x, y = pixels[i, 0], pixels[i, 1]
@@ -110,10 +134,17 @@ def face_sides(pixels: Float64, depth: Float64, faces: Int32, sides: Int8) -> No
 
 @njit(cache=True, error_model="numpy")
 def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: int, mask: UInt8) -> None:
-    """Set mask (rows, columns) to 1 at the samples covered by faces with a visible outside.
+    """Set mask (rows, columns) to 1 at the samples covered by faces with a visible outside; leave other samples.
 
-    The sample (row, column) is the image's point (x0 + step·column, y0 + step·row). On a closed surface these faces
-    cover as much as all faces.
+    The sample (row, column) is the image's point (x0 + step·column, y0 + step·row) [px]. On a closed surface these
+    faces cover as much as all faces.
+
+    Args:
+        pixels: (n, 2) of `see` [px].
+        faces, sides: (k, 3) and (k,) of `face_sides`.
+        x0, y0: pixel of the first sample.
+        step: distance between samples [px].
+        mask: (rows, columns) uint8, in and out.
     """
     rows, columns = mask.shape
     f = 1.0 / step
@@ -144,16 +175,16 @@ def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: in
 
 @njit(cache=True)
 def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
-    """Return the contour edges (m, 4): between a face whose outside is visible and another face or none.
+    """Return the contour edges of a mesh: those between a face with a visible outside and another face or none.
 
     Args:
-        faces: (k, 3).
+        faces: (k, 3) corners.
         edges: (e, 4) of `outline_edges`.
-        sides: of `face_sides`.
+        sides: (k,) of `face_sides`.
 
     Returns:
-        For each edge its two ends, the third corner of the visible face, and 1 if that face runs from the first end to
-        the second, else −1.
+        (m, 4) int32 for each edge its two ends, the third corner of the visible face, and 1 if that face runs from the
+        first end to the second, else −1.
     """
     chosen, m = np.empty(len(edges) + 1, np.int32), 0
     for e in range(len(edges)):
@@ -176,8 +207,12 @@ def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
 def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, mask: UInt8) -> None:
     """Set mask (rows, columns) as `cover` does, for a consistently oriented surface (`one_way`).
 
-    Only the edges of its `border` are drawn. A sample is covered if, in its column above it, more of them run in one
+    Only the surface's contour edges are drawn. A sample is covered if, in its column above it, more of them run in one
     direction than in the other.
+
+    Args:
+        pixels, x0, y0, step, mask: (n, 2) [px], the first sample's pixel, the stride [px] and the mask, as in `cover`.
+        edges: (m, 4) of `border`.
     """
     rows, columns = mask.shape
     f, steps = 1.0 / step, np.zeros((rows, columns), np.int8)
@@ -207,9 +242,11 @@ def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, m
 
 @njit(cache=True)
 def alike(mask: UInt8, phi: Float32) -> float:
-    """Return the intersection over union of a mask (rows, columns) and of the region phi (rows, columns) > 0.
+    """Return the intersection over union, 0 to 1, of a mask and the region where phi is above 0; 0 if both are empty.
 
-    It is 0 if both are empty.
+    Args:
+        mask: (rows, columns) uint8.
+        phi: (rows, columns) float32 signed distance, above 0 inside.
     """
     both = either = 0
     for i in range(len(mask)):
@@ -222,7 +259,10 @@ def alike(mask: UInt8, phi: Float32) -> float:
 
 
 def one_way(faces: Int32) -> bool:
-    """Return whether every edge has at most two faces, which run along it in opposite directions."""
+    """Return whether a mesh with faces (k, 3) is oriented consistently.
+
+    That is, every edge has at most two faces, and these run along it in opposite directions.
+    """
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     if not len(along):
         return True
@@ -235,21 +275,21 @@ def outline(
     step: int, spacing: float, bones: Int32, at: Float64, normals: Float64, points: Float64, bone: Int32,
     far: Float64,
 ) -> int:  # fmt: skip
-    """Sample the outline: write points of the border's edges that are outside the mask; return their number.
+    """Sample a mesh's outline: write points on its contour edges that are outside the mask; return their number.
 
     Args:
-        vertices: (n, 3) [m].
-        pixels, depth: of `see`.
-        edges: of `border`.
-        mask, x0, y0, step: of `cover`; an edge within it, as of an arm in front of the body, is not part of the
-            outline.
+        vertices: (n, 3) in the world [m].
+        pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
+        edges: (m, 4) of `border`.
+        mask, x0, y0, step: (rows, columns) uint8, the first sample's pixel, and the stride [px], as in `cover`. An edge
+            within the mask, as of an arm in front of the body, is not part of the outline.
         spacing: approximate distance between points [px].
-        bones: (n,) part with the largest weight of each vertex.
+        bones: (n,) int32 part of the body model with the largest weight of each vertex.
         at, normals, points, bone, far: written: (most, 2) pixels, (most, 2) outward normals as long as each point's
             share of the outline [px], (most, 3) positions in the world [m], (most,) parts, (most,) depths [m].
 
     Returns:
-        Number of points; those without room are left out.
+        Number of points; points beyond the capacity ``most`` are left out.
     """
     count, most = 0, len(at)
     rows, columns = mask.shape
@@ -291,18 +331,18 @@ def outlined(
     """Render mask and outline of a mesh.
 
     Args:
-        vertices, T_camera_world, lens, farthest_r2: of `see`.
+        vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
         size_px: (width, height) of the image.
-        faces: (k, 3) of the mesh.
-        edges: of `outline_edges`.
+        faces: (k, 3) corners, counter-clockwise as seen from outside.
+        edges: (e, 4) of `outline_edges`.
         by_edges: whether `cover_by_edges` can be used, see `one_way`.
-        step, margin: of `window`.
-        given: an earlier window that is reused, unless it has no columns.
-        spacing, bones: of `outline`.
+        step, margin: distance between samples, and margin of the window about the mesh [px].
+        given: an earlier result of `window` that is reused, unless it has no columns.
+        spacing, bones: distance between the outline's points [px], and (n,) part of each vertex, as in `outline`.
 
     Returns:
-        The first sample's x and y, the mask, and at, normals, points, bone and far of `outline`; an empty mask where
-        nothing is visible.
+        The first sample's x and y [px], the mask (rows, columns) uint8, and at, normals, points, bone and far of
+        `outline`; an empty mask where nothing is visible.
     """
     count = len(vertices)
     pixels, depth = np.empty((count, 2)), np.empty(count)
@@ -327,7 +367,14 @@ def outlined(
 
 
 def outline_edges(faces: Int32) -> Int32:
-    """Return each edge once, (e, 4): its two corners, then its faces; −1 for a missing second face."""
+    """Return each edge of a mesh once.
+
+    Args:
+        faces: (k, 3) int32 corners.
+
+    Returns:
+        (e, 4) int32: the edge's two ends, then the indices of its faces; −1 for a missing second face.
+    """
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     face = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort((face, ends[:, 1], ends[:, 0]))

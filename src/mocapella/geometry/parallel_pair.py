@@ -28,8 +28,8 @@ class ParallelPair:
 
     Attributes:
         baseline_m: distance between the camera centres [m].
-        width_px: width of the image.
-        view_angle_rad: horizontal field of view.
+        width_px: width of the image [px].
+        view_angle_rad: horizontal field of view [rad].
     """
 
     baseline_m: float
@@ -56,7 +56,10 @@ class ParallelPair:
         return self.baseline_m * self.focal_px / np.asarray(depth_m, dtype=np.float64)
 
     def expected_error(self, depth_m: Any, pixels: float = 1.0) -> Float64:
-        """Return ΔD = D²/B·tan Δφ (...,) [m], with Δφ = ``pixels``·φ₀/x₀ (section 2 of the paper)."""
+        """Return the depth error that a disparity error of ``pixels`` causes at given depths (...,) [m].
+
+        It is ΔD = D²/B·tan Δφ with Δφ = ``pixels``·φ₀/x₀ (section 2 of the paper).
+        """
         angle = pixels * self.view_angle_rad / self.width_px
         return np.asarray(depth_m, dtype=np.float64) ** 2 / self.baseline_m * math.tan(angle)
 
@@ -64,9 +67,9 @@ class ParallelPair:
         """Return 3D points in the frame of a virtual camera midway between the two.
 
         Args:
-            one, other: (..., 2) [px] in the two rectified images, in any order.
-            depth_m: (...,) depths by any method.
-            height_px: height of the image.
+            one, other: (..., 2) pixels of each point in the two rectified images, in any order [px].
+            depth_m: (...,) depths by any method [m].
+            height_px: height of the image [px].
 
         Returns:
             (..., 3) [m]: x right, y down, z out of the lens.
@@ -78,7 +81,13 @@ class ParallelPair:
 
 
 def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: float) -> float:
-    """Estimate the field of view [rad] from depths (rows,) and disparities, by the median.
+    """Estimate the cameras' horizontal field of view [rad] as the median over measured distances.
+
+    Args:
+        depth_m: (rows,) measured with a ruler [m].
+        disparity_px: (rows,) their disparities [px].
+        baseline_m: distance between the camera centres [m].
+        width_px: width of the image [px].
 
     Raises:
         InputError: as `fit`.
@@ -105,7 +114,7 @@ class PowerLaw(msgspec.Struct, frozen=True):
         return np.asarray(0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z)
 
     def expected_error(self, disparity_px: Any, pixels: float = 1.0) -> Float64:
-        """Return the depth errors (...,) [m] of a disparity error of ``pixels``, by |∂D/∂x|."""
+        """Return the depth error |∂D/∂x| (...,) [m] for a disparity error of ``pixels`` at disparities (...,) [px]."""
         disparity = np.asarray(disparity_px, dtype=np.float64)
         return np.asarray(np.abs(self.z * self.depth(disparity) / disparity) * pixels)
 
@@ -131,7 +140,7 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
 
 
 def swapped(disparity_px: Any) -> bool:
-    """Return whether most finite disparities are negative, that is, the left and right cameras are swapped."""
+    """Return whether most finite disparities (...,) are negative: the left and right cameras are swapped."""
     disparity = np.asarray(disparity_px, dtype=np.float64)
     there = disparity[np.isfinite(disparity)]
     return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
@@ -161,10 +170,11 @@ class DistanceTable(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         law: the fitted power law.
-        measured_m, disparity_px: (rows,) measurements.
-        calculated_m: (rows,) distances by the pinhole formula.
-        corrected_m: (rows,) distances by the law.
-        expected_error_m: (rows,) error of an error of one pixel in disparity.
+        measured_m: (rows,) measured distances [m].
+        disparity_px: (rows,) measured disparities [px].
+        calculated_m: (rows,) distances by the pinhole formula [m].
+        corrected_m: (rows,) distances by the power law [m].
+        expected_error_m: (rows,) distance error that an error of one pixel in disparity causes [m].
     """
 
     law: PowerLaw
@@ -176,12 +186,12 @@ class DistanceTable(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def mean_error(self) -> float:
-        """Mean of |calculated − measured| / measured."""
+        """Mean relative error of the pinhole formula: |calculated − measured| / measured."""
         return float(np.mean(np.abs(self.calculated_m - self.measured_m) / self.measured_m))
 
     @property
     def corrected_mean_error(self) -> float:
-        """Mean of |corrected − measured| / measured."""
+        """Mean relative error of the power law: |corrected − measured| / measured."""
         return float(np.mean(np.abs(self.corrected_m - self.measured_m) / self.measured_m))
 
     def rows_cm(self) -> Float64:
@@ -192,6 +202,11 @@ class DistanceTable(msgspec.Struct, frozen=True, eq=False):
 
 def distance_table(depth_m: Any, disparity_px: Any, pair: ParallelPair) -> DistanceTable:
     """Fit a power law and tabulate measured, calculated and corrected distances.
+
+    Args:
+        depth_m: (rows,) measured with a ruler [m].
+        disparity_px: (rows,) their disparities [px].
+        pair: the cameras, for the pinhole formula.
 
     Raises:
         InputError: as `fit`.

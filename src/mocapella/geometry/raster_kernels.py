@@ -20,13 +20,13 @@ NEAR_M = 0.05
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, out: Float64) -> None:
-    """Project vertices; write x, y [px] and 1/z [1/m] into out (n, 3), with 1/z = 0 for invisible vertices.
+    """Project vertices to pixels and inverse depths.
 
     Args:
         vertices: (n, 3) world [m].
-        T: (4, 4) from the world to the camera.
-        lens, farthest_r2: of `mocapella.geometry.lens`.
-        out: (n, 3) written.
+        T: (4, 4) `T_camera_world`.
+        lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
+        out: (n, 3) written: x, y [px] and 1/z [1/m]; all 0 for vertices nearer than `NEAR_M` or outside the lens model.
     """
     for i in range(len(vertices)):
         p, q, r = vertices[i, 0], vertices[i, 1], vertices[i, 2]
@@ -44,7 +44,14 @@ def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, ou
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float64) -> None:
-    """Write the bounding box (x0, y0, x1, y1) of the visible vertices in the image, whole pixels, end exclusive."""
+    """Write the bounding box of the visible vertices, clipped to the image.
+
+    Args:
+        seen: (n, 3) of `project`.
+        size_px: (width, height) of the image.
+        margin_px: margin of the box about the vertices.
+        out: (4,) written: x0, y0, x1, y1 in whole pixels, the end exclusive; 0 if no vertex is visible.
+    """
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(seen)):
         if seen[i, 2] > 0.0:
@@ -112,7 +119,13 @@ def cover(
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def weights(seen: Float64, a: int, b: int, c: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return the barycentric weights of corners a, b, c of the triangle's point at pixel x, y, with perspective."""
+    """Return the perspective-correct barycentric weights of a triangle's corners at a pixel; their sum is 1.
+
+    Args:
+        seen: (n, 3) of `project`.
+        a, b, c: indices of the corners.
+        x, y: the pixel, inside the triangle [px].
+    """
     ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
     u = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) * seen[a, 2]
     v = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) * seen[b, 2]
@@ -123,7 +136,13 @@ def weights(seen: Float64, a: int, b: int, c: int, x: float, y: float) -> tuple[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def vertex_normals(vertices: Float64, triangles: Int64, out: Float64) -> None:
-    """Write outward unit normals (n, 3) of the vertices: the area-weighted mean of their triangles' normals."""
+    """Write each vertex's outward unit normal: the area-weighted mean of its triangles' normals.
+
+    Args:
+        vertices: (n, 3) [m].
+        triangles: (m, 3) corners, counter-clockwise as seen from outside.
+        out: (n, 3) written; 0 for a vertex without triangles.
+    """
     out[:] = 0.0
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]

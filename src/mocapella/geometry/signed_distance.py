@@ -13,7 +13,7 @@ from mocapella.errors import SettingsError
 from mocapella.settings import check
 
 MOST_REACH: Final = 255
-"""[samples]"""
+"""Largest reach of `signed_distance` [samples]."""
 
 
 def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> NDArray[np.float32]:

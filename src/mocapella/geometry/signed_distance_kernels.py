@@ -71,7 +71,13 @@ def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> No
 
 @njit(cache=True, error_model="numpy")
 def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
-    """Write the `signed_distance` of a uint8 mask (rows, columns), whose outline is midway between unequal samples."""
+    """Write the `signed_distance` of a mask's outline, which is midway between samples that differ.
+
+    Args:
+        mask: (rows, columns) uint8, not 0 inside.
+        reach, step, out: limit [samples], distance between samples [px] and (rows, columns) result [px], as in
+            `signed_distance`.
+    """
     field = np.empty(mask.shape, np.float32)
     for i in range(len(mask)):
         row, to = mask[i], field[i]

@@ -21,9 +21,10 @@ def skin(vertices: Float64, bones: Int32, shares: Float64, R: Float64, t: Float6
 
     Args:
         vertices: (n, 3) at rest [m].
-        bones, shares: (n, most) parts that move each vertex, and their weights; the first weight of 0 ends a row.
-        R, t: (parts, 9), (parts, 3) the parts' motions, rotations row by row.
-        out: (n, 3) is written.
+        bones, shares: (n, most) indices of the parts that move each vertex, and their weights; the first weight of 0
+            ends a row.
+        R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
+        out: (n, 3) written [m].
     """
     for k in range(len(vertices)):
         x, y, z = vertices[k, 0], vertices[k, 1], vertices[k, 2]
@@ -45,9 +46,9 @@ def at_rest(points: Float64, part: Int64, R: Float64, t: Float64, out: Float64) 
 
     Args:
         points: (n, 3) in the pose [m].
-        part: (n,) part of each point.
-        R, t: as in `skin`.
-        out: (n, 3) is written.
+        part: (n,) index of each point's part.
+        R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
+        out: (n, 3) written [m].
     """
     for k in range(len(points)):
         A, o = R[part[k]], t[part[k]]

@@ -48,7 +48,7 @@ class TriangulationSettings:
     Attributes:
         gate_sd: a view is rejected if its reprojection error is above this number of its standard deviations; at 4, one
             in 3,000 correct views with Gaussian errors is rejected. Infinity uses every camera.
-        least_angle_rad: least angle at which two of the rays must meet.
+        least_angle_rad: least angle between any two rays; a point whose rays are closer to parallel is rejected [rad].
     """
 
     gate_sd: float = 4.0
@@ -82,9 +82,9 @@ class Triangulated(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         points: (..., 3) in the world [m]; NaN where the state is not `PointState.SEEN`.
-        covariances: (..., 3, 3) [m²], propagated from the given ``sd_px``; NaN where the point is.
-        residuals_px: (..., views) reprojection errors, also of rejected cameras; infinite where the point is not in
-            front of the camera, NaN where the camera does not see it.
+        covariances: (..., 3, 3) [m²], propagated from the ``sd_px`` of `triangulate`; NaN where the point is.
+        residuals_px: (..., views) reprojection errors, also of rejected cameras [px]; infinite where the point is not
+            in front of the camera, NaN where the camera does not see it.
         used: (..., views) whether the camera is an inlier.
         states: (...,) a `PointState`.
     """

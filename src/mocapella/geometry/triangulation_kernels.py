@@ -1,7 +1,19 @@
 """Kernels of `mocapella.geometry.triangulation`; importing this module imports numba.
 
-A view is one row of numbers, in the order of `triangulation.Views`: the lens (9), the squared radius where its model
-ends, the rotation R_camera_world by rows (9), the translation (3), and the camera's centre in the world (3).
+A view is one camera, as a row of 25 numbers in the order of `triangulation.Views`: the lens (9), the squared radius
+where its model ends, the rotation R_camera_world by rows (9), the translation of T_camera_world (3), and the camera's
+centre in the world (3). Common arguments:
+
+    views (views, 25)           the cameras
+    pixels (points, views, 2)   measured pixels [px]; NaN where not seen
+    at, n                       index of a point, index of a view
+    weights (views,)            1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used
+    X, Y, Z                     a point in the world [m]
+    gate2                       square of the outlier gate, in standard deviations
+    least_sin2                  squared sine of the least angle between rays
+    rays (views, 6)             of `keep_ray`
+
+Six numbers a to f are a symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], such as a covariance [m²].
 """
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
@@ -26,13 +38,21 @@ INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
 SEEN, ONE_VIEW, PARALLEL, BEHIND, INCONSISTENT = 0, 1, 2, 3, 4
 LANES = 32
 STEPS = 12
-"""Gauss–Newton needs two or three; what takes more is not a point."""
+"""Largest number of Gauss–Newton steps; two or three suffice where they converge."""
 REFITS = 4
 
 
 @njit(**INLINED)
 def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]:
-    """Undistort a normalised pixel to (x, y), by two Newton steps where these suffice, else by all steps."""
+    """Undistort normalised coordinates (u, v) of view n to (x, y); NaN outside the lens model.
+
+    Two Newton steps are taken where these suffice, else all of `lens_kernels.undistort`.
+
+    Args:
+        views: (views, 25), see the module.
+        n: index of the view.
+        u, v: distorted x/z and y/z in the camera frame.
+    """
     k1, k2, p1, p2, k3 = views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8]
     if k1 == 0.0 and k2 == 0.0 and p1 == 0.0 and p2 == 0.0 and k3 == 0.0:
         return u, v
@@ -51,7 +71,16 @@ def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]
 
 @njit(**INLINED)
 def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float) -> tuple[float, float]:
-    """Return the reprojection error (dx, dy) [px] of a point at the pixel (u, v); infinite where it is invisible."""
+    """Return the reprojection error (du, dv) of a world point in view n: measured minus projected [px].
+
+    Args:
+        views, n: the cameras, and the index of one.
+        X, Y, Z: the point [m].
+        u, v: its measured pixel [px].
+
+    Returns:
+        The error; infinite where the point is behind the camera or outside the lens model.
+    """
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
@@ -68,7 +97,15 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
 def linearised(
     views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return `offset` and the derivatives of the projection's column (3) and row (3) by X, Y, Z."""
+    """Return the two numbers of `offset` and the derivatives of the projection.
+
+    Args:
+        views, n, X, Y, Z, u, v: (views, 25) cameras, index of one, world point [m] and measured pixel [px], as in
+            `offset`.
+
+    Returns:
+        du and dv [px], then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
+    """
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z
     x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
@@ -100,10 +137,17 @@ def inverse(
 def refine(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float
 ) -> tuple[float, float, float, bool, float, float, float, float, float, float]:
-    """Minimise the reprojection errors of weighted views by Gauss–Newton steps, halved where the cost rises.
+    """Minimise a point's weighted reprojection errors by Gauss–Newton steps, halved where the cost rises.
+
+    Args:
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
+        X, Y, Z: initial point, world [m].
 
     Returns:
-        X, Y, Z, whether the fit converged, and the six numbers of the covariance.
+        X, Y, Z [m], whether the fit converged, and the six numbers of the point's covariance, its upper triangle [m²].
     """
     before, sx, sy, sz = math.inf, 0.0, 0.0, 0.0
     A = B = C = D = E = F = 0.0
@@ -157,7 +201,15 @@ def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
 
 @njit(**INLINED)
 def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, least_sin2: float) -> bool:
-    """Return whether the rays of two used views meet in a point at a sufficient angle."""
+    """Return whether the rays of any two used views meet in the point (X, Y, Z) at a sufficient angle.
+
+    Args:
+        views: (views, 25), see the module.
+        used: (points, views); row ``at`` is read.
+        at: index of the point.
+        X, Y, Z: the point [m].
+        least_sin2: squared sine of the least angle.
+    """
     for i in range(len(views)):
         if not used[at, i]:
             continue
@@ -176,9 +228,20 @@ def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, leas
 def meeting(
     views: Float64, rays: Float64, weights: Float64, m: int, n: int, gate2: float, least_sin2: float
 ) -> tuple[int, float, float, float]:
-    """Intersect two rays, weighted by the standard deviation of each at its distance; return a state and the point.
+    """Intersect the rays of views m and n, weighted by the standard deviation of each at its distance.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
+
+    Args:
+        views: (views, 25), see the module.
+        rays: (views, 6) of `keep_ray`.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²].
+        m, n: indices of the views.
+        gate2: square of the outlier gate [sd²].
+        least_sin2: squared sine of the least angle between the rays.
+
+    Returns:
+        `SEEN` or the reason of failure, then the point X, Y, Z in the world [m], 0 if it failed.
     """
     ax, ay, az, aa = rays[m, 2], rays[m, 3], rays[m, 4], rays[m, 5]
     bx, by, bz, bb = rays[n, 2], rays[n, 3], rays[n, 4], rays[n, 5]
@@ -210,9 +273,18 @@ def truncated(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, gate2: float,
     best: float, kept: Float64,
 ) -> float:  # fmt: skip
-    """Return the sum of the squared residuals [sd²], truncated at the gate; infinite once it exceeds ``best``.
+    """Return the sum over views of a point's squared reprojection errors [sd²], truncated at the gate.
 
-    ``kept`` becomes the weights of the views within the gate, and 0 for the others.
+    Args:
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
+        X, Y, Z: the point, world [m].
+        gate2: largest value of one view [sd²].
+        best: the sum is infinite once it exceeds this.
+        kept: (views,) written: the weights of views within the gate, 0 for the others; incomplete if the sum is
+            infinite.
     """
     total = 0.0
     for k in range(len(weights)):
@@ -232,7 +304,7 @@ def truncated(
 
 @njit(**INLINED)
 def two_or_more(kept: Float64) -> bool:
-    """Return whether two views or more have a weight."""
+    """Return whether two views or more have a weight above 0 in kept (views,)."""
     count = 0
     for k in range(len(kept)):
         if kept[k] > 0.0:
@@ -250,8 +322,19 @@ def consensus(
     All pairs are tried, so nothing is random. The best is refitted while its error falls: Chum, Matas, Kittler: Locally
     Optimized RANSAC (DAGM 2003), section 2.
 
+    Args:
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px].
+        at: index of the point.
+        rays: (views, 6) of `keep_ray`.
+        weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that does not see the point.
+        gate2, least_sin2: squared outlier gate [sd²], and squared sine of the least angle between rays.
+        kept: (views,) written: weights of the inlier views, 0 for the others.
+        tried: (views,) workspace.
+
     Returns:
-        `SEEN` or the reason of failure; X, Y, Z and the covariance; ``kept`` has the weights of the inlier views.
+        `SEEN` or the reason of failure; X, Y, Z, world [m] and the six numbers of the covariance, its upper triangle
+        [m²].
     """
     best, state = math.inf, PARALLEL
     X = Y = Z = A = B = C = D = E = F = math.nan
@@ -287,7 +370,7 @@ def consensus(
 
 @njit(**INLINED)
 def same(kept: Float64, tried: Float64) -> bool:
-    """Return whether the same views have a weight."""
+    """Return whether the same views have a weight above 0 in kept and in tried, (views,) each."""
     equal = True
     for k in range(len(kept)):
         equal &= (kept[k] > 0.0) == (tried[k] > 0.0)
@@ -296,7 +379,7 @@ def same(kept: Float64, tried: Float64) -> bool:
 
 @njit(**INLINED)
 def keep(kept: Float64, tried: Float64) -> None:
-    """Copy the tried weights."""
+    """Copy the weights ``tried`` (views,) over ``kept`` (views,)."""
     for k in range(len(kept)):
         kept[k] = tried[k]
 
@@ -306,10 +389,18 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler kno
     views: Float64, pixels: Float64, sd: Float64, gate2: float, points: Float64, covariances: Float64,
     residuals: Float64, fitted: Bool,
 ) -> None:  # fmt: skip
-    """Triangulate the points whose views all agree, many at a time; ``fitted`` marks them.
+    """Triangulate the points whose views all agree, many at a time; leave the others to `consensus`.
 
     The initial point is the linear least-squares solution of x·z' − x' and y·z' − y' over the views. Then the steps are
     those of `refine`. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
+
+    Args:
+        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
+        sd: (points, views) standard deviation of a pixel's coordinates [px].
+        gate2: square of the largest reprojection error of an inlier view [sd²].
+        points, covariances, residuals: (points, 3) [m], (points, 3, 3) [m²], (points, views) [px]; rows of fitted
+            points are written.
+        fitted: (points,) written.
     """
     count = pixels.shape[1]
     P, S = np.empty((3 * count, LANES)), np.empty((24, LANES))
@@ -420,7 +511,16 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler kno
 def newton(
     u: float, v: float, x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float
 ) -> tuple[float, float, float, float]:
-    """Take a Newton step from (x, y) towards the solution of distort(x, y) = (u, v); return the point and the step."""
+    """Take a Newton step from (x, y) towards the solution of distort(x, y) = (u, v).
+
+    Args:
+        u, v: distorted normalised coordinates.
+        x, y: the present estimate of the undistorted ones.
+        k1, k2, p1, p2, k3: distortion coefficients.
+
+    Returns:
+        The new x and y, then the step's two components.
+    """
     at_u, at_v, uu, uv, vv = distort(x, y, k1, k2, p1, p2, k3)
     du, dv, scale = u - at_u, v - at_v, 1.0 / (uu * vv - uv * uv)
     dx, dy = scale * (vv * du - uv * dv), scale * (uu * dv - uv * du)
@@ -432,10 +532,15 @@ def triangulate(
     views: Float64, pixels: Float64, sd: Float64, gate: float, least_sin2: float, points: Float64,
     covariances: Float64, residuals: Float64, used: Bool, states: UInt8,
 ) -> None:  # fmt: skip
-    """Triangulate pixels (points, views, 2) with standard deviations sd (points, views), see
-    `triangulation.triangulate`.
+    """Triangulate points from their pixels in several views; see `triangulation.triangulate`.
 
-    The last five arguments are written: the fields of `Triangulated`.
+    Args:
+        views: (views, 25), see the module.
+        pixels: (points, views, 2) [px]; NaN where not seen.
+        sd: (points, views) standard deviation of a pixel's coordinates [px].
+        gate: largest reprojection error of an inlier view, in standard deviations.
+        least_sin2: squared sine of the least angle between rays.
+        points, covariances, residuals, used, states: written: the fields of `triangulation.Triangulated`.
     """
     count = pixels.shape[1]
     rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
@@ -486,7 +591,13 @@ def triangulate(
 def nothing(
     i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
 ) -> None:
-    """Mark point i as unknown, with a reason."""
+    """Write NaN, no used view and the state into row i of the results of `triangulate`.
+
+    Args:
+        i: index of the point.
+        state: the reason of failure, such as `PARALLEL`.
+        points, covariances, residuals, used, states: fields of `triangulation.Triangulated`; row i is written.
+    """
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 
 
@@ -494,7 +605,15 @@ def nothing(
 def write_residuals(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, residuals: Float64
 ) -> None:
-    """Write the reprojection error of each view that sees the point [px]."""
+    """Write a point's reprojection errors in the views with a weight above 0.
+
+    Args:
+        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
+        at: index of the point.
+        weights: (views,).
+        X, Y, Z: the point, world [m].
+        residuals: (points, views) [px]; row ``at`` is written.
+    """
     for k in range(len(weights)):
         if weights[k] > 0.0:
             du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])

@@ -1,4 +1,7 @@
-"""Kernels of rotations, nine numbers row by row, and rotation vectors. Importing this module imports numba."""
+"""Kernels of rotations, stored as nine numbers row by row, and of rotation vectors, axis times angle [rad].
+
+Importing this module imports numba.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -13,14 +16,23 @@ from mocapella.compiled import njit
 Float64 = NDArray[np.float64]
 
 FIRST = np.int64(0)
-"""Index of the rotation in an array of one. A literal 0 has a type of its own, for which numba compiles once more."""
+"""Offset 0 of a rotation that has an array to itself.
+
+A literal 0 has another type, for which numba compiles once more.
+"""
 
 
 @njit(cache=True, error_model="numpy")
 def turned(B: Float64, b: int, x: float, y: float, z: float, out: Float64) -> None:
-    """Write B[b : b + 9]·exp(x, y, z) into out (9,): a rotation, then a rotation vector along its own axes [rad].
+    """Write the rotation B[b : b + 9]·exp(x, y, z) into out (9,), row by row.
 
-    The exponential is Rodrigues' formula.
+    The exponential of the rotation vector (x, y, z) [rad] is Rodrigues' formula; its axes are the rotated ones.
+
+    Args:
+        B: rotations, nine numbers each, row by row.
+        b: index of the first number of one of them.
+        x, y, z: rotation vector [rad].
+        out: (9,) written; must not overlap B.
     """
     s = x * x + y * y + z * z
     if s < 1e-8:
@@ -38,7 +50,7 @@ def turned(B: Float64, b: int, x: float, y: float, z: float, out: Float64) -> No
 
 @njit(cache=True, error_model="numpy")
 def turn_between(A: Float64, a: int, B: Float64) -> tuple[float, float, float]:
-    """Return the rotation vector (x, y, z) [rad] with A[a : a + 9]·exp(x, y, z) = B (9,); its angle is at most π."""
+    """Return the rotation vector (x, y, z) with A[a : a + 9]·exp(x, y, z) = B (9,) [rad]; its angle is at most π."""
     r = np.empty(9)
     for i in range(3):
         for k in range(3):

@@ -18,16 +18,18 @@ def forward(
     parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, angles: Float64, about: Float64, R: Float64,
     t: Float64, xi: Float64,
 ) -> None:  # fmt: skip
-    """Write the motions R (parts, 9), row by row, and t (parts, 3), and the joints' twists xi (joints, 6).
+    """Compute the motions of a tree's parts, and the joints' twists in the pose, as products of exponentials.
 
-    The product of exponentials along the tree: R. Murray, Z. Li, S. Sastry (1994), section 3.2.
+    R. Murray, Z. Li, S. Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), section 3.2.
 
     Args:
-        parents, joint_parts, twists: of `TwistTree`.
-        T: (4, 4) the root's motion.
+        parents, joint_parts, twists: (parts,), (joints,) and (joints, 6) of `TwistTree`.
+        T: (4, 4) the root's motion from rest into the world.
         angles: (joints,) [rad].
-        about: (3,) [m].
-        R, t, xi: written.
+        about: (3,) world point [m]; the written translations and twists refer to it as origin, with the world's axes.
+        R: (parts, 9) written: rotations from rest, row by row.
+        t: (parts, 3) written: translations [m].
+        xi: (joints, 6) written: twists in the pose, translation [m] per radian, then the unit axis.
     """
     new, j = np.empty(9), 0
     for p in range(len(parents)):

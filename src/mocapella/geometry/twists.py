@@ -39,7 +39,7 @@ def exp_twist(twist: Any) -> Float64:
 
 
 def log_motion(T: Float64) -> Float64:
-    """Return the twist (..., 6) of a rigid motion, with an angle in [0, π]; inverts `exp_twist` below π."""
+    """Return the twist (..., 6) of rigid motions (..., 4, 4), with an angle in [0, π]; inverts `exp_twist` below π."""
     T = np.asarray(T)
     phi = _rotation_vector(T[..., :3, :3])
     angle = np.linalg.norm(phi, axis=-1)[..., None, None]
@@ -75,7 +75,10 @@ def _rotation_vector(R: Float64) -> Float64:
 
 
 def adjoint(T: Float64) -> Float64:
-    """Return ``Ad`` (..., 6, 6) with T exp(x) T⁻¹ = exp(Ad x), which expresses a twist in T's target frame."""
+    """Return the adjoint matrices (..., 6, 6) of rigid motions (..., 4, 4), which express a twist in T's target frame.
+
+    T exp(x) T⁻¹ = exp(Ad x).
+    """
     R, t = T[..., :3, :3], T[..., :3, 3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
@@ -87,11 +90,11 @@ def revolute(axis: Any, point: Any) -> Float64:
     """Return the twist of a rotation by one radian about an axis, without translation along it (zero pitch).
 
     Args:
-        axis: (..., 3) of any length.
-        point: (..., 3) on the axis [m].
+        axis: (..., 3) direction, of any length.
+        point: (..., 3) any point on the axis [m].
 
     Returns:
-        (..., 6); NaN where the axis is zero.
+        (..., 6) translation part [m], then the unit axis; NaN where the axis is zero.
     """
     axis = np.asarray(axis, dtype=np.float64)
     length = np.linalg.norm(axis, axis=-1)[..., None]

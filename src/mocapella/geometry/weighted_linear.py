@@ -29,7 +29,7 @@ class WeightedLinearSettings:
 
     Attributes:
         least_confidence: detections with a confidence above this are used.
-        largest_error_px: largest mean reprojection error of the cameras used.
+        largest_error_px: largest mean reprojection error of the cameras used [px].
         drop_cameras: whether cameras are dropped if the error is larger; otherwise the point is NaN. With large
             detection errors, two cameras agree by chance more often than all but one are correct.
     """
@@ -49,13 +49,14 @@ DEFAULT = WeightedLinearSettings()
 def weighted_linear(
     pixels: Any, confidences: Any, lenses: Any, T_camera_world: Any, settings: WeightedLinearSettings = DEFAULT
 ) -> Triangulated:
-    """Triangulate points (..., 3) from pixels (..., views, 2) with confidences (..., views); covariances are NaN.
+    """Triangulate points by the weighted linear method; the result's covariances are NaN.
 
     Args:
-        pixels, confidences: NaN where the camera does not see the point.
-        lenses: (views, 9).
-        T_camera_world: (views, 4, 4).
-        settings: the settings.
+        pixels: (..., views, 2) [px]; NaN where the camera does not see the point.
+        confidences: (..., views) of each detection, 0 to 1; NaN where the camera does not see the point.
+        lenses: (views, 9), see `mocapella.geometry.lens`.
+        T_camera_world: (views, 4, 4) extrinsics.
+        settings: the thresholds.
     """
     pixels = np.asarray(pixels, dtype=np.float64)
     confidences = np.broadcast_to(np.asarray(confidences, dtype=np.float64), pixels.shape[:-1])

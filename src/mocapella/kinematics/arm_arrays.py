@@ -14,12 +14,15 @@ class ArmArrays(NamedTuple):
     """The model of an arm, as the kernels take it.
 
     Attributes:
-        digits: (5, DIGIT) of the hand's shape.
+        digits: (5, DIGIT) parameters of the hand's digits, see `hand_kernels`.
         mirror: -1 for a left hand, else 1.
-        radii: (6, 5) of the digits at their joints, and of forearm and upper arm [m].
+        radii: (6, 5) [m]. Rows 0 to 4: a digit's radii at its joints, from the base outwards (4). Row 5: the forearm's
+            radius at the wrist, half the distance of its two bones there, the radii at the elbow and of the upper arm,
+            and the distance of a fingertip's landmark beyond the centre of its round end.
         palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
-        owners: (pieces, 2) digit or other owner of a piece, and bone.
-        columns, gains: (5, 5) free angle and factor of each digit's angle.
+        owners: (pieces, 2) of each piece the digit, or a negative code such as `arm_flesh_kernels.OF_PALM`, and the
+            number of its bone.
+        columns, gains: (5, 5) index of the free angle that each of a digit's angles follows, −1 for none, and factor.
         rising: (5, 5) indices that sort each digit's `columns`.
         c_max: largest opposition of the thumb [rad].
     """
@@ -39,12 +42,12 @@ class FitParameters(NamedTuple):
     """Scales and weights of the fit's terms.
 
     Attributes:
-        point_scale_m, silhouette_scale_m: scales of the robust losses.
-        point_information, silhouette_information, collision_information: inverse variances [1/m²].
-        ahead_m: allowed distance of flesh in front of the surface.
-        overlap_m: allowed overlap of digits.
-        pieces: number of pieces to which points may be assigned.
-        edge_m: distance of the surface's end from an edge's outer pixel.
+        point_scale_m, silhouette_scale_m: scales of the robust losses [m].
+        point_information, silhouette_information, collision_information: inverse variances of a residual [1/m²].
+        ahead_m: allowed distance of flesh in front of the measured surface [m].
+        overlap_m: allowed overlap of digits [m].
+        pieces: number of pieces that points may be assigned to, the first ones.
+        edge_m: distance between the surface's end and the outer pixel of its edge [m].
         sharpness: factor of the silhouette's information in the last third of a fit.
     """
 

@@ -49,21 +49,22 @@ class ArmFitSettings:
     """Noise, priors and iterations of the fit.
 
     Attributes:
-        point_scale_m: scale of the robust loss of points.
-        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or in front of the surface.
+        point_scale_m: scale of the robust loss of points [m].
+        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or in front of the surface [m].
         point_sd_m, silhouette_sd_m, collision_sd_m: standard deviation of one residual; far above the noise for points,
-            whose errors are not independent.
-        sharp_sd_m: standard deviation of the silhouette's residuals in the last third of a fit.
-        ahead_m: allowed distance of flesh in front of the surface.
-        overlap_m: allowed overlap of digits.
+            whose errors are not independent [m].
+        sharp_sd_m: standard deviation of the silhouette's residuals in the last third of a fit [m].
+        ahead_m: allowed distance of flesh in front of the surface [m].
+        overlap_m: allowed overlap of digits [m].
         size_sd, thickness_sd: standard deviation of a hand's size and thickness, relative to the average.
         digit_sd: standard deviation of a digit's length, relative to the length expected from the hand's size.
         forearm_sd: standard deviation of the forearm's length, relative to the length expected from the hand's.
-        deviation_sd_deg, flexion_sd_deg: standard deviations of the wrist's angles about the straight wrist.
-        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: growth of the prediction's standard deviation per second.
-        edge: distance of the surface's end from an edge's outer pixel, in pixels of the grid.
+        deviation_sd_deg, flexion_sd_deg: standard deviations of the wrist's angles about the straight wrist [°].
+        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: growth of the prediction's standard deviation per second, of
+            angles, and of the palm's position and orientation.
+        edge: distance between the surface's end and the outer pixel of its edge [grid pixels].
         loose: factor of the robust scales in the first iteration.
-        iterations: number of iterations while tracking.
+        iterations: largest number of iterations while tracking.
     """
 
     point_scale_m: float = 0.010
@@ -106,7 +107,7 @@ class ArmPose(NamedTuple):
     """Pose and sizes of an arm, as the kernels take them.
 
     Attributes:
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        R, t: (9,), (3,) motion from the palm's frame to the camera frame: rotation row by row, translation [m].
         z: (n,) free angles [rad].
         v: (STATE,) sizes, and directions of forearm and upper arm in the palm's frame.
     """
@@ -117,7 +118,7 @@ class ArmPose(NamedTuple):
     v: Float64
 
     def copied(self) -> ArmPose:
-        """Copy the arrays."""
+        """Return a copy that shares no arrays."""
         return ArmPose(*(a.copy() for a in self))
 
     @property
@@ -131,11 +132,11 @@ class ArmEvidence(NamedTuple):
 
     Attributes:
         points: (m, 3) points of the arm's surface.
-        weights: (m,) of the points.
+        weights: (m,) weights of the points, 0 to 1.
         front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured.
         opposite: (h, w) int64, in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
-            nearest pixel off the arm for an arm pixel.
-        lens: (4,) of these pixels.
+            nearest pixel off the arm for an arm pixel; −1 for none.
+        lens: (4,) fx, fy, cx, cy of these pixels [px].
     """
 
     points: Float64
@@ -151,7 +152,7 @@ class ArmPrior(NamedTuple):
     Attributes:
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
         pose: the predicted pose.
-        certainty: (6 + n,) inverse variances of the palm's twist and of the angles about it.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
         v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
@@ -177,7 +178,7 @@ class Fitted(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Weighted sum of the costs, for comparing poses."""
+        """Weighted sum of the costs of points, flesh, overlaps and deviations from the prior, for comparing poses."""
         points, flesh, overlap, unusual = kernels().COSTS
         c = self.costs
         return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
@@ -185,11 +186,11 @@ class Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Prior of a fit.
+    """Prior and prediction of an arm for a fit.
 
     Attributes:
         pose: the predicted pose.
-        certainty: (6 + angles,) inverse variances of palm twist and angles about it.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
         v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
@@ -235,7 +236,11 @@ class ArmModel:
         self.forearm_m = _FOREARM_OF_HAND * length
 
     def state(self, forearm: Float64 | None = None) -> Float64:
-        """Return the state (STATE,) of an average arm, straight or with a forearm direction in the palm's frame."""
+        """Return the state (STATE,) of an average arm, see `arm_flesh_kernels`.
+
+        Args:
+            forearm: (3,) unit vector from wrist to elbow in the palm's frame; by default the wrist is straight.
+        """
         v = np.empty(kernels().STATE)
         v[:4] = 1.0, 1.0, self.forearm_m, 1.0
         v[4:7] = (0.0, 0.0, -1.0) if forearm is None else forearm / np.linalg.norm(forearm)
@@ -244,7 +249,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of an arm that was not seen before."""
+        """Return the prior of a new arm, about which only an approximate pose is known."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -259,7 +264,7 @@ class ArmModel:
         """Return the prior of an arm of known sizes and posture whose position is unknown.
 
         Args:
-            pose: the pose.
+            pose: sizes and posture.
             sd: standard deviation of angles [rad] and of relative sizes.
         """
         base = self.unexpected(pose)
@@ -278,9 +283,10 @@ class ArmModel:
             start: the initial pose; not changed.
             expected: the prior.
             evidence: the image.
-            iterations, loose: the settings' unless given.
-            keep: share of the iterations, from the first on, in which `tips` count.
-            tips: (5, 3) approximate fingertips, camera [m], NaN where unknown; they help the first iterations.
+            iterations, loose: largest number of iterations, and factor of the robust scales in the first one; the
+                settings' unless given.
+            tips: (5, 3) approximate fingertips, camera frame [m], NaN where unknown; they help the first iterations.
+            keep: share of the iterations, from the first on, that use ``tips``.
         """
         s, k = self.settings, kernels()
         pose = start.copied()
@@ -313,7 +319,7 @@ class ArmModel:
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """Try many postures of one digit; return the reduction of the cost, and the pose with the best of them."""
+        """Try many postures of one digit (0: thumb); return the reduction of the cost, and the best pose."""
         columns = self.columns[digit]
         free = columns >= 0
         tries = self._ways[digit].copy()
@@ -327,7 +333,7 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield copies of the pose in which fingers take over the angles of differently bent neighbours."""
+        """Yield copies of the pose whose fingers have the angles of differently bent neighbours."""
         columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
         held = np.array([pose.z[c] for c in columns])
         for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
@@ -346,31 +352,49 @@ class ArmModel:
             yield pose._replace(z=z)
 
     def hold(self, z: Float64, digit: int, flexion: float, abduction: float | None, middle: float) -> None:
-        """Write a digit's posture [degrees] into free angles z (n,); its last joint follows the one before."""
+        """Write a digit's posture into free angles, in place; its last joint follows the one before.
+
+        Args:
+            z: (n,) free angles [rad].
+            digit: index of the digit, 0 for the thumb.
+            flexion, abduction: angles of the first joint [°]; with None, its abduction is kept.
+            middle: flexion of the second joint [°].
+        """
         columns = self.columns[digit]
         for k, value in ((0, flexion), (1, abduction), (2, middle), (3, middle * self.model.coupling[digit])):
             if columns[k] >= 0 and value is not None:
                 z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """Return spheres (k, 5) along the flesh: centre, radius, camera frame [m]; 1 for the hand, 0 for the arm."""
+        """Return spheres along the flesh, in the camera frame.
+
+        Args:
+            pose: the pose.
+            spacing_m: distance between the spheres' centres along a bone [m].
+
+        Returns:
+            (k, 5) centre (3) and radius [m], 1 for the hand or 0 for the arm.
+        """
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
     def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
-        """Return the weights (m,) of points (m, 3): largest near the hand, then near the forearm.
+        """Return the weight of each point by its distance from a predicted arm: 1 near the hand, 0.5 near the forearm.
 
         Args:
-            points: camera [m].
-            pose: the pose.
+            points: (m, 3) camera frame [m].
+            pose: the predicted pose.
             beyond: weight of all other points.
+
+        Returns:
+            (m,).
         """
         out = np.empty(len(points))
         kernels().relevance(points, pose.R, pose.t, pose.v, self.length_m, self.forearm_m, beyond, out)
         return out
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
-        """Return the flesh (k, PIECE) in the palm's frame, and the digits' joints (5, 4, 3)."""
+        """Return the flesh (k, PIECE), see `arm_flesh_kernels`, and digits' joints (5, 4, 3), palm's frame [m]."""
         k = kernels()
         pieces = np.empty((len(self.owners), k.PIECE))
         rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
@@ -381,7 +405,7 @@ class ArmModel:
         return pieces, joints
 
     def points(self, pose: ArmPose) -> Float64:
-        """Return the points (23, 3) of `mocapella.model.arms.ARM_POINTS`, camera [m]."""
+        """Return the points (23, 3) of `mocapella.model.arms.ARM_POINTS`, camera frame [m]."""
         joints = self.pieces(pose)[1].reshape(20, 3)
         x = np.empty((23, 3))
         x[0] = 0.0
@@ -398,14 +422,14 @@ class ArmModel:
 
         Args:
             pose: the pose.
-            front, lens: as of `ArmEvidence`.
+            front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         """
         out = np.empty(23)
         kernels().visible(self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out)
         return out
 
     def angles(self, pose: ArmPose) -> Float64:
-        """Return the angles (21,) of `ANGLES` [rad]."""
+        """Return the hand's angles (21,) in the order of `ANGLES` [rad]."""
         out = np.zeros(21)
         for digit in range(5):
             for k in range(5):

@@ -90,15 +90,18 @@ def system(
     arm: ArmArrays, image: ArmEvidence, which: Int64, pose: ArmPose, parameters: FitParameters, H: Float64, g: Float64,
     costs: Float64, targets: Float64, only_costs: bool,
 ) -> None:  # fmt: skip
-    """Add the normal equations of the fit's geometric terms to the lower triangle of H and to g.
+    """Add the normal equations of the fit's geometric terms to H and g.
+
+    Degrees of freedom (dofs): the palm's twist in its own frame (6), the free angles, and the `BODY_DOFS` of
+    `arm_flesh_kernels`.
 
     Args:
         arm: the arm's model.
         image: the measurements.
-        which: (m,) the piece last assigned to each point, read and updated.
+        which: (m,) index of the piece last assigned to each point, read and updated.
         pose: pose and sizes of the arm.
         parameters: scales and weights.
-        H, g: added to, unless ``only_costs``.
+        H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to, unless ``only_costs``.
         costs: (5,) written: robust costs, each from 0 to 1, summed over points, over the flesh's area [m²] and over
             collisions; then the flesh's area and the part of it that other objects occlude [m²].
         targets: (5, 3) approximate fingertips, camera frame [m]; NaN where unknown.
@@ -292,13 +295,13 @@ def fit(
         arm: the arm's model.
         image: the measurements.
         prior: prior and prediction.
-        pose: the start, replaced by the result.
+        pose: the start, overwritten with the result.
         parameters: scales and weights.
         loose: factor of the robust scales in the first iteration; it falls to 1.
-        iterations: their largest number.
-        costs: of `system`, for the result.
-        targets: of `system`; used in the first share `keep` of the iterations.
-        keep: see ``targets``.
+        iterations: largest number of iterations.
+        costs: (5,) written: costs of the result, as of `system`.
+        targets: (5, 3) as of `system`.
+        keep: share of the iterations, from the first on, that use the targets.
     """
     z, v, digits, columns, gains = pose.z, pose.v, arm.digits, arm.columns, arm.gains
     n = 6 + len(z)

@@ -1,4 +1,10 @@
-"""Kernels of the flesh of an arm: tapered capsules about its bones. Importing this module imports numba."""
+"""Kernels of the flesh of an arm: tapered capsules about its bones. Importing this module imports numba.
+
+A *piece* is one capsule, a row of `PIECE` numbers: one end (3), unit axis (3), length, radii at both ends, tangent of
+its taper's angle, middle (3), and radius of a sphere around it [m]. Pieces are in the palm's frame: three for each
+digit, then the palm's, two for the forearm, one for the upper arm. The state v (`STATE`,) holds an arm's sizes and
+the directions of forearm and upper arm.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -37,7 +43,7 @@ BODY_DOFS = 13
 def write_piece(
     row: Float64, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float,
 ) -> None:  # fmt: skip
-    """Write the row (PIECE,) of a tapered capsule from a to b with the radii ra and rb [m]."""
+    """Write the piece (PIECE,) of a tapered capsule from the point a to the point b with the radii ra and rb [m]."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)
@@ -52,9 +58,15 @@ def write_piece(
 
 @njit(cache=True)
 def digit_pieces(d: int, outer: float, radii: Float64, thick: float, x: Float64, pieces: Float64) -> None:
-    """Write the three capsules of digit d, with joints x (4, 3) and an outer bone of length ``outer`` [m].
+    """Write the three capsules of a digit, in the palm's frame.
 
-    Its ``radii`` (6, 5) are scaled by ``thick``; the rows of ``pieces`` are written.
+    Args:
+        d: index of the digit, 0 for the thumb.
+        outer: length of its outermost bone [m].
+        radii: (6, 5) of `ArmArrays` [m].
+        thick: factor of the radii.
+        x: (4, 3) its joints and tip [m].
+        pieces: (pieces, PIECE); rows 3 d to 3 d + 2 are written.
     """
     for bone in range(3):
         bx, by, bz = x[bone + 1, 0], x[bone + 1, 1], x[bone + 1, 2]
@@ -74,17 +86,20 @@ def flesh(
     digits: Float64, mirror: float, radii: Float64, palm: Float64, columns: Int64, gains: Float64, z: Float64,
     v: Float64, rows: Float64, joints: Float64, axes: Float64, pieces: Float64,
 ) -> None:  # fmt: skip
-    """Write the pieces (15 + palm + 3, PIECE) of an arm in the palm's frame, its digits' joints and axes.
+    """Compute the pieces of an arm in the palm's frame, its digits' joints and axes.
 
     Args:
-        digits: (5, DIGIT) of the shape.
-        mirror: -1 of a left hand.
-        radii: (5, 4) of the digits at their joints, and (5,) forearm and upper arm at wrist (2), elbow, shoulder [m].
-        palm: (k, 8) two points and radii of a right hand's palm [m].
-        z, v: free angles, and the state's other numbers.
+        digits: (5, DIGIT) of the hand's shape, see `hand_kernels`.
+        mirror: -1 for a left hand, else 1.
+        radii: (6, 5) radii of `ArmArrays` [m].
+        palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
         columns, gains: (5, 5) of `ArmArrays`.
-        rows, joints, axes: (5, DIGIT), (5, 4, 3), (5, 5, 3), written.
-        pieces: written.
+        z: (n,) free angles [rad].
+        v: (STATE,) sizes and directions.
+        rows: (5, DIGIT) written: ``digits`` scaled to the arm's sizes.
+        joints: (5, 4, 3) written: joints and tip of each digit [m].
+        axes: (5, 5, 3) written: unit axis of each of a digit's angles.
+        pieces: (15 + k + 3, PIECE) written.
     """
     s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
     for d in range(5):
@@ -120,10 +135,14 @@ def flesh(
 
 @njit(cache=True)
 def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
-    """Write spheres along the flesh into out (k, 5): centre, radius, camera frame [m]; 1 for the hand, 0 for the arm.
+    """Write spheres along the flesh, in the camera frame; return their number.
 
-    Returns:
-        Number of spheres.
+    Args:
+        pieces: (pieces, PIECE) of `flesh`.
+        owners: (pieces, 2) of `ArmArrays`.
+        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        spacing: distance between the spheres' centres along a piece [m].
+        out: (capacity, 5) the first rows are written: centre (3) and radius [m], 1 for the hand or 0 for the arm.
     """
     n = 0
     for i in range(len(pieces)):
@@ -148,12 +167,18 @@ def closest(
     pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
     out: Float64,
 ) -> int:  # fmt: skip
-    """Return the piece nearest to a point (x, y, z) in the palm's frame [m].
+    """Return the index of the piece nearest to a point, in the palm's frame; −1 if there is none.
 
-    Outward normal (3), position along the axis and distance from the surface are written into out (5,). On the side
-    that
-    faces away from the camera, the distance is that from the front, along the direction of view (vx, vy, vz). For a
+    On the side that faces away from the camera, the distance is that from the front, along the direction of view. For a
     capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
+
+    Args:
+        pieces: (pieces, PIECE) of `flesh`.
+        few: number of pieces that are searched, from index 0 on.
+        first: index of a further piece, tried first, such as the last nearest one; −1 for none.
+        x, y, z: the point [m].
+        vx, vy, vz: unit direction of view.
+        out: (5,) written: outward normal (3), position along the piece's axis and distance from the surface [m].
     """
     best, which, nearest = 1e9, -1, 1e9
     for k in range(-1, few):
@@ -188,7 +213,7 @@ def closest(
 
 @njit(cache=True)
 def across(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a unit vector perpendicular to a unit vector."""
+    """Return a unit vector perpendicular to the unit vector (x, y, z)."""
     if abs(x) < 0.8:
         f = 1.0 / math.sqrt(y * y + z * z)
         return 0.0, f * z, -f * y
@@ -200,7 +225,17 @@ def across(x: float, y: float, z: float) -> tuple[float, float, float]:
 def relevance(
     points: Float64, R: Float64, t: Float64, v: Float64, length: float, forearm: float, beyond: float, out: Float64,
 ) -> None:  # fmt: skip
-    """Write the weight of each point (m, 3) into out (m,), as `ArmModel.relevance` describes."""
+    """Write the weight of each point by its distance from a predicted arm, as `ArmModel.relevance` describes.
+
+    Args:
+        points: (m, 3) camera frame [m].
+        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        v: (STATE,) sizes and directions.
+        length: length of the shape's hand, before its size factor [m].
+        forearm: length of the shape's forearm, before its size factor [m].
+        beyond: weight of points away from hand and forearm.
+        out: (m,) written: 1 near the hand, 0.5 near the forearm, else ``beyond``.
+    """
     for i in range(len(points)):
         X, Y, Z = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
         x = (R[0] * X + R[3] * Y + R[6] * Z) / v[SCALE]
@@ -233,15 +268,19 @@ def visible(
     pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
     out: Float64,
 ) -> None:  # fmt: skip
-    """Write for each landmark the fraction of the camera-facing flesh around it that the image confirms, into out (k,).
+    """Write for each landmark the fraction of the camera-facing flesh around it that the image confirms.
 
     The flesh is sampled in rings about its axis: before the landmark, at it and beyond it; at a fingertip, before it
     and on the round end.
 
     Args:
-        pieces: of `flesh`.
-        places: (k, 3) of each landmark the piece, the position along it from 0 to 1, and whether it ends there.
+        pieces: (pieces, PIECE) of `flesh`.
+        places: (k, 3) for each landmark the index of its piece, the position along it from 0 to 1, and 1 if the piece
+            ends there, else 0.
+        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         near: largest distance of the image's surface from the flesh's [m].
+        out: (k,) written, 0 to 1.
     """
     for i in range(len(places)):
         p, f = pieces[int(places[i, 0])], places[i, 1]

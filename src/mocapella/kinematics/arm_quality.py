@@ -50,13 +50,13 @@ class ArmQualitySettings:
     """Thresholds for a still palm and for a jump.
 
     Attributes:
-        still_window_s: duration for an arm to be still before its noise is measured.
+        still_window_s: duration for an arm to be still before its noise is measured [s].
         still_m: largest distance between the mean positions of the palm in any two eighths of the window, beyond
-            noise, for an arm that counts as still.
+            noise, for an arm that counts as still [m].
         least_frames: fewest frames in the window.
         jump_m: motion between two frames above which a joint has jumped; for frames more than 1/30 s apart, it grows
-            in proportion to the time between them.
-        gap_s: frames farther apart than this are not compared.
+            in proportion to the time between them [m].
+        gap_s: frames farther apart than this are not compared [s].
     """
 
     still_window_s: float = 2.0
@@ -96,7 +96,7 @@ def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
-        jump_m: see `ArmQualitySettings`.
+        jump_m: motion between the frames above which a joint has jumped [m].
     """
     moved = now - before
     known = np.isfinite(moved).all(axis=-1)
@@ -140,7 +140,7 @@ class ArmQualityMeter:
         self._at_s: float | None = None
 
     def update(self, arms: Sequence[Arm], at_s: float) -> ArmQuality:
-        """Process the arms of a frame.
+        """Measure the arms of a frame.
 
         Args:
             arms: all arms of the frame.

@@ -1,6 +1,7 @@
 """Kernels of the residuals of an arm's flesh, and of the normal equations by groups of pieces.
 
-Importing this module imports numba.
+`arm_flesh_kernels` defines pieces and the state v (`STATE`,). A group is the pieces that the same degrees of freedom
+move: a digit's bone, the palm, the forearm or the upper arm. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
@@ -48,7 +49,7 @@ JUDGED = 0.7  # factor of the robust scales when a result is judged
 
 @njit(cache=True)
 def group_of(owner: int, bone: int) -> int:
-    """Return the group of a piece: a digit's bone, the palm, the forearm or the upper arm."""
+    """Return the index of a piece's group; ``owner`` and ``bone`` are its row of `ArmArrays.owners`."""
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 
@@ -57,16 +58,20 @@ def group_derivatives(
     joints: Float64, axes: Float64, columns: Int64, gains: Float64, rising: Int64, v: Float64, nz_free: int,
     A: Float64, at: Int64, counts: Int64,
 ) -> None:  # fmt: skip
-    """Write the derivatives of each group's residuals by its degrees of freedom, without the palm's six.
+    """Write the derivatives of each group's residuals by its degrees of freedom (dofs), without the palm's six.
 
     The derivative of a residual with normal n at a point p + r·n of the flesh is a linear function of a few numbers q:
     n, the moment p × n, r, and p·n for the hand, n times the position along the bone for the arm. So only Σ q qᵀ is
     accumulated for a group, and multiplied by the linear functions once (`add_groups`).
 
     Args:
-        A: (GROUPS, MOVERS, ROW) the linear functions, written.
-        at: (GROUPS, MOVERS) index of each dof, ascending, written.
-        counts: (GROUPS,) number of dofs, written.
+        joints, axes: (5, 4, 3) and (5, 5, 3) of `arm_flesh_kernels.flesh`.
+        columns, gains, rising: (5, 5) of `ArmArrays`.
+        v: (STATE,) sizes and directions.
+        nz_free: number of free angles.
+        A: (GROUPS, MOVERS, ROW) written: the linear functions.
+        at: (GROUPS, MOVERS) written: index of each dof among all, ascending.
+        counts: (GROUPS,) written: number of dofs.
     """
     body = 6 + nz_free
     A[:] = 0.0
@@ -126,7 +131,16 @@ def group_derivatives(
 def residual_numbers(
     group: int, nx: float, ny: float, nz: float, px: float, py: float, pz: float, r: float, v: Float64, q: Float64,
 ) -> None:  # fmt: skip
-    """Write the numbers q (ROW,) of a residual with normal n at the point p + r·n, as in `group_derivatives`."""
+    """Write the numbers q (ROW,) of a residual, as `group_derivatives` defines them.
+
+    Args:
+        group: index of the group.
+        nx, ny, nz: unit normal n in the palm's frame.
+        px, py, pz: point p on the piece's axis, palm's frame [m].
+        r: the residual is at the point p + r·n [m].
+        v: (STATE,) sizes and directions.
+        q: written.
+    """
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
     q[Q_R] = r
@@ -144,7 +158,14 @@ def residual_numbers(
 
 @njit(cache=True)
 def add_residual(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
-    """Add a residual e of weight w, with its numbers q (ROW,), to its group's sums Q (ROW, ROW) and b (ROW,)."""
+    """Add a residual to its group's sums.
+
+    Args:
+        q: (ROW,) of `residual_numbers`.
+        w: weight [1/m²].
+        e: the residual [m].
+        Q, b: (ROW, ROW) and (ROW,) sums of w q qᵀ and w q e, updated.
+    """
     for i in range(ROW):
         a = w * q[i]
         b[i] += a * e
@@ -154,7 +175,13 @@ def add_residual(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None
 
 @njit(cache=True)
 def add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: Float64, g: Float64) -> None:
-    """Add the groups' sums Q and b of `add_residual` to the lower triangle of H and to g."""
+    """Add all groups' sums to the normal equations.
+
+    Args:
+        A, at, counts: (GROUPS, MOVERS, ROW), (GROUPS, MOVERS) and (GROUPS,) of `group_derivatives`.
+        Q, b: (GROUPS, ROW, ROW) and (GROUPS, ROW) sums of `add_residual`.
+        H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
+    """
     T = np.empty(ROW)
     for group in range(GROUPS):
         kept = Q[group]
@@ -184,7 +211,9 @@ def add_groups(A: Float64, at: Int64, counts: Int64, Q: Float64, b: Float64, H: 
 def nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) -> tuple[int, int]:
     """Return (line, column) of the nearest pixel across the silhouette's edge; the pixel itself if no edge is near.
 
-    ``front`` and ``opposite`` are those of `ArmEvidence`.
+    Args:
+        front, opposite: (h, w) of `ArmEvidence`.
+        line, column: the pixel.
     """
     height = front.shape[0]
     arm = front[line, column] > 0.0
@@ -207,7 +236,7 @@ def nearest_opposite(front: Float64, opposite: Int64, line: int, column: int) ->
 
 @njit(cache=True)
 def robust(e: float, scale: float) -> tuple[float, float]:
-    """Return weight and cost of a residual e, each from 0 to 1, by the Geman–McClure loss."""
+    """Return weight and cost of a residual e, each from 0 to 1, by the Geman–McClure loss with a scale in e's unit."""
     s = (e / scale) ** 2
     f = 1.0 / (1.0 + s)
     return f * f, s * f
@@ -218,11 +247,16 @@ def compare(
     image: ArmEvidence, X: float, Y: float, Z: float, r: float, parameters: FitParameters,
     out: Float64,
 ) -> int:  # fmt: skip
-    """Compare a sphere of flesh at (X, Y, Z), camera frame, with the silhouette and the measured surface.
+    """Compare a sphere of flesh with the silhouette and the measured surface.
 
     Args:
-        out: (5,) written: distance beyond the silhouette [m], 0 within it; its direction in the image, outwards from
-            the edge; distance in front of the measured surface; the larger robust cost of both.
+        image: the measurements.
+        X, Y, Z: centre of the sphere, camera frame [m].
+        r: its radius [m].
+        parameters: scales and allowances.
+        out: (5,) written: distance beyond the silhouette [m], 0 within it; its unit direction in the image (2),
+            outwards from the edge; distance in front of the measured surface [m]; the larger robust cost of both, 0 to
+            1.
 
     Returns:
         -1 outside of the image, 0 where another object occludes it, else 1.
@@ -264,7 +298,14 @@ def compare(
 
 @njit(cache=True)
 def sphere(pieces: Float64, digit: int, i: int, out: Float64) -> None:
-    """Write centre and radius of the i-th of six spheres along a digit's two outer bones into out (4,) [m]."""
+    """Write one of six spheres along a digit's two outer bones.
+
+    Args:
+        pieces: (pieces, PIECE) of `arm_flesh_kernels.flesh`.
+        digit: index of the digit.
+        i: index of the sphere, 0 to 5.
+        out: (4,) written: centre in the palm's frame, and radius [m].
+    """
     p, f = pieces[3 * digit + 1 + i // 3], 0.5 * (i % 3)
     c = f * p[LENGTH]
     out[0], out[1], out[2] = p[FROM] + c * p[U], p[FROM + 1] + c * p[U + 1], p[FROM + 2] + c * p[U + 2]
@@ -276,7 +317,17 @@ def add_collisions(
     pieces: Float64, A: Float64, at: Int64, counts: Int64, v: Float64, parameters: FitParameters, only_costs: bool,
     H: Float64, g: Float64, costs: Float64,
 ) -> None:  # fmt: skip
-    """Add the repulsion of digits whose spheres along the two outer bones overlap."""
+    """Add the repulsion of digits whose spheres along the two outer bones overlap to the normal equations and costs.
+
+    Args:
+        pieces: (pieces, PIECE) of `arm_flesh_kernels.flesh`.
+        A, at, counts: (GROUPS, MOVERS, ROW), (GROUPS, MOVERS) and (GROUPS,) of `group_derivatives`.
+        v: (STATE,) sizes and directions.
+        parameters: weight and allowed overlap.
+        only_costs: do not change H and g.
+        H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
+        costs: (5,) of `arm_fit_kernels.system`; element 2, squared overlaps in centimetres, is added to.
+    """
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)
     for one in range(5):

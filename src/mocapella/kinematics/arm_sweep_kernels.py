@@ -41,17 +41,17 @@ def swept(
     arm: ArmArrays, image: ArmEvidence, mean: Float64, precision: Float64, pose: ArmPose, parameters: FitParameters,
     digit: int, tries: Float64, out: Float64,
 ) -> None:  # fmt: skip
-    """Write into out (k,) the cost of a fit for each of some postures of a digit, up to a common constant.
+    """Write the cost of a fit for each of many postures of one digit, up to a common constant.
 
     Only the terms that depend on the digit are computed: points that no other piece explains, the digit's own flesh and
     its overlaps. So dozens of postures cost no more than a step of the fit.
 
     Args:
-        arm, image, pose, parameters: of `arm_fit_kernels.system`.
-        mean, precision: (n,), (n, n) prior of the free angles.
-        digit: the digit.
-        tries: (k, 5) free angles of the digit, in the order of `columns`; clamped to the limits in place.
-        out: written.
+        arm, image, pose, parameters: model, measurements, pose, and scales and weights, as in `arm_fit_kernels.system`.
+        mean, precision: (n,), (n, n) mean and inverse covariance of the free angles' prior.
+        digit: index of the digit, 0 for the thumb.
+        tries: (k, 5) the digit's angles f, a, m, b, c in each posture [rad]; clamped to the limits in place.
+        out: (k,) written.
     """
     digits, columns, gains = arm.digits, arm.columns, arm.gains
     radii, owners, R, t, z, v = arm.radii, arm.owners, pose.R, pose.t, pose.z, pose.v

@@ -21,9 +21,9 @@ class Estimate(msgspec.Struct, frozen=True, eq=False):
     """The estimated joints of a body at an instant.
 
     Attributes:
-        at_s: the instant [s].
-        positions: (joints, 3) [m]; NaN where the body is not known.
-        variances: (joints,) of a coordinate [m²]; NaN where the body is not known.
+        at_s: the instant, on the clock of the capture times [s].
+        positions: (joints, 3) world [m]; NaN where the body is not known.
+        variances: (joints,) variance of a coordinate [m²]; NaN where the body is not known.
     """
 
     at_s: float
@@ -35,11 +35,11 @@ class Pose(msgspec.Struct, frozen=True, eq=False):
     """The pose of a body.
 
     Attributes:
-        position: (3,) of the root [m].
-        rotations: (balls, 3, 3) of the ball joints, the root's first: from the bone's frame to its parent's, the root's
-            to the world.
-        angles: (dofs,) of the hinges [rad]; unused elsewhere.
-        lengths: (lengths,) of the bones [m].
+        position: (3,) root in the world [m].
+        rotations: (balls, 3, 3) rotations of the ball joints, the root's first: from the bone's frame to its parent's,
+            the root's to the world.
+        angles: (dofs,) angles of the hinges, at their degree of freedom [rad]; unused elsewhere.
+        lengths: (lengths,) bone lengths [m]; the two sides of the body share theirs.
     """
 
     position: Float64
@@ -63,8 +63,8 @@ class ArticulatedBody:
         """Update the body with the measurements of one instant.
 
         Args:
-            positions: (joints, 3) [m]; NaN where a joint is not measured.
-            variances: (joints,) of a coordinate [m²]; not finite where a joint is not measured.
+            positions: (joints, 3) world [m]; NaN where a joint is not measured.
+            variances: (joints,) variance of a coordinate [m²]; not finite where a joint is not measured.
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
 
         Returns:
@@ -78,14 +78,14 @@ class ArticulatedBody:
         return Estimate(float(at_s), x, v)
 
     def predict(self, at_s: float) -> Estimate:
-        """Predict the body at an instant [s], without changing it."""
+        """Predict the body at an instant, on the clock of the capture times [s], without changing it."""
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
         _kernels().predict(self.model.arrays, self.memory[0], float(at_s), x, v)
         return Estimate(float(at_s), x, v)
 
     def move(self, T_new_old: Float64) -> None:
-        """Change the world frame to another one, by a rigid motion (4, 4)."""
+        """Change the world frame to another one, by a rigid motion (4, 4) from the old to the new world."""
         move(self.model, self.memory, T_new_old)
 
     @property
@@ -95,7 +95,13 @@ class ArticulatedBody:
 
 
 def move(model: ArticulatedModel, memory: Float64, T_new_old: Float64) -> None:
-    """Change the world frame of all bodies of a memory (people, memory_size), in place, by a rigid motion (4, 4)."""
+    """Change the world frame of all bodies of a memory, in place.
+
+    Args:
+        model: the body model.
+        memory: (people, memory_size), changed.
+        T_new_old: (4, 4) rigid motion from the old to the new world.
+    """
     _kernels().move(model.layout, memory, np.ascontiguousarray(T_new_old, dtype=np.float64))
 
 
@@ -121,7 +127,7 @@ def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
 
 
 def joints(model: ArticulatedModel, pose: Pose) -> Float64:
-    """Compute the joints (joints, 3) of a pose [m]: forward kinematics."""
+    """Compute the joints of a pose, by forward kinematics: (joints, 3) world [m]."""
     count = len(model.order)
     x, frames, twists = np.empty((count, 3)), np.empty((count, 9)), np.empty((model.layout.dofs, 6))
     _kernels().forward(model.arrays, row_of(model, pose), np.zeros(3), x, frames, twists)
@@ -139,7 +145,7 @@ def hinge_angles(model: ArticulatedModel, pose: Pose) -> dict[str, float]:
 
 
 def ball_rotations(model: ArticulatedModel, pose: Pose) -> dict[str, Float64]:
-    """Return the ball joints' rotations (3, 3) by their names in the body model, and that of the ``root``."""
+    """Return the ball joints' rotations (3, 3) from bone to parent frame by their names, and that of the ``root``."""
     named = {"root": pose.rotations[0]}
     for joint, bone in model.body.bones.items():
         if bone.ball is not None:

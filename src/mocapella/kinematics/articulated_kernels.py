@@ -68,9 +68,9 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
     Args:
         model: the body model.
         row: (memory_size,) the body's memory.
-        at_s: [s]; a time before the memory's instant counts as that instant.
-        positions: (joints, 3) [m], written; NaN where the body is not known.
-        variances: (joints,) of a coordinate [m²], written.
+        at_s: the instant, on the clock of earlier calls [s]; a time before the memory's counts as the memory's.
+        positions: (joints, 3) written: world [m]; NaN where the body is not known.
+        variances: (joints,) written: variance of a coordinate [m²].
 
     Returns:
         Whether the body is known.
@@ -114,11 +114,11 @@ def correct(
     Args:
         model: the body model.
         row: (memory_size,) the body's memory, changed; NaN or 0 for a new body.
-        at_s: [s]; a time before the memory's instant counts as that instant.
-        measured: (joints, 3) [m]; NaN where not measured.
-        measured_variances: (joints,) of a coordinate [m²]; not finite where not measured.
-        positions: (joints, 3) [m], written; NaN while the body is not known.
-        variances: (joints,) of a coordinate [m²], written.
+        at_s: capture time [s]; a time before the memory's instant counts as that instant.
+        measured: (joints, 3) world [m]; NaN where not measured.
+        measured_variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
+        positions: (joints, 3) written: world [m]; NaN while the body is not known.
+        variances: (joints,) written: variance of a coordinate [m²].
 
     Returns:
         Whether the body is known.
@@ -352,12 +352,12 @@ def _follow_contact(row: Float64, c: int, dt: float, positions: Float64, measure
 
 @njit(cache=True, error_model="numpy")
 def move(layout: MemoryLayout, memory: Float64, T: Float64) -> None:
-    """Change the world frame of all bodies.
+    """Change the world frame of all bodies of a memory, in place.
 
     Args:
-        layout: of `ArticulatedModel`.
+        layout: layout of a body's memory, of `ArticulatedModel`.
         memory: (people, memory_size), changed.
-        T: (4, 4) `T_new_old`, rigid.
+        T: (4, 4) rigid motion from the old to the new world frame.
     """
     for p in range(len(memory)):
         for k in range(3):

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 AT, SEEN, STARTED, LOST_SINCE, RESTLESS = 0, 1, 2, 3, 4
-"""The head of a row: its instant [s], when the body was last measured [s], 1 once the body is initialised, since when
-it is lost (NaN: it is not) [s], and the recent average of the innovations over their expectation."""
+"""Columns at the head of a row.
+
+They are its instant [s], the capture time of the body's last measurement [s], 1 once the body is initialised, since
+when it is lost (NaN: it is not) [s], and the recent average of the innovations over their expectation.
+"""
 HEAD = 8
 """Numbers reserved for the head."""
 
@@ -20,13 +23,14 @@ class MemoryLayout(NamedTuple):
         joints: number of joints.
         lengths: number of bone lengths; the two sides of the body share theirs.
         angles: (dofs,) the root's position [m], three unused, and the hinges' angles [rad]; unused for balls.
-        velocities: (dofs,) of the root along the world's axes [m/s], and of every rotation about its own axes [rad/s].
-        variance: (dofs,) [m² or rad²]; of the root's position along the root's own axes.
-        covariance: (dofs,) of each degree of freedom with its velocity [m²/s or rad²/s].
-        speed_variance: (dofs,) of the velocity [m²/s² or rad²/s²].
-        rotations: (balls, 3, 3) of the ball joints, the root's first.
+        velocities: (dofs,) velocity of the root along the world's axes [m/s], and of every rotation about its own axes
+            [rad/s].
+        variance: (dofs,) variance of each degree of freedom [m² or rad²]; the root's along its own axes.
+        covariance: (dofs,) covariance of each degree of freedom with its velocity [m²/s or rad²/s].
+        speed_variance: (dofs,) variance of the velocity [m²/s² or rad²/s²].
+        rotations: (balls, 3, 3) rotations of the ball joints, the root's first.
         bones: (lengths,) bone lengths [m].
-        learnt: (lengths,) for how long each length was learnt [s].
+        learnt: (lengths,) duration over which each length was learnt [s].
         contacts: (contacts, 6) position of a joint that may be in contact [m], and its smoothed velocity [m/s].
         jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the variance of a
             coordinate that is estimated from the innovations' successive differences [m²].
@@ -51,7 +55,11 @@ class MemoryLayout(NamedTuple):
 
 
 def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> MemoryLayout:
-    """Lay out the arrays of a body one after the other, behind the head."""
+    """Lay out the arrays of a body one after the other, behind the head.
+
+    Args:
+        dofs, balls, joints, lengths, contacts: the numbers of `MemoryLayout`.
+    """
     starts = [HEAD]
     for size in (dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints):
         starts.append(starts[-1] + size)

@@ -31,21 +31,22 @@ class ArticulatedSettings:
         trunk_turn: acceleration density of a joint of the trunk [rad²/s³].
         limb_turn: acceleration density of a joint of an arm or a leg [rad²/s³].
         hand_turn: acceleration density of a joint of a hand [rad²/s³].
-        velocity_memory_s: time constant of the decay of an unconfirmed velocity.
+        velocity_memory_s: time constant of the decay of an unconfirmed velocity [s].
         surprise_s: time constant over which the surprise is averaged: the squared innovations of the measured joints
-            over their expectation.
+            over their expectation [s].
         full_surprise: surprise above which the densities hold in full; below it they fall with its third power.
         calm: smallest factor of the densities.
-        noise_s: time constant over which each joint's noise is learnt.
+        noise_s: time constant over which each joint's noise is learnt [s].
         rest_sd: standard deviation of an angle about its rest, after one second of pull towards it [rad·√s].
-        degrees_of_freedom: of the Student-t weight of a joint; infinity makes the loss quadratic.
-        length_memory_s: time over which bone lengths are averaged.
-        stand_diffusion: diffusion of a foot in contact with the floor [m²/s]; infinity: contacts are not modelled.
+        degrees_of_freedom: parameter of the Student-t weight of a joint; infinity makes the loss quadratic.
+        length_memory_s: time over which bone lengths are averaged [s].
+        stand_diffusion: diffusion of a foot in contact with the floor; infinity: contacts are not modelled [m²/s].
         stand_speed: speed at which the weight of a foot's contact has fallen to a quarter [m/s].
         least_joints: number of measured joints that initialise a body; at least four of them belong to its torso.
-        lost_m: mean distance of measured from estimated joints, beyond their noise, above which a body counts as lost.
-        lost_s: duration of that after which the body is initialised again.
-        forget_after_s: time without a measurement after which a body is no longer predicted.
+        lost_m: mean distance of measured from estimated joints, beyond their noise, above which a body counts as lost
+            [m].
+        lost_s: a body that has been lost for this long is initialised again [s].
+        forget_after_s: time without a measurement after which a body is no longer predicted [s].
     """
 
     root_acceleration: float = 30.0
@@ -135,12 +136,13 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         settings: the settings.
         layout: counts, and the layout of a body's memory.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
-        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration, largest variance.
-        joint_table: (joints, 6) parent joint, first degree of freedom, number of degrees of freedom, ball, length,
-            contact; −1 for none.
-        joint_values: (joints, 12) unit direction at rest, length at rest as a fraction of stature, centre of the ball's
-            cone, its half angle, least and most twist [rad], 1 for the torso's joints, variance of the joint about the
-            chain [m²].
+        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
+            largest variance [m² or rad²].
+        joint_table: (joints, 6) indices of parent joint and first degree of freedom, number of degrees of freedom, and
+            indices of ball joint, bone length and contact; −1 for none.
+        joint_values: (joints, 12) unit direction of the bone at rest (3), its length as a fraction of stature, axis of
+            the ball joint's cone (3), its half angle, least and most twist [rad], 1 for the torso's joints, variance of
+            the joint about the chain [m²].
         order: (joints,) the joints, a parent before its children.
         parameters: the settings that the kernels read.
     """
@@ -157,7 +159,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def arrays(self) -> BodyArrays:
-        """The model as the kernels take it."""
+        """The same arrays as a named tuple, for the kernels."""
         return BodyArrays(
             self.layout, self.dof_kind, self.dof_values, self.joint_table, self.joint_values, self.order,
             self.parameters,
@@ -174,7 +176,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def memory_size(model: ArticulatedModel) -> int:
-    """Length of the row of numbers that one person's memory is."""
+    """Number of numbers in the row that holds one person's memory."""
     return model.layout.size
 
 

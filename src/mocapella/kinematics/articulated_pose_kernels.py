@@ -21,9 +21,9 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 PINNED = 1e12
-"""Information that holds a degree of freedom at its limit [1/rad²]."""
+"""Prior information that holds a degree of freedom at its limit [1/rad²]."""
 CALMING = 3
-"""Exponent of the surprise in the densities of acceleration."""
+"""Exponent of the surprise (see `ArticulatedSettings`) in the densities of acceleration."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -31,6 +31,11 @@ def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
     """Predict a memory row to a later instant, in place: a decaying velocity, driven by white acceleration.
 
     Every degree of freedom is an integrated Ornstein–Uhlenbeck process, with its exact covariance.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) a body's memory, changed.
+        at_s: the later instant, on the memory's clock of capture times [s].
     """
     layout, parameters = model.layout, model.parameters
     dof_kind, dof_values, joint_table = model.dof_kind, model.dof_values, model.joint_table
@@ -77,7 +82,12 @@ def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def first_of_ball(joint_table: Int64, j: int) -> int:
-    """Return the first of the three degrees of freedom of the ball joint j."""
+    """Return the index of the first of the three degrees of freedom of the ball joint j.
+
+    Args:
+        joint_table: (joints, 6) of `ArticulatedModel`.
+        j: the joint.
+    """
     return int(joint_table[j, 1] + (3 if joint_table[j, 0] < 0 else 0))
 
 
@@ -86,6 +96,11 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
     """Write into out (dofs,) the rotation that takes each degree of freedom to its rest [rad].
 
     It is 0 for the root; for a ball joint, it is the sine of the rotation about each axis.
+
+    Args:
+        layout, dof_values, joint_table: layout of a memory, (dofs, 5) and (joints, 6) of `ArticulatedModel`.
+        row: (memory_size,) a body's memory.
+        out: (dofs,) written.
     """
     for i in range(layout.dofs):
         out[i] = dof_values[i, 2] - row[layout.angles + i] if i >= ROOT_DOFS else 0.0
@@ -99,9 +114,13 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
 
 @njit(cache=True, error_model="numpy")
 def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64) -> bool:
-    """Hold degrees of freedom at their limits that the small motion delta (dofs,) would move beyond them.
+    """Hold degrees of freedom at their limits that a small motion would move beyond them.
 
-    Their prior information D and prior mean e (dofs,), see `chain_kernels.solve`, are overwritten.
+    Args:
+        model: the body model.
+        row: (memory_size,) a body's memory; its pose is read.
+        delta: (dofs,) the small motion [m, rad].
+        D, e: (dofs,) prior information and prior mean of `chain_kernels.solve`; overwritten for the held ones.
 
     Returns:
         Whether any degree of freedom is held.
@@ -130,7 +149,13 @@ def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64)
 
 @njit(cache=True, error_model="numpy")
 def apply_motion(model: BodyArrays, row: Float64, delta: Float64) -> None:
-    """Apply a small motion (dofs,) to the pose of a memory row, and clamp the pose to its limits."""
+    """Apply a small motion to the pose in a memory row, in place, and clamp the pose to its limits.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) a body's memory, changed.
+        delta: (dofs,) the small motion [m, rad].
+    """
     layout, dof_values, joint_table = model.layout, model.dof_values, model.joint_table
     r = layout.rotations
     for k in range(layout.angles, layout.angles + 3):

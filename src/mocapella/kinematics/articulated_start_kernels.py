@@ -23,14 +23,21 @@ FIRST_SD = 0.5
 FIRST_SPEED_SD = 2.0
 """Initial standard deviation of every velocity [rad/s, m/s]."""
 LEAST_TORSO = 4
-"""Measured joints of the torso without which a body is not initialised."""
+"""Least number of measured joints of the torso for initialising a body."""
 STATURE, LEAST_STATURE, MOST_STATURE = 1.7, 0.5, 2.5
-"""Stature where no bone is measured, and the limits of the measured stature [m]."""
+"""Stature that is assumed if no bone is measured, and the limits of the measured stature [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, variances: Float64) -> bool:
     """Initialise a body's memory row from measured joints; known bone lengths are kept.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) the body's memory, changed.
+        at_s: capture time [s].
+        measured: (joints, 3) world [m]; NaN where not measured.
+        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
 
     Returns:
         Whether enough joints are measured.
@@ -116,7 +123,7 @@ def _point_bones(model: BodyArrays, row: Float64, measured: Float64, variances: 
 
 @njit(cache=True, error_model="numpy")
 def is_measured(measured: Float64, variances: Float64, j: int) -> bool:
-    """Return whether position and variance of a joint are finite."""
+    """Return whether joint j is measured: finite in measured (joints, 3) and variances (joints,)."""
     return math.isfinite(measured[j, 0] + measured[j, 1] + measured[j, 2] + variances[j])
 
 

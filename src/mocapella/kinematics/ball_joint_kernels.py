@@ -23,7 +23,13 @@ _SINGULAR = 1e-6
 
 @njit(cache=True)
 def rotation(axes: Float64, angles: Float64, out: Float64) -> None:
-    """Write exp(a₀ α₀) exp(a₁ α₁) exp(a₂ α₂) into out (9,) for unit axes (3, 3), one a row."""
+    """Write the product of three rotations, exp(a₀ α₀) exp(a₁ α₁) exp(a₂ α₂).
+
+    Args:
+        axes: (3, 3) unit axes a₀, a₁ and a₂, one a row.
+        angles: (3,) α₀, α₁ and α₂ [rad].
+        out: (9,) written.
+    """
     a, b = np.empty(9), np.empty(9)
     for i in range(9):
         a[i] = 1.0 if i % 4 == 0 else 0.0
@@ -41,9 +47,15 @@ def _product(A: Float64, B: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def turns(axes: Float64, R: Float64, near: Float64, out: Float64) -> None:
-    """Write the three angles (3,) about perpendicular axes (3, 3) that make R, the second one within ±90°.
+    """Write the three angles about perpendicular axes whose `rotation` is R, the second one within ±90°.
 
     At ±90° only the sum or the difference of the others is determined: the first one is taken from ``near``.
+
+    Args:
+        axes: (3, 3) perpendicular unit axes, one a row.
+        R: (9,) the rotation.
+        near: (3,) angles of a pose nearby [rad].
+        out: (3,) written [rad].
     """
     a, b = axes[0], axes[1]
     c0, c1, c2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
@@ -77,10 +89,15 @@ def _near(angle: float, to: float) -> float:
 
 @njit(cache=True)
 def turns_within(axes: Float64, R: Float64, limits: Float64, near: Float64, out: Float64) -> None:
-    """Write the three angles (3,) within limits (3, 2) whose rotation is nearest to R.
+    """Write the three angles within limits whose `rotation` is nearest to R.
 
     There are two solutions: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are within the limits, the one with
     the smaller last angle is taken.
+
+    Args:
+        axes, R, near: (3, 3) unit axes, (9,) rotation and (3,) angles of a pose nearby [rad], as in `turns`.
+        limits: (3, 2) least and largest angle [rad].
+        out: (3,) written [rad].
     """
     one, other, made, best = np.empty(3), np.empty(3), np.empty(9), math.inf
     turns(axes, R, near, one)
@@ -105,16 +122,16 @@ def localise(
     parents: Int64, joint_parts: Int64, parts: Int64, first: Int64, axes: Float64, centres: Float64, angles: Float64,
     turned_by: Float64, new_axes: Float64, twists: Float64, limits: Float64,
 ) -> None:  # fmt: skip
-    """Change a tree so that a pose of its ball joints becomes their rest.
+    """Change a tree, in place, so that a pose of its ball joints becomes their rest pose.
 
     Args:
-        parents, joint_parts: of `TwistTree`.
-        parts, first, axes, centres: of `BallJoints`.
-        angles: (joints,) of the pose; set to 0 for ball joints.
-        turned_by: (n, 9) their rotations, written.
-        new_axes: (n, 3, 3) their new axes, written.
-        twists: (joints, 6) changed for ball joints and all their descendants.
-        limits: (joints, 2) removed from ball joints.
+        parents, joint_parts: (parts,), (joints,) of `TwistTree`.
+        parts, first, axes, centres: (n,), (n,), (n, 3, 3), (n, 3) [m] of `BallJoints`.
+        angles: (joints,) of the pose [rad]; set to 0 for ball joints.
+        turned_by: (n, 9) written: the ball joints' rotations in the pose.
+        new_axes: (n, 3, 3) written: their new axes, one a row.
+        twists: (joints, 6) of `TwistTree`; changed for ball joints and all their descendants.
+        limits: (joints, 2) of `TwistTree` [rad]; made infinite for ball joints.
     """
     moved = np.zeros((len(parents), 12))  # rotation, then translation, of each part's new rest from its old one
     for p in range(len(parents)):
@@ -175,7 +192,13 @@ def localise(
 
 @njit(cache=True)
 def into(first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, angles: Float64) -> None:
-    """Convert ball joints' angles (joints,) from a body's tree to a local tree."""
+    """Convert ball joints' angles, in place, from a body's tree to its local tree (`LocalTree`).
+
+    Args:
+        first, axes: (n,), (n, 3, 3) of `BallJoints`.
+        turned_by, new_axes: (n, 9), (n, 3, 3) of `localise`.
+        angles: (joints,) [rad]; only ball joints' angles are changed.
+    """
     R, D = np.empty(9), np.empty(9)
     none = np.zeros(3)
     for n in range(len(first)):
@@ -192,7 +215,15 @@ def back(
     first: Int64, axes: Float64, turned_by: Float64, new_axes: Float64, limits: Float64, near: Float64,
     angles: Float64,
 ) -> None:  # fmt: skip
-    """Convert ball joints' angles (joints,) from a local tree to the body's tree, within its limits."""
+    """Convert ball joints' angles, in place, from a local tree to the body's tree, within its limits.
+
+    Args:
+        first, axes: (n,), (n, 3, 3) of `BallJoints`.
+        turned_by, new_axes: (n, 9), (n, 3, 3) of `localise`.
+        limits: (joints, 2) of the body's tree [rad].
+        near: (joints,) angles of a pose nearby in the body's tree [rad].
+        angles: (joints,) [rad]; only ball joints' angles are changed.
+    """
     D, R = np.empty(9), np.empty(9)
     for n in range(len(first)):
         j = first[n]

@@ -36,9 +36,9 @@ class BallJoints(msgspec.Struct, frozen=True, eq=False):
     """The ball joints of a tree that have a singular pose within their limits.
 
     Attributes:
-        parts: (n,) the part that each one moves.
+        parts: (n,) index of the part that each ball joint moves.
         first: (n,) index of the first of its three revolute joints.
-        axes: (n, 3, 3) their axes in the rest pose, one per row.
+        axes: (n, 3, 3) unit axes of these in the rest pose, one per row.
         centres: (n, 3) intersection of the axes in the rest pose [m].
     """
 
@@ -125,7 +125,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
 
 
 def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
-    """Make the local tree of a pose."""
+    """Make the local tree of a body's tree about a pose; see `LocalTree`."""
     angles = np.array(pose.angles, np.float64)
     twists, limits, n = tree.twists.copy(), tree.limits.copy(), len(balls.parts)
     turned, axes = np.empty((n, 9)), np.empty((n, 3, 3))

@@ -27,9 +27,9 @@ class Hinge:
     """A revolute joint.
 
     Attributes:
-        name: of its angle.
+        name: name of its angle.
         axis: axis of rotation, in the frame of the previous bone or hinge: ``x``, ``y`` or ``z``.
-        limits_deg: (least, most) angle.
+        limits_deg: (least, most) angle [°].
     """
 
     name: str
@@ -52,10 +52,10 @@ class BallJoint:
     """A ball joint.
 
     Attributes:
-        name: of its angles.
+        name: name of the joint, and prefix of its angles.
         centre: (3,) axis of the cone of allowed bone directions, in the parent frame.
-        cone_deg: half angle of the cone.
-        twist_deg: (least, most) turn of the bone about itself, after the shortest turn from its rest direction.
+        cone_deg: half angle of the cone [°].
+        twist_deg: (least, most) turn of the bone about itself, after the shortest turn from its rest direction [°].
     """
 
     name: str
@@ -70,7 +70,7 @@ class BallJoint:
         check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
 
     def mirrored(self) -> BallJoint:
-        """Mirror the joint or bone to the other side of the body."""
+        """Mirror the ball joint to the other side of the body."""
         x, y, z = self.centre
         least, most = self.twist_deg
         return replace(self, centre=(-x, y, z), twist_deg=(-most, -least))
@@ -102,7 +102,7 @@ class Bone:
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
 
     def mirrored(self) -> Bone:
-        """Mirror the joint or bone to the other side of the body."""
+        """Mirror the bone and its joint to the other side of the body."""
         x, y, z = self.offset
         hinges = tuple(hinge.mirrored() for hinge in self.hinges)
         return replace(self, offset=(-x, y, z), hinges=hinges, ball=self.ball and self.ball.mirrored())
@@ -153,7 +153,11 @@ def body_model(name: str) -> BodyModel:
 
 
 def body_model_from_toml(text: str, of: Topology) -> BodyModel:
-    """Read and check a body model in TOML.
+    """Read and check a body model.
+
+    Args:
+        text: TOML, as in ``models/kinect_v2.toml``.
+        of: the topology whose skeleton the model describes.
 
     Raises:
         SettingsError: an unknown joint, a missing bone, a value out of range, or too few joints in the torso.

@@ -34,14 +34,14 @@ _IDENTITY = np.eye(3).reshape(9)
 
 
 class Elimination(NamedTuple):
-    """Intermediate results of `solve`, which writes them.
+    """Intermediate results that `solve` writes.
 
     Attributes:
         M: (joints, 27) articulated inertia, 21 numbers, and bias force, 6, of the subtree at each joint.
         U: (dofs, 6) the inertia's product with each twist.
         d: (dofs,) articulated inertia of each degree of freedom.
-        u: (dofs,) its force.
-        a: (joints, 6) motion of each bone.
+        u: (dofs,) force on each degree of freedom.
+        a: (joints, 6) small motion of each bone, a twist.
     """
 
     M: Float64
@@ -53,7 +53,7 @@ class Elimination(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def swing(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, out: Float64) -> None:
-    """Write the shortest rotation from the unit direction o to the unit direction d into out (9,)."""
+    """Write the shortest rotation from the unit direction o to the unit direction d into out (9,), row by row."""
     x, y, z = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
     sine, cosine = math.sqrt(x * x + y * y + z * z), ox * dx + oy * dy + oz * dz
     f = math.atan2(sine, cosine) / sine if sine > 1e-9 else 0.0
@@ -65,15 +65,16 @@ def swing(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, out:
 
 @njit(cache=True, error_model="numpy")
 def limited(joint_values: Float64, j: int, B: Float64, out: Float64) -> bool:
-    """Clamp the rotation B (9,) of a ball joint to its limits, into out (9,); return whether it was beyond them.
+    """Clamp the rotation of a ball joint to its limits; return whether it was beyond them.
 
     The rotation is split into a twist of the bone about itself and then a swing, the shortest rotation of the bone from
     its rest direction. A swing beyond the cone returns to the nearest point of its edge.
 
     Args:
-        joint_values: of `ArticulatedModel`.
-        j: the joint.
-        B, out: rotations, row by row.
+        joint_values: (joints, 12) of `ArticulatedModel`.
+        j: index of the joint.
+        B: (9,) the rotation, row by row.
+        out: (9,) written.
     """
     values = joint_values[j]
     ox, oy, oz = values[0], values[1], values[2]
@@ -108,10 +109,10 @@ def forward(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Flo
     Args:
         model: the body model.
         row: (memory_size,) a body's memory.
-        origin: (3,) [m].
-        x: (joints, 3) joints relative to the origin [m], written.
-        R: (joints, 9) frames of the bones, row by row, written.
-        xi: (dofs, 6) twists, written.
+        origin: (3,) world [m].
+        x: (joints, 3) written: joints relative to the origin, with the world's axes [m].
+        R: (joints, 9) written: rotations from the bones' frames to the world, row by row.
+        xi: (dofs, 6) written: twists (ω, v) of the degrees of freedom about the origin.
     """
     joint_table, joint_values, dof_kind = model.joint_table, model.joint_values, model.dof_kind
     angles, bones = model.layout.angles, model.layout.bones
@@ -281,17 +282,17 @@ def solve(
     joint_table: Int64, order: Int64, xi: Float64, D: Float64, e: Float64, x: Float64, residuals: Float64,
     weights: Float64, work: Elimination, delta: Float64,
 ) -> None:  # fmt: skip
-    """Compute the best small motion, delta (dofs,), by the articulated-body algorithm.
+    """Compute the best small motion of a tree towards measured joints, by the articulated-body algorithm.
 
     Args:
-        joint_table, order: of `ArticulatedModel`.
-        xi: (dofs, 6) twists.
-        D, e: (dofs,) prior information and prior mean of each degree of freedom.
-        x: (joints, 3) estimated joints [m].
+        joint_table, order: (joints, 6), (joints,) of `ArticulatedModel`.
+        xi: (dofs, 6) twists of `forward`.
+        D, e: (dofs,) prior information [1/m², 1/rad²] and prior mean [m, rad] of each degree of freedom's small motion.
+        x: (joints, 3) estimated joints of `forward` [m].
         residuals: (joints, 3) measured − estimated [m]; read where the weight is above 0.
         weights: (joints,) 1/variance [1/m²].
         work: written; `marginals` reads its U and d.
-        delta: written.
+        delta: (dofs,) written: the small motion [m, rad].
     """
     _eliminate(joint_table, order, xi, D, e, x, residuals, weights, work)
     U, a = work.U, work.a
@@ -322,12 +323,12 @@ def marginals(
     U = 0 and d = 1/P give the variances of a tree whose degrees of freedom are independent, of variances P.
 
     Args:
-        joint_table, order: of `ArticulatedModel`.
+        joint_table, order: (joints, 6), (joints,) of `ArticulatedModel`.
         xi, U, d: (dofs, 6), (dofs, 6), (dofs,) of `solve`.
-        x: (joints, 3) [m].
-        C: (joints, 21) covariance of the motion of each bone, written.
-        dofs: (dofs,) variances, written.
-        joints: (joints,) variance of a coordinate, a third of the trace of the joint's covariance [m²], written.
+        x: (joints, 3) estimated joints of `forward` [m].
+        C: (joints, 21) written: covariance of the motion of each bone.
+        dofs: (dofs,) written: variances [m², rad²].
+        joints: (joints,) written: variance of a coordinate, a third of the trace of the joint's covariance [m²].
     """
     for o in range(len(order)):
         j = order[o]
@@ -402,9 +403,10 @@ def independent(
     """Compute the joint variances of `marginals` for independent degrees of freedom.
 
     Args:
-        joint_table, order, xi, x, joints: of `marginals`.
-        row, variance: the variance of degree of freedom i is row[variance + i].
-        C: (joints, 10) the sums that the joints need, written.
+        joint_table, order, xi, x, joints: (joints, 6), (joints,), (dofs, 6), (joints, 3) [m] and (joints,) result [m²],
+            as in `marginals`.
+        row, variance: the variance of degree of freedom i is row[variance + i], as in a body's memory.
+        C: (joints, 10) written: intermediate sums.
     """
     for o in range(len(order)):
         j = order[o]

@@ -19,9 +19,13 @@ _NEAR_M = 1e-6
 
 @njit(cache=True)
 def between(one: Float64, other: Float64, nearest: Float64) -> float:
-    """Return the distance of two segments, (2, 3) each, and write their nearest points (2, 3).
+    """Return the distance of two segments [m], and write their nearest points.
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
+
+    Args:
+        one, other: (2, 3) end points of each [m].
+        nearest: (2, 3) written: the point on ``one``, then on ``other`` [m].
     """
     uu = uv = vv = uw = vw = 0.0
     for d in range(3):
@@ -56,9 +60,12 @@ def _beyond(one: Float64, other: Float64, reach: float) -> bool:
 
 @njit(cache=True)
 def depth(ends: Float64, radii: Float64, pairs: Int64) -> float:
-    """Return the sum of the penetration depths of pairs (q, 2) of capsules [m].
+    """Return the sum of the penetration depths of pairs of capsules [m].
 
-    ``ends`` (c, 2, 3) are the end points of the capsules' axes, ``radii`` (c,) their radii [m].
+    Args:
+        ends: (c, 2, 3) end points of the capsules' axes [m].
+        radii: (c,) [m].
+        pairs: (q, 2) indices of two capsules.
     """
     total, nearest = 0.0, np.empty((2, 3))
     for q in range(len(pairs)):
@@ -78,11 +85,11 @@ def apart(
 
     Args:
         ends: (c, 2, 3) end points of the capsules' axes in the present pose, world [m].
-        radii, pairs, part: of `Capsules`.
-        R, t: (parts, 9), (parts, 3) the parts' motions.
+        radii, pairs, part: (c,), (q, 2), (c,) of `Capsules`.
+        R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         touching: allowed penetration [m].
-        weight: of each plane [1/m²].
-        parts, rest, planes, weights: written: the fields of `twist_fit.InPlanes`.
+        weight: weight of each plane [1/m²].
+        parts, rest, planes, weights: written: the fields of `twist_fit.InPlanes`, with room for 2 q planes.
     """
     k, nearest = 0, np.empty((2, 3))
     for q in range(len(pairs)):

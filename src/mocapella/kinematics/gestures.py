@@ -78,10 +78,10 @@ def hand_features(
     of its tip's distance from the palm to the elbow's.
 
     Args:
-        landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS` [m]; NaN where not known.
+        landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS`, in any frame [m]; NaN where not known.
         states: (21,) `JointState`.
         sd: (21,) standard deviation of a coordinate [m], or None.
-        palm, elbow: (3,) [m].
+        palm, elbow: (3,) centre of the palm and elbow, in the same frame [m].
         unsure: a tip with a standard deviation above this fraction of the distance from the wrist to the middle
             finger's knuckle counts as unknown.
     """
@@ -154,7 +154,7 @@ class FingerGesture:
         return tuple(sorted(DIGITS.index(digit) for digit in (*self.extended, *self.folded)))
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score of the digit that fits worst."""
+        """Return the score of the digit that fits worst, 0 to 1; NaN if unknown."""
         fits = [hand.extended(DIGITS.index(digit)) for digit in self.extended]
         return _least([*fits, *(hand.folded(DIGITS.index(digit)) for digit in self.folded)])
 
@@ -173,7 +173,7 @@ class Closed:
     digits: tuple[int, ...] = (1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score by the fingers' mean reach; no finger may be extended."""
+        """Return the score by the fingers' mean reach, 0 to 1; it is low if any finger is extended. NaN if unknown."""
         mean = float(hand.reach[1:].mean())
         loose = ramp(mean, 0.36, 0.52)
         bent = min(loose, 1.0 - ramp(mean, 0.58, 0.72)) if not self.tight else 1.0 - loose
@@ -188,7 +188,7 @@ class Pinch:
     digits: tuple[int, ...] = (0, 1, 2, 3, 4)
 
     def score(self, hand: HandFeatures) -> float:
-        """Return the score by the gap between the tips and the other fingers' mean reach."""
+        """Return the score by the gap between the tips and the other fingers' mean reach, 0 to 1; NaN if unknown."""
         others = ramp(float(hand.reach[2:].mean()), 0.68, 0.82)
         return _least([1.0 - ramp(float(hand.gaps[0, 1]), 0.28, 0.50), others])
 
@@ -212,7 +212,10 @@ GESTURES: Final[dict[str, Gesture]] = {
 
 
 def closure(hand: HandFeatures) -> float:
-    """Return how closed a hand is, 0 (open) to 1 (closed), by its least bent finger or a pinch; NaN if not known."""
+    """Return how closed a hand is, from 0 (open) to 1 (closed); NaN if not known.
+
+    It is the larger one of the score of a pinch and the closure of the least bent finger.
+    """
     closed = _least([1.0 - ramp(float(hand.reach[finger]), 0.45, 0.85) for finger in range(1, 5)])
     pinched = Pinch().score(hand)
     return pinched if math.isnan(closed) else closed if math.isnan(pinched) else max(closed, pinched)
@@ -225,11 +228,14 @@ class GestureSettings:
     Attributes:
         enter: score at or above which a gesture begins.
         leave: score below which it ends.
-        after_s: time for which either condition must last.
-        grab, release, grab_after_s: the same for the closure at which a hand grasps and releases.
+        after_s: time for which either condition must last [s].
+        grab: closure (`closure`) at or above which a hand grasps.
+        release: closure below which it releases.
+        grab_after_s: time for which either of these conditions must last [s].
         least_certain: mean certainty of a gesture's digits below which its score is unknown.
-        hold_s: time for which a gesture with an unknown score keeps its state.
-        unsure: see `hand_features`.
+        hold_s: time for which a gesture with an unknown score keeps its state [s].
+        unsure: a tip with a standard deviation above this fraction of a hand's length counts as unknown, see
+            `hand_features`.
     """
 
     enter: float = 0.6
@@ -278,9 +284,9 @@ class GesturesReport:
     """Counts of a hand's gestures and grasps.
 
     Attributes:
-        instants: number of instants given.
+        instants: number of instants processed.
         unknown: number of instants at which the hand's closure is not known.
-        begun: number of times each gesture began.
+        begun: number of times each gesture began, by name.
         grabs, releases: number of grasps and releases.
     """
 
@@ -322,10 +328,10 @@ class _Trigger:
 
 
 class HandGestures:
-    """The gestures of one hand.
+    """Recognises the gestures and grasps of one hand, instant by instant.
 
     Args:
-        settings: the settings.
+        settings: thresholds.
         gestures: the gestures to recognise; the present `GESTURES` unless given.
     """
 
@@ -353,15 +359,15 @@ class HandGestures:
 
     @property
     def report(self) -> GesturesReport:
-        """Counts over the instants so far."""
+        """Counts since the recognition was made or reset."""
         return GesturesReport(self._instants, self._unknown, dict(self._begun), self._grabs, self._releases)
 
     def update(self, hand: HandFeatures | None, at_s: float) -> GestureState:
-        """Process an instant.
+        """Update gesture and grasp with the hand's features at an instant.
 
         Args:
-            hand: see `hand_features`; None where it is not seen.
-            at_s: time [s]; a time before the last one restarts the recognition.
+            hand: the features, of `hand_features`; None where the hand is not seen.
+            at_s: capture time [s]; a time before the last one restarts the recognition.
         """
         if at_s < self._at_s:
             self._forget()

@@ -18,9 +18,9 @@ class GraspSettings:
     """Thresholds for touching and holding an object.
 
     Attributes:
-        touch_m: distance from the surface below which a fingertip begins to touch it.
-        leave_m: distance above which it stops touching.
-        after_s: duration of touch after which the object is held, and of no touch after which it is released.
+        touch_m: distance from the surface below which a fingertip begins to touch it [m].
+        leave_m: distance above which it stops touching [m].
+        after_s: duration of touch after which the object is held, and of no touch after which it is released [s].
     """
 
     touch_m: float = 0.015
@@ -38,8 +38,8 @@ def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -
 
     Args:
         points: (..., n, 3), world [m].
-        T_world_object: (4, 4) of the box, whose middle is its origin.
-        half_m: (3,) half its sides [m].
+        T_world_object: (4, 4) pose of the box, whose middle is its frame's origin.
+        half_m: (3,) half of each side [m].
 
     Returns:
         (..., n) [m].
@@ -71,9 +71,9 @@ class Grasp:
         """Update the touching fingertips; return whether the object is held.
 
         Args:
-            distances: (5,) of the fingertips from its surface, the thumb's first [m]; a NaN keeps that finger's
-                state.
-            at_s: time [s].
+            distances: (5,) signed distances of the fingertips from the object's surface, the thumb's first [m]; a NaN
+                keeps that finger's state.
+            at_s: capture time [s].
         """
         s = self.settings
         with np.errstate(invalid="ignore"):

@@ -43,13 +43,13 @@ class BonesSettings:
 
     Attributes:
         length_sd: standard deviation of a bone's length about the initial one, relative to it.
-        base_sd_m: standard deviation of a coordinate of a digit's first joint about the initial one.
-        held_sd_deg: standard deviation of the constant flexion of a joint that should be straight.
-        unsteady_sd_deg: standard deviation of its variation over time.
+        base_sd_m: standard deviation of a coordinate of a digit's first joint about the initial one [m].
+        held_sd_deg: standard deviation of the constant flexion of a joint that should be straight [°].
+        unsteady_sd_deg: standard deviation of that flexion's variation over time [°].
         thumb_sd: relative standard deviation of the thumb's common proportion to the fingers.
-        least_frames: frames of each phase in which base and finger are visible.
-        least_knuckles_deg, least_hook_deg: least range of the first and the second joint of each finger.
-        most_finger_sd_m: largest standard deviation of the length of a whole finger.
+        least_frames: least number of frames of each phase that show base and finger.
+        least_knuckles_deg, least_hook_deg: least range of motion of the first and the second joint of each finger [°].
+        most_finger_sd_m: largest standard deviation of the length of a whole finger [m].
         most_iterations: largest number of iterations of the fit.
     """
 
@@ -82,11 +82,11 @@ class Bones(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         shape: the hand, with the standard deviations of its lengths.
-        base_markers: (k, 3) positions of the base's markers on the hand, as `HandTracker` takes them [m].
-        finger_sd_m: (5,) standard deviations of the digits' whole lengths.
-        knuckles_deg, hook_deg: (4,) range of motion of the fingers' first and second joints.
+        base_markers: (k, 3) positions of the base's markers in the palm's frame, as `HandTracker` takes them [m].
+        finger_sd_m: (5,) standard deviations of the digits' whole lengths [m].
+        knuckles_deg, hook_deg: (4,) range of motion of the fingers' first and second joints [°].
         frames: (4,) number of instants used for each finger.
-        residual_m: root mean square distance of the measured tips from the fitted hand.
+        residual_m: root mean square distance of the measured tips from the fitted hand [m].
     """
 
     shape: HandShape
@@ -108,17 +108,17 @@ def measure_bones(
     sd_m: float = 0.001,
     settings: BonesSettings | None = None,
 ) -> Bones:
-    """Estimate the bones of a hand from the gesture.
+    """Estimate the bones of a hand from a gesture of three phases, `PHASES`; the module describes them.
 
     Args:
-        model: its proportions and couplings.
+        model: the hand's proportions and couplings.
         start: a hand of about that size; gives the person, the side, and the prior's lengths and positions.
         base_markers: (k, 3), k ≥ 3, approximate positions of the base's markers, as `HandTracker` takes them [m].
             They define the palm's frame.
-        points: (n, 5 + k, 3) fingertips and the base's markers [m]; NaN where one is not seen.
+        points: (n, 5 + k, 3) fingertips and the base's markers, world [m]; NaN where one is not seen.
         phases: (n,) phase of the gesture at each instant, one of `PHASES`.
         sd_m: standard deviation of a coordinate of a marker [m].
-        settings: the defaults where not given.
+        settings: priors and requirements; the defaults if None.
 
     Raises:
         InputError: arrays of another shape, too few base markers, or a gesture that does not determine a finger; the

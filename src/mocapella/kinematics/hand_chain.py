@@ -25,10 +25,10 @@ class HandChain:
     """A hand's joints in the pose with all angles 0, in the palm's frame; mirrored for a left hand.
 
     Attributes:
-        twists: (21, 6) twist of each angle: translation part [m], then rotation part.
-        parents: (21,) for each angle, the previous angle of its digit; -1 for the first.
+        twists: (21, 6) twist of each angle: translation part [m], then the unit axis.
+        parents: (21,) for each angle, the index of the previous angle of its digit; -1 for the first.
         at_zero: (21, 3) landmarks [m].
-        last: (21,) for each landmark, the last angle that moves it; -1 if none does.
+        last: (21,) for each landmark, the index of the last angle that moves it; -1 if none does.
     """
 
     twists: Float64
@@ -84,7 +84,8 @@ def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
     """Compute the landmarks in the palm's frame: forward kinematics of the digits.
 
     Args:
-        angles: (..., 21) [rad].
+        chain: the hand.
+        angles: (..., 21) in the order of `ANGLES` [rad].
 
     Returns:
         (..., 21, 3) [m].
@@ -97,11 +98,11 @@ def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
 
 
 def jacobian(chain: HandChain, pose: HandPose) -> Float64:
-    """Return the Jacobian of the landmarks by the palm's motion and the angles.
+    """Return the Jacobian of the landmarks in the world by the palm's motion and the angles.
 
     Returns:
-        (..., 21, 3, 27): of a twist of the palm in its own frame (T ← T exp(x): translation, rotation), then of the
-        angles.
+        (..., 21, 3, 27): by a twist of the palm in its own frame (T ← T exp(x): translation [m], rotation [rad]), then
+        by the 21 angles [rad].
     """
     angles, T_world = np.asarray(pose.angles, dtype=np.float64), np.asarray(pose.T_world_palm)
     T, x = _products(chain, angles), palm_landmarks(chain, angles)

@@ -1,11 +1,12 @@
 """Kernels that fit a hand to its markers, a prior and a prediction.
 
-The fit minimises, over the palm's motion and the free angles z,
+The fit minimises, over the palm's motion T and the n free angles z,
 
     Σ (p − x(T, z))ᵀ W (p − x(T, z))  +  (z − z₀)ᵀ Λ (z − z₀)  +  Σ (change since the prediction)² / variance
 
 by the Levenberg–Marquardt method, with a steep penalty outside the limits; at the end the angles are clamped to them.
-Residuals and derivatives are in the palm's frame. Importing this module imports numba.
+Residuals and derivatives are in the palm's frame. A digit's angles are flexion f and abduction a of its first joint,
+flexions m and b of the second and third, and the thumb's opposition c. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
@@ -42,9 +43,16 @@ _LIMIT_SD = 0.01  # standard deviation outside the limits [rad], for the cone re
 
 @njit(cache=True)
 def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Float64) -> None:
-    """Write a digit's joints x (4, 3) and axes (5, 3) in the palm's frame, of angles q (5,): f, a, m, b, c.
+    """Compute a digit's joints and axes in the palm's frame.
 
     The axes of f and a go through the first joint, of m and c through the second, of b through the third.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
+        mirror: -1 for a left hand, else 1.
+        q: (5,) flexion f and abduction a of the first joint, flexions m and b of the next ones, opposition c [rad].
+        x: (4, 3) written: joints and tip [m].
+        axes: (5, 3) written: unit axis of each angle.
     """
     sf, cf, sa, ca = math.sin(q[0]), math.cos(q[0]), math.sin(q[1]), math.cos(q[1])
     sc, cc = math.sin(q[4]), math.cos(q[4])
@@ -65,7 +73,14 @@ def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Floa
 
 @njit(cache=True)
 def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Float64) -> None:
-    """Write a digit's angles f, a, m, b, c (5,), from the free angles z."""
+    """Write a digit's angles f, a, m, b, c into q (5,), from the free angles z (n,) [rad].
+
+    Args:
+        z: (n,) free angles.
+        columns, gains: (5, 5) as in `fit`.
+        digit: index of the digit, 0 for the thumb.
+        q: (5,) written.
+    """
     for k in range(5):
         column = columns[digit, k]
         q[k] = gains[digit, k] * z[column] if column >= 0 else 0.0
@@ -219,7 +234,14 @@ def _penalty(
 
 @njit(cache=True)
 def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float) -> None:
-    """Clamp the free angles to the limits, in place."""
+    """Clamp free angles to the limits of their digits, in place.
+
+    Args:
+        digits: (5, `DIGIT`) of `hand_kernels`.
+        columns, gains: (5, 5) index and factor of the free angle that each of a digit's angles follows.
+        z: (n,) free angles [rad], changed.
+        c_max: limit of the thumb's opposition c [rad].
+    """
     q, out = np.empty(5), np.empty(4)
     for i in range(5):
         digit_angles(z, columns, gains, i, q)
@@ -243,20 +265,23 @@ def fit(
     gains: Float64, c_max: float, prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64,
     predicted_z: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, iterations: int,
 ) -> float:  # fmt: skip
-    """Fit a hand from R (9,), t (3,), z (n,), in place; return the cost.
+    """Fit a hand to its markers; return the cost.
 
     Args:
         digits: (5, `DIGIT`) of `hand_kernels`.
         mirror: -1 for a left hand, else 1.
         layout: (k, 3) the base's markers in the palm's frame of a right hand [m].
-        points: (5 + k, 3) tips, then the base's markers [m].
+        points: (5 + k, 3) measured tips, then the base's markers, world [m].
         information: (5 + k, 3, 3) inverse covariances [1/m²]; 0 where a marker is not used.
-        columns, gains: (5, 5) of a digit's angles f, a, m, b, c: which free angle times what; -1: held at 0.
+        columns, gains: (5, 5) index and factor of the free angle that each of a digit's angles f, a, m, b, c follows;
+            -1: held at 0.
         c_max: limit of c [rad].
-        prior_mean, prior: (n,), (n, n) mean and inverse covariance of the angles.
-        predicted_R, predicted_t, predicted_z, certainty: the prediction, and (6 + n,) the inverse variances of the
-            palm's twist and of the angles about it.
-        iterations: their largest number.
+        prior_mean, prior: (n,), (n, n) mean and inverse covariance of the free angles.
+        predicted_R, predicted_t, predicted_z: (9,), (3,), (n,) the predicted palm's motion and free angles.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
+        R, t, z: (9,), (3,), (n,) motion from the palm's frame to the world and free angles; the start, overwritten with
+            the result.
+        iterations: largest number of iterations.
     """
     n = 6 + len(z)
     H, g, M, d = np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
@@ -322,11 +347,14 @@ def describe(
     Alone means: with a hundredth of the prior's information, and without the prediction.
 
     Args:
-        x: (21, 3) world, out [m].
-        sd: (21,) standard deviation of a coordinate, from all information, out [m].
-        alone: (21,) likewise, from the markers alone, out [m].
-        variances: (6 + n,) of the palm's twist and of the free angles, from all information, out.
-        residuals: (5 + k,) distances of the markers, out [m]; NaN where a marker's position is not finite.
+        digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z: the fitted hand and its
+            measurements, as in `fit`; not changed.
+        x: (21, 3) written: landmarks in the world [m].
+        sd: (21,) written: standard deviation of a coordinate, from all information [m].
+        alone: (21,) written: standard deviation of a coordinate, from the markers alone [m].
+        variances: (6 + n,) written: of the palm's twist and of the free angles, from all information.
+        residuals: (5 + k,) written: distances of the markers from the hand's [m]; NaN where a marker's position is not
+            finite.
 
     Returns:
         Whether the covariance exists.
@@ -390,7 +418,13 @@ def misfits(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, squared: Float64,
 ) -> None:  # fmt: skip
-    """Write the squared distances of the markers from a hand, in their standard deviations, into squared (5 + k,)."""
+    """Write the squared distances of the markers from a hand, in their standard deviations.
+
+    Args:
+        digits, mirror, layout, points, information, columns, gains, R, t, z: the hand and its measurements, as in
+            `fit`; not changed.
+        squared: (5 + k,) written.
+    """
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)
     for i in range(len(points)):

@@ -28,13 +28,13 @@ INSTRUCTIONS: Final[Mapping[str, str]] = {
     "knuckles": "keep the fingers straight, and bend them at the knuckles, as far as they go and back, again and again",
     "hook": "keep the knuckles straight, and curl the fingers, as far as they go and back, again and again",
 }
-"""What to do in each part."""
+"""What the person must do in each phase of the gesture."""
 _MEASURED: Final = 2
 """Of `TrackedPoints.cameras`: from cameras that see it now; fewer is a prediction."""
 
 
 class PhaseSpan(NamedTuple):
-    """Time interval in which a phase of the gesture was shown, since the first scene [s]."""
+    """Time interval of a phase of the gesture, in capture time since the first scene [s]."""
 
     phase: str
     begin_s: float
@@ -72,16 +72,16 @@ def spans_of_text(text: str) -> tuple[PhaseSpan, ...]:
 
 
 def phase_at(spans: Sequence[PhaseSpan], at_s: float) -> str | None:
-    """Return the phase that is shown at a time [s]; None between the intervals."""
+    """Return the phase that is shown at a capture time since the first scene [s]; None between the intervals."""
     return next((span.phase for span in spans if span.begin_s <= at_s < span.end_s), None)
 
 
 @dataclass(frozen=True)
 class GestureReport:
-    """Counts of the scenes given and kept.
+    """Counts of the scenes of a gesture.
 
     Attributes:
-        scenes: number of scenes given during a phase of the gesture.
+        scenes: number of scenes during a phase of the gesture.
         kept: number of scenes kept, by phase.
         without_points: number of scenes without tracked markers.
         too_soon: number of scenes too soon after the last one kept.
@@ -99,7 +99,7 @@ class GesturePoints:
     Args:
         tips: names of the markers of thumb to little finger.
         base: names of the base's markers, three or more.
-        rate_hz: scenes kept per second; successive frames hold nearly the same information.
+        rate_hz: scenes kept per second; successive frames hold nearly the same information [Hz].
     """
 
     def __init__(self, tips: Sequence[str], base: Sequence[str], *, rate_hz: float = 30.0) -> None:
@@ -125,7 +125,7 @@ class GesturePoints:
 
     @property
     def report(self) -> GestureReport:
-        """Counts of the scenes so far."""
+        """Counts of the scenes since the collection was made or reset."""
         kept = {phase: len(rows) for phase, rows in self._kept.items()}
         return GestureReport(self._scenes, kept, self._without, self._too_soon)
 
@@ -155,7 +155,7 @@ class GesturePoints:
         self._last_ns = scene.at_ns
 
     def missing(self, phase: str, least: int) -> list[str]:
-        """Describe why a phase cannot be used yet: markers seen in fewer than ``least`` instants."""
+        """Describe why a phase cannot be used yet, one text per marker seen in fewer than ``least`` instants."""
         rows = self._kept[phase]
         if not rows:
             return ["no markers were tracked meanwhile: do two cameras see the hand, and is the method hands?"]
@@ -177,6 +177,9 @@ class GesturePoints:
         self, model: HandModel, start: HandShape, base_markers: Any, settings: BonesSettings | None = None
     ) -> Bones:
         """Measure the bones by `measure_bones`; the markers' noise is the median of the tracker's uncertainties.
+
+        Args:
+            model, start, base_markers, settings: as in `measure_bones`.
 
         Raises:
             InputError: the gesture does not determine the bones; the message says what to do.

@@ -1,4 +1,7 @@
-"""Kernels of one digit's iterative inverse kinematics: FABRIK and Jacobian methods. Importing this imports numba."""
+"""Kernels of one digit's iterative inverse kinematics: FABRIK and Jacobian methods. Importing this imports numba.
+
+A digit is a row (`DIGIT`,) of `hand_kernels`; its angles are f, a, m, b [rad].
+"""
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -31,13 +34,19 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def fabrik(row: Float64, x: float, y: float, z: float, out: Float64, tolerance: float, iterations: int) -> int:
-    """Solve a digit by FABRIK, from the angles out (4,), in place; return the number of iterations.
+    """Solve a digit's angles by FABRIK; return the number of iterations.
 
     Aristidou and Lasenby 2011, algorithm 1 and section 4: the base is a rotor with a cone of limits, the other joints
-    are
-    hinges, and the limits are imposed in every backward pass. The hinges are parallel, so the problem is planar once
-    the
-    rotor points at the target (x, y, z), which is in the digit's frame [m].
+    are hinges, and the limits are imposed in every backward pass. The hinges are parallel, so the problem is planar
+    once the rotor points at the target.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
+        x, y, z: target of the tip, in the digit's frame [m].
+        out: (4,) flexion f and abduction a of the first joint, flexions m and b of the others [rad]; the start,
+            overwritten with the result.
+        tolerance: distance of the tip at which it has reached the target [m].
+        iterations: largest number of iterations.
     """
     f, a, m, b = out[0], out[1], out[2], out[3]
     azimuth = math.atan2(x, z) if z >= 0.0 else math.atan2(-x, -z)
@@ -77,15 +86,20 @@ def follow_jacobian(
     row: Float64, x: float, y: float, z: float, out: Float64, kind: int, tolerance: float, iterations: int,
     damping_m: float, work: Float64,
 ) -> int:  # fmt: skip
-    """Solve a digit by a Jacobian method, from the angles out (4,), in place; return the number of iterations.
+    """Solve a digit's angles by a Jacobian method; return the number of iterations.
 
-    Buss 2004, sections 3 to 6; the angles are clamped to their limits. The target (x, y, z) is in the digit's frame
-    [m].
+    Buss 2004, sections 3 to 6; the angles are clamped to their limits.
 
     Args:
+        row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.
+        x, y, z: target of the tip, in the digit's frame [m].
+        out: (4,) flexion f and abduction a of the first joint, flexions m and b of the others [rad]; the start,
+            overwritten with the result.
         kind: `TRANSPOSE`, `PSEUDO_INVERSE` or `DAMPED`.
+        tolerance: distance of the tip at which it has reached the target [m].
+        iterations: largest number of iterations.
         damping_m: λ of the damped least squares [m].
-        work: (25, 4) scratch.
+        work: (25, 4) workspace.
     """
     J, A, e, d = work[0:4], work[4:8], work[8], work[9]  # J's rows are the angles' columns
     coupled = row[COUPLED] > 0.0
@@ -163,10 +177,13 @@ def hand_iterative(
     """Solve the angles of five digits as `hand_closed_form` does, by an iterative method.
 
     Args:
-        iterations: (5,) number of iterations for each digit, written.
+        digits, targets, angles, errors: (5, `DIGIT`), (5, 3) [m], (5, 4) in and out [rad], (5,) written [m], as in
+            `hand_closed_form`.
+        iterations: (5,) written: number of iterations for each digit.
         kind: `FABRIK`, or as in `follow_jacobian`.
         tolerance: distance at which a digit counts as solved [m].
         most: largest number of iterations.
+        damping_m: λ of the damped least squares [m].
     """
     work = np.empty((25, 4))
     for i in range(5):

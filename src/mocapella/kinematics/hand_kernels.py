@@ -46,7 +46,7 @@ _DIRECTIONS = 8
 
 @njit(cache=True)
 def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a point from the palm's frame to the digit's [m]."""
+    """Transform a point (x, y, z) from the palm's frame to a digit's frame [m]; row is (`DIGIT`,) its parameters."""
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
         row[FRAME] * x + row[FRAME + 3] * y + row[FRAME + 6] * z,
@@ -57,7 +57,13 @@ def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, 
 
 @njit(cache=True)
 def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, float, float]:
-    """Return the tip in the digit's frame [m]: forward kinematics."""
+    """Compute a digit's tip in the digit's frame [m], by forward kinematics.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        f, a: flexion and abduction of the first joint [rad].
+        m, b: flexion of the second and third joint [rad].
+    """
     u = row[L1] * math.cos(f) + row[L2] * math.cos(f + m) + row[L3] * math.cos(f + m + b)
     w = row[L1] * math.sin(f) + row[L2] * math.sin(f + m) + row[L3] * math.sin(f + m + b)
     return u * math.sin(a), -w, u * math.cos(a)
@@ -65,14 +71,26 @@ def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, fl
 
 @njit(cache=True)
 def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
-    """Return the distance of the tip from a point (x, y, z) in the digit's frame, at angles f, a, m, b [m]."""
+    """Return the distance of a digit's tip from a point, at given angles [m].
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        x, y, z: the point in the digit's frame [m].
+        f, a: flexion and abduction of the first joint [rad].
+        m, b: flexion of the second and third joint [rad].
+    """
     tx, ty, tz = tip(row, f, a, m, b)
     return math.sqrt((tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
 
 
 @njit(cache=True)
 def in_cone(row: Float64, f: float, a: float) -> bool:
-    """Return whether flexion f and abduction a are within the elliptic cone of the limits, to a rounding error."""
+    """Return whether flexion and abduction are within the elliptic cone of a digit's limits, to a rounding error.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        f, a: flexion and abduction of the first joint [rad].
+    """
     if f < row[FMIN] - _TOLERANCE:
         return False
     s = ((f - row[F0]) / row[FX]) ** 2
@@ -85,7 +103,14 @@ def in_cone(row: Float64, f: float, a: float) -> bool:
 
 @njit(cache=True)
 def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) -> None:
-    """Write the angles f, a, m, b, clamped to the limits, into out (4,)."""
+    """Clamp a digit's angles to its limits.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        f, a: flexion and abduction of the first joint [rad].
+        m, b: flexion of the second and third joint [rad].
+        out: (4,) written: the clamped angles, in the same order.
+    """
     f, a = max(f, row[FMIN]), a - row[A0]
     f -= row[F0]
     if row[AX] > 0.0:
@@ -100,7 +125,7 @@ def limit(row: Float64, f: float, a: float, m: float, b: float, out: Float64) ->
 
 @njit(cache=True)
 def wrapped(angle: float) -> float:
-    """Wrap an angle to ±π."""
+    """Wrap an angle to ±π [rad]."""
     if angle > math.pi:
         return angle - 2.0 * math.pi
     if angle < -math.pi:
@@ -136,11 +161,16 @@ def _second_flexion(row: Float64, squared: float) -> float:
 
 @njit(cache=True)
 def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> bool:
-    """Write angles f, a, m, b (4,) within the limits that put the tip at a point of the digit's frame.
+    """Compute the angles within the limits that put the tip at a point, if there are any.
 
     A digit that does not abduct reaches the point's projection on its plane. The digit bends in the plane through y and
     the point, where the third joint follows the second. If this violates a limit and the third joint is free, it takes
     the nearest flexion that does not.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        x, y, z: the point in the digit's frame [m].
+        out: (4,) written: flexion f and abduction a of the first joint, flexions m and b of the others [rad].
 
     Returns:
         Whether such angles exist.
@@ -288,13 +318,16 @@ def _descend(
 
 @njit(cache=True)
 def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, work: Float64) -> None:
-    """Write the angles f, a, m, b (4,) within the limits whose tip is nearest to a point.
+    """Compute the angles within the limits whose tip is nearest to a point.
 
     Newton's method from the best points of a coarse grid, one for each direction in the cone
     (or, for a digit that does not abduct, for each bend).
 
     Args:
-        work: (25, 4) scratch.
+        row: (`DIGIT`,) the digit's parameters.
+        x, y, z: the point in the digit's frame [m].
+        out: (4,) written: flexion f and abduction a of the first joint, flexions m and b of the others [rad].
+        work: (25, 4) workspace.
     """
     low, high, v, best, starts, values = work[11], work[12], work[13], work[14], work[15:23], work[23:25].reshape(8)
     low[0], low[1], low[2], low[3] = 0.0, row[PHI_MIN], 0.0, 0.0
@@ -349,14 +382,16 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
 
 @njit(cache=True)
 def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors: Float64, reached: Bool) -> None:
-    """Solve the angles of five digits for targets of their tips in the palm's frame.
+    """Solve the angles of five digits for targets of their tips.
 
     Args:
-        digits: (5, `DIGIT`).
-        targets: (5, 3) [m], of a right hand; a digit without a finite target keeps its angles, within limits.
-        angles: (5, 4) f, a, m, b [rad], in and out.
-        errors: (5,) remaining distances [m], out; NaN without a target.
-        reached: (5,) whether the closed form was within the limits, out.
+        digits: (5, `DIGIT`) the digits' parameters.
+        targets: (5, 3) in the palm's frame of a right hand [m]; a digit without a finite target keeps its angles,
+            within limits.
+        angles: (5, 4) flexion f and abduction a of each digit's first joint, flexions m and b of the others [rad], in
+            and out.
+        errors: (5,) written: remaining distances of the tips [m]; NaN without a target.
+        reached: (5,) written: whether the closed form was within the limits.
     """
     work = np.empty((25, 4))
     for i in range(5):

@@ -33,9 +33,9 @@ class Fingers(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         angles: (..., 21) in the order of `ANGLES` [rad], always within the limits.
-        errors_m: (..., 5) distances of the tips from their targets; NaN without a target.
+        errors_m: (..., 5) distances of the tips from their targets [m]; NaN without a target.
         measured: (..., 5) whether a digit had a target; the others keep their angles.
-        iterations: (..., 5) of an iterative solver; 0 of a closed form that was within the limits.
+        iterations: (..., 5) number of an iterative solver's iterations; 0 for a closed form within the limits.
     """
 
     angles: Float64
@@ -53,8 +53,8 @@ class HandSolver(Protocol):
         """Compute the angles that bring the fingertips to their targets.
 
         Args:
-            targets: (..., 5, 3) fingertips in the palm's frame [m]; NaN where one is not seen.
-            start: (..., 21) initial angles, kept for digits without a target; by default the natural posture.
+            targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
+            start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
         """
         ...  # pragma: no cover
 
@@ -125,7 +125,10 @@ class _Solver:
 
 
 class ClosedForm(_Solver):
-    """Closed form in the digit's plane; limited search for unreachable targets. The start matters without a target."""
+    """Solver by a closed form in each digit's plane, with a limited search for unreachable targets.
+
+    The initial angles matter only for a digit without a target.
+    """
 
     name = "closed form"
 
@@ -140,9 +143,9 @@ class IterativeSettings:
     """Stopping criteria and damping of the iterative solvers.
 
     Attributes:
-        tolerance_m: distance from the target at which a tip has reached it.
-        most_iterations: most iterations for a digit.
-        damping_m: λ of the damped least squares.
+        tolerance_m: distance from the target at which a tip has reached it [m].
+        most_iterations: largest number of iterations for a digit.
+        damping_m: λ of the damped least squares [m].
     """
 
     tolerance_m: float = 1e-4
@@ -173,25 +176,25 @@ class _Iterative(_Solver):
 
 
 class Fabrik(_Iterative):
-    """Forward and backward reaching, with a rotor and hinges that are held within their limits."""
+    """Solver by forward and backward reaching, with a rotor and hinges that are held within their limits."""
 
     name, kind = "FABRIK", "FABRIK"
 
 
 class JacobianTranspose(_Iterative):
-    """Gradient steps, each of the length that is optimal for linear motion of the tip."""
+    """Solver by gradient steps, each of the length that is optimal for linear motion of the tip."""
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
 
 
 class PseudoInverse(_Iterative):
-    """Smallest steps that would reach the target if the tip's motion were linear."""
+    """Solver by the smallest steps that would reach the target if the tip's motion were linear."""
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
 
 
 class DampedLeastSquares(_Iterative):
-    """Pseudo-inverse steps, damped near singular poses."""
+    """Solver by pseudo-inverse steps, damped near singular poses."""
 
     name, kind = "damped least squares", "DAMPED"
 
@@ -215,7 +218,7 @@ def iterative_kernels() -> ModuleType:
 SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
     solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares)
 }
-"""What makes each."""
+"""The solvers' constructors by name."""
 
 
 def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:

@@ -40,17 +40,18 @@ class HandSettings:
     """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
 
     Attributes:
-        marker_sd_m: default standard deviation of a marker's coordinate.
-        flexion_sd_deg, abduction_sd_deg: standard deviations of the fingers' angles about the posture at rest.
-        thumb_sd_deg: standard deviation of the thumb's angles about the posture at rest.
+        marker_sd_m: default standard deviation of a marker's coordinate [m].
+        flexion_sd_deg, abduction_sd_deg: standard deviations of the fingers' angles about the posture at rest [°].
+        thumb_sd_deg: standard deviation of the thumb's angles about the posture at rest [°].
         coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
-            it is free.
-        angle_rate_deg_s: growth of a predicted angle's standard deviation per second.
-        palm_rate_m_s, palm_rate_deg_s: the same for the palm's position and orientation.
-        velocity_memory_s: time constant of the decay of velocities while no marker is seen.
+            it is free [°].
+        angle_rate_deg_s: growth of a predicted angle's standard deviation per second [°/s].
+        palm_rate_m_s: growth of the standard deviation of the palm's predicted position per second [m/s].
+        palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second [°/s].
+        velocity_memory_s: time constant of the decay of velocities while no marker is seen [s].
         outlier_sd: markers farther from the hand than this are rejected, in their standard deviations.
-        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is below this.
-        forget_after_s: time without markers after which the hand is forgotten.
+        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is below this [m].
+        forget_after_s: time without markers after which the hand is forgotten [s].
         most_iterations: largest number of iterations of the fit.
     """
 
@@ -85,12 +86,12 @@ class HandReport:
 
     Attributes:
         frames: number of frames.
-        fitted: frames with a hand fitted to markers.
-        predicted: frames with a hand that is only predicted.
-        lost: frames without a hand.
+        fitted: number of frames with a hand fitted to markers.
+        predicted: number of frames with a hand that is only predicted.
+        lost: number of frames without a hand.
         found: number of times the hand was acquired or re-acquired.
         markers: number of markers seen in all frames.
-        rejected: number rejected as outliers, for each marker: tips, then the base's.
+        rejected: number of rejections of each marker as an outlier: tips, then the base's.
         missing: number of frames without each marker, in the same order.
     """
 
@@ -169,7 +170,7 @@ class HandTracker:
             The hand at that instant, with all landmarks.
 
         Raises:
-            InputError: arrays of another shape, or a time that is none.
+            InputError: arrays of another shape, or a time that is not finite.
         """
         points, information, at_s = self._checked(points, at_s, uncertainty)
         seen = information[:, 0, 0] > 0
@@ -425,7 +426,7 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
     Args:
         shape: the hand.
         markers: number of markers, 1 to 4.
-        height_m: height of the markers above the joints, on the back of the hand.
+        height_m: height of the markers above the joints, on the back of the hand [m].
 
     Returns:
         (markers, 3) in the palm's frame of a right hand [m].
@@ -462,9 +463,14 @@ def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[n
 
 
 def angle_prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
-    """Return the inverse covariance (n, n) of the free angles about rest; neighbouring fingers are correlated.
+    """Return the inverse covariance (n, n) of the free angles about the posture at rest [1/rad²].
 
-    ``columns`` (5, 5) is the first result of `free_angles`.
+    Neighbouring fingers are correlated.
+
+    Args:
+        model: the hand's couplings.
+        s: standard deviations.
+        columns: (5, 5) the first result of `free_angles`.
     """
     n = int(columns.max()) + 1
     out = np.zeros((n, n))

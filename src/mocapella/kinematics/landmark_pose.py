@@ -26,7 +26,7 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 NEAR_M: Final = 1e-4
-"""A limb whose landmarks are all as near as this is not begun anew."""
+"""A limb is not fitted from further initial poses if all its landmarks are at least this near [m]."""
 STARTS: Final = 24
 _FIT: Final = FitSettings(most_steps=40, rest_m=1e-7, rest_rad=1e-7)
 _USUAL_PER_RAD: Final = 0.0005

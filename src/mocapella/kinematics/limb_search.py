@@ -49,9 +49,9 @@ class LimbSearchSettings:
         room: weight of a background sample relative to a foreground one; people may look like the background.
         against: share of background samples above which a limb may be lost.
         astray: score below which such a limb is searched for.
-        better: gain of the score above which a lost limb moves.
-        much_better: gain of the score above which another limb moves.
-        per_m: cost of penetrating limbs [1/m].
+        better: gain of the score above which a lost limb moves to the new pose.
+        much_better: gain of the score above which a limb that is not lost moves to the new pose.
+        per_m: cost of penetrating limbs, in units of the score [1/m].
     """
 
     points: int = 40
@@ -80,9 +80,9 @@ class LimbSearchSettings:
 
 DEFAULT = LimbSearchSettings()
 REACH = 3
-"""Largest motion between two images, in samples of the map."""
+"""Largest motion between two images, in samples of the foreground map of `Evidence`."""
 TOUCHING_M = 0.03
-"""Limbs that penetrate each other deeper than this are in an impossible pose [m]."""
+"""Depth above which the penetration of two limbs makes a pose impossible [m]."""
 
 
 class Limb(msgspec.Struct, frozen=True, eq=False):
@@ -112,8 +112,7 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
 
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
-    """Return the limbs of a body with two parts or more, and the last part of each, such as a foot, as a limb of its
-    own.
+    """Return the limbs of a body with two parts or more, and the last part of each, such as a foot, as a limb too.
 
     A foot alone hardly changes the score of its whole leg.
     """
@@ -153,8 +152,8 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         eye: the camera.
-        origin_px, step_px: the map's sample (row, column) is the image point origin + step·(column, row).
-        strange: (rows, columns) from 1 (foreground) to −1 (background); 0 is unknown.
+        origin_px, step_px: the map's sample (row, column) is the image point origin + step·(column, row) [px].
+        strange: (rows, columns) the map: from 1 (foreground) to −1 (background); 0 is unknown.
     """
 
     eye: Eye
@@ -184,7 +183,7 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """Keep the foreground that the previous image also shows within `REACH` samples; it rejects brief flashes."""
+    """Lower an image's foreground to that of the previous image within `REACH` samples; this rejects brief flashes."""
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
     _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)

@@ -23,14 +23,16 @@ def places(
     parents: Int64, joint_parts: Int64, twists: Float64, T: Float64, now: Float64, tried: Float64, part: Int64,
     points: Float64, at: Float64,
 ) -> None:  # fmt: skip
-    """Compute points of a body in each of n candidate poses of its tree.
+    """Compute points of a body in each of n candidate poses of a limb's tree.
 
     Args:
         parents, joint_parts, twists: of a `TwistTree`, whose root may also have joints.
         T: (4, 4) motion of the root before its joints.
-        now, tried: (m,) present angles, and (n, m) candidate angles [rad].
-        part, points: (p,) part of each point, and (p, 3) its present position [m].
-        at: (n, p, 3) positions in each candidate pose, written [m].
+        now: (m,) present angles [rad].
+        tried: (n, m) candidate angles [rad].
+        part: (p,) index of each point's part.
+        points: (p, 3) present positions, world [m].
+        at: (n, p, 3) written: positions in each candidate pose, world [m].
     """
     origin, n = np.zeros(3), len(points)
     R, t = np.empty((len(parents), 9)), np.empty((len(parents), 3))
@@ -50,16 +52,17 @@ def add_worth(
     at: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, strange: Float32, x0: int, y0: int,
     step: int, worth: Float64,
 ) -> None:  # fmt: skip
-    """Add one camera's evidence for and against each of n poses to ``worth`` (n, 2).
+    """Add one camera's evidence for and against each of n poses to ``worth``.
 
     Evidence for a pose is the sum of the foreground values at its points; evidence against it, of the background
     values.
 
     Args:
         at: (n, p, 3) of `places`.
-        T_camera_world, lens, farthest_r2: of the camera.
-        strange, x0, y0, step: of `Evidence`.
-        worth: (n, 2) sums, updated.
+        T_camera_world, lens, farthest_r2: of the camera's `Eye`.
+        strange: (rows, columns) of `Evidence`, from 1 (foreground) to −1 (background).
+        x0, y0, step: position of its first sample, and distance between samples [px].
+        worth: (n, 2) sums for and against, updated.
     """
     count, (rows, columns) = at.shape[1], strange.shape
     pixels, depth = np.empty((len(at) * count, 2)), np.empty(len(at) * count)
@@ -90,9 +93,13 @@ def forget_covered(mask: UInt8, strange: Float32) -> None:
 
 @njit(cache=True)
 def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, strange: Float32) -> None:
-    """Lower foreground values (rows, columns) to the largest earlier value within ``reach`` samples.
+    """Lower foreground values, in place, to the largest value nearby in the previous image's map.
 
-    The earlier map begins ``rows_on`` rows and ``columns_on`` columns before the present one.
+    Args:
+        before: (rows', columns') the previous map.
+        rows_on, columns_on: the previous map begins so many rows and columns before the present one.
+        reach: largest distance [samples].
+        strange: (rows, columns) the present map, of `Evidence`.
     """
     for i in range(strange.shape[0]):
         for j in range(strange.shape[1]):
@@ -107,11 +114,13 @@ def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, str
 
 @njit(cache=True)
 def depths(ends: Float64, radii: Float64, pairs: Int64, deep: Float64) -> None:
-    """Write for each pose the sum of the penetration depths of the ``pairs`` (q, 2) of capsules into ``deep`` (n,) [m].
+    """Write for each of n poses the sum of the penetration depths of pairs of capsules.
 
     Args:
         ends: (n, c, 2, 3) end points of the capsules' axes in each pose [m].
         radii: (c,) of the capsules [m].
+        pairs: (q, 2) indices of two capsules.
+        deep: (n,) written [m].
     """
     for k in range(len(ends)):
         deep[k] = depth(ends[k], radii, pairs)

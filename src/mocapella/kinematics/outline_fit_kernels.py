@@ -24,11 +24,14 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 BIN_PX = 8.0
-"""Height of the rows that index the points of an outline [px]."""
+"""Height of the bands of rows that index the points of an outline [px]."""
 
 
 HIT = 6
-"""Numbers of a place where a point is to be seen: x, y [px], the slopes there, length [px] and miss [px]."""
+"""Number of columns of a match on an image's outline.
+
+They are x and y [px], the signed distance's derivatives by x and y there, length of outline [px] and residual [px].
+"""
 
 
 # Small functions go into their callers' loops: handed on, an array's references are counted.
@@ -220,17 +223,20 @@ def touching(
     normals: Float64, points: Float64, bone: Int32, far: Float64, soft_px: float, sd_px: float, full: float,
     R: Float64, t: Float64, lens: Float64, farthest_r2: float, T: Float64,
 ) -> tuple[Int64, Float64, Float64, Float64]:  # fmt: skip
-    """Return the planes in which an image's outline constrains a body's points, matched in both directions.
+    """Match a body's outline with an image's, in both directions; return the planes that constrain the body's points.
 
     Args:
-        phi, x0, y0, step: of `Silhouette`: signed distances up to ``reach_px``.
-        surety: (rows, columns) evidence of an edge in the image [nats]; from ``full`` on an edge has its full weight.
+        phi: (rows, columns) signed distance to the image's outline, valid up to ``reach_px`` [px].
+        surety: (rows, columns) evidence of an edge in the image [nats].
+        x0, y0, step: pixel of the first sample, and distance between samples [px].
         every: stride between samples of the image's outline.
+        reach_px: largest distance of a match [px].
         at, normals, points, bone, far: of `outline_kernels.outline`.
         soft_px: scale of the robust loss: at this residual the weight is a quarter (Geman and McClure).
         sd_px: standard deviation of an outline [px].
-        R, t: (parts, 9), (parts, 3) the parts' motions.
-        lens, farthest_r2, T: of the camera.
+        full: least evidence of an edge with full weight [nats].
+        R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
+        lens, farthest_r2, T: of the camera, with T (4, 4) ``T_camera_world``.
 
     Returns:
         part, points, planes and weights of `twist_fit.InPlanes`.

@@ -32,15 +32,15 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """Settings for matching outlines, in samples of the images' windows.
+    """Settings for matching outlines; one step is the distance between samples of the images' windows.
 
     Attributes:
-        spacing_steps: distance of points on the body's outline.
+        spacing_steps: distance of points on the body's outline [steps].
         every: stride between samples of the image's outline.
-        soft_steps: scale of the robust loss: at this residual the weight is a quarter.
+        soft_steps: scale of the robust loss: at this residual the weight is a quarter [steps].
         sd_steps: standard deviation of one pixel of outline; much more than an edge's own, as neighbours' errors are
-            correlated.
-        sure_nats: least evidence of an edge with full weight.
+            correlated [steps].
+        sure_nats: least evidence of an edge with full weight [nats].
     """
 
     spacing_steps: float = 2.0
@@ -130,7 +130,7 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def silhouette(self) -> Silhouette:
-        """The mask as a silhouette; its phi is ±0.5 (positive inside), not a distance to the outline."""
+        """The mask as a silhouette; its phi is ±0.5 px, positive inside, not a distance to the outline."""
         return Silhouette(self.origin_px, self.step_px, self.mask.astype(np.float32) - np.float32(0.5))
 
 
@@ -150,9 +150,9 @@ def see(
         body: the body.
         vertices: (n, 3) posed vertices from `rigged_mesh.posed`, world [m].
         by: the camera.
-        step_px: spacing of the window's samples.
-        margin_px: margin of the window about the body.
-        spacing_px: spacing of the outline's points.
+        step_px: distance between the window's samples [px].
+        margin_px: margin of the window about the body [px].
+        spacing_px: distance between the outline's points [px].
         window: an earlier outline whose window is reused; None to fit the window to the body.
     """
     given = (0, 0, 0, 0) if window is None else (*window.origin_px, *window.mask.shape[::-1])
@@ -164,7 +164,7 @@ def see(
 
 
 def seen_at(points: Float64, by: Eye) -> Float64:
-    """Project points (n, 3) into the image, (n, 2) [px]; invisible points get -1e6."""
+    """Project world points (n, 3) [m] into the image, (n, 2) [px]; invisible points get -1e6."""
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
     pixels[depth <= 0.0] = -1e6
@@ -172,7 +172,7 @@ def seen_at(points: Float64, by: Eye) -> Float64:
 
 
 def within(points: Float64, by: Eye) -> bool:
-    """Return whether all points (n, 3) are visible within the image."""
+    """Return whether all world points (n, 3) [m] are visible within the image."""
     at = np.ascontiguousarray(points)
     return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 
@@ -199,11 +199,11 @@ def touching(
 
     Args:
         seen: the body's outline.
-        motions: R (parts, 9) and t (parts, 3) of the rendered pose.
-        phi: (rows, columns) signed distance to the image's outline, in the window of ``seen``.
+        motions: R (parts, 9) and t (parts, 3) [m] of the rendered pose.
+        phi: (rows, columns) signed distance to the image's outline, in the window of ``seen`` [px].
         surety: (rows, columns) evidence of an edge in the image [nats].
         by: the camera.
-        reach_px: distance up to which ``phi`` is valid.
+        reach_px: largest valid distance in ``phi`` [px].
         settings: the settings.
     """
     R, t = motions

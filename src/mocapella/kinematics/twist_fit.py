@@ -55,7 +55,7 @@ class OnPoints(msgspec.Struct, frozen=True, eq=False):
     """Constraints that points of a tree lie at given positions.
 
     Attributes:
-        part, points, weights: as of `OnLines`.
+        part, points, weights: (n,), (n, 3) [m], (n,) [1/m²] as of `OnLines`.
         targets: (n, 3) in the world [m].
     """
 
@@ -69,7 +69,7 @@ class InPlanes(msgspec.Struct, frozen=True, eq=False):
     """Constraints that points of a tree lie in planes.
 
     Attributes:
-        part, points, weights: as of `OnLines`.
+        part, points, weights: (n,), (n, 3) [m], (n,) [1/m²] as of `OnLines`.
         planes: (n, 4) of n·x = d in the world: unit normals, then d [m].
     """
 
@@ -109,12 +109,12 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Stopping criteria of a fit.
+    """Stopping criteria of a fit: a step that moves the root, and rotates it and every joint, by less than these.
 
     Attributes:
         most_steps: largest number of accepted steps.
-        rest_m: the fit has converged if a step moves the root by less than this …
-        rest_rad: … and rotates it and every joint by less than this.
+        rest_m: motion of the root [m].
+        rest_rad: rotation of the root and of every joint [rad].
     """
 
     most_steps: int = 20
@@ -134,7 +134,7 @@ class TreeFit(msgspec.Struct, frozen=True, eq=False):
     """Result of a fit.
 
     Attributes:
-        pose: its angles are within the limits.
+        pose: the fitted pose; its angles are within the limits.
         held: (joints,) which angles are at a limit.
         steps: number of steps.
         rests: whether the fit converged, rather than used up its steps.
@@ -186,9 +186,9 @@ class NormalEquations(msgspec.Struct, frozen=True, eq=False):
     second-order terms, and g half its negative gradient.
 
     Attributes:
-        H, g: (dofs, dofs), (dofs,), without the joint limits.
+        H, g: (dofs, dofs), (dofs,), without regard to the joint limits.
         about: (3,) position of the tree's point ``root`` in the world [m].
-        cost: of constraints and priors.
+        cost: cost of constraints and priors at the pose.
     """
 
     H: Float64

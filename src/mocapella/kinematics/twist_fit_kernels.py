@@ -37,11 +37,17 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 SUMS = 73
-"""Numbers of a part: ten products of (1, x₀) by six of W (upper triangles, by rows), then four by Wy, then yᵀWy."""
+"""Numbers of a part's polynomial.
+
+They are ten products of (1, x₀) by six of W (upper triangles, by rows), then four by Wy, then yᵀWy.
+"""
 MOTION = 27
-"""Numbers of a part: of Q the upper triangle of the block vv, the block vω, the upper triangle of ωω, and b."""
+"""Numbers of a part's quadratic form of a small twist.
+
+They are the upper triangle of Q's block vv, the block vω, the upper triangle of ωω, and b.
+"""
 LINES, POINTS, PLANES = np.int64(0), np.int64(1), np.int64(2)
-"""Kinds of constraint."""
+"""Kinds of constraint: a point lies on a line, at a point, or in a plane."""
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 _ROUNDING = 1e-13  # of the constant term: costs that differ by less are equal
 
@@ -71,12 +77,12 @@ def add_constraints(
 
     Args:
         kind: `LINES`, `POINTS` or `PLANES`.
-        part: (n,) of each point.
+        part: (n,) index of each point's part.
         points: (n, 3) at rest [m].
-        targets: in the world: lines (n, 6), points (n, 3) [m], or planes n·x = d (n, 4), n and then d [m].
+        targets: in the world: Plücker lines (n, 6), points (n, 3) [m], or planes n·x = d (n, 4), n and then d [m].
         weights: (n,) [1/m²]; points without a positive weight, or with a number that is not finite, are left out.
-        about: (3,) [m].
-        sums: (parts, SUMS) are added to.
+        about: (3,) origin of the sums, world [m].
+        sums: (parts, SUMS) updated.
 
     Returns:
         Index of the first point with an invalid part, -1 if all are valid.
@@ -123,7 +129,13 @@ def add_constraints(
 
 @njit(cache=True)
 def linearised(sums: Float64, R: Float64, t: Float64, Q: Float64) -> float:
-    """Write Q (parts, MOTION) of each part at its present motion; return the cost of the constraints."""
+    """Compute the quadratic form of each part's constraints about its present motion; return the constraints' cost.
+
+    Args:
+        sums: (parts, SUMS) of `add_constraints`.
+        R, t: (parts, 9), (parts, 3) the parts' motions: rotations row by row, translations about the sums' origin [m].
+        Q: (parts, MOTION) written.
+    """
     cost, T = 0.0, np.empty((4, 3))
     for p in range(len(sums)):
         S, out = sums[p], Q[p]
@@ -175,19 +187,19 @@ def expect_root(
     expected: Float64, per_m: float, per_rad: float, root: Float64, about: Float64, R: Float64, t: Float64,
     out: Float64,
 ) -> float:  # fmt: skip
-    """Add the prior of the root's pose to its Q (MOTION,); return the prior's cost.
+    """Add the prior of the root's pose to its quadratic form; return the prior's cost.
 
     The cost is (per_m·|p − p̂|)² of the point ``root`` and (per_rad·φ)² of the angle φ: neither depends on the
     world's origin. The derivative of φ² equals that of |ω|² for the rotation vector ω, because the Jacobian of the
     logarithm does not change the vector's own direction.
 
     Args:
-        expected: (4, 4).
-        per_m, per_rad: [1/m], [1/rad].
-        root: (3,) of the root part at rest [m].
-        about: (3,) [m].
-        R, t: (9,), (3,) of the root.
-        out: (MOTION,) is added to.
+        expected: (4, 4) expected motion of the root from rest into the world.
+        per_m, per_rad: inverse standard deviations [1/m], [1/rad].
+        root: (3,) reference point of the root part at rest [m].
+        about: (3,) origin of the twists, world [m].
+        R, t: (9,), (3,) motion of the root about that origin.
+        out: (MOTION,) updated.
     """
     E = np.empty(9)
     w, f, cost = per_m * per_m, np.empty(3), 0.0
@@ -232,7 +244,15 @@ def expect_root(
 def normal_equations(
     parents: Int64, joint_parts: Int64, above: Int64, xi: Float64, Q: Float64, H: Float64, g: Float64,
 ) -> None:  # fmt: skip
-    """Write the lower triangle of H (dofs, dofs) and g (dofs,); Q becomes that of each part's subtree."""
+    """Write the lower triangle of H (dofs, dofs) and g (dofs,) of the Gauss–Newton step.
+
+    Args:
+        parents, joint_parts: (parts,), (joints,) of `TwistTree`.
+        above: (dofs,) of `twist_step_kernels.path`.
+        xi: (joints, 6) the joints' twists in the pose.
+        Q: (parts, MOTION) of `linearised`; overwritten with that of each part's subtree.
+        H, g: written.
+    """
     for p in range(len(parents) - 1, 0, -1):
         k = parents[p]
         for i in range(MOTION):
@@ -274,13 +294,16 @@ def measure(
     """Compute the tree's motions, the costs of constraints and priors, and their derivatives.
 
     Args:
-        parents, joint_parts, twists, root: of `TwistTree`.
-        sums, about: of `add_constraints`.
+        parents, joint_parts, twists, root: (parts,), (joints,), (joints, 6), (3,) [m] of `TwistTree`.
+        sums, about: (parts, SUMS) and (3,) origin, world [m], of `add_constraints`.
         prior_T, prior_root: (priors, 4, 4) and (priors, 2) [1/m], [1/rad]; see `expect_root`.
-        prior_angles, prior_joints: (priors, joints) [rad], [1/rad].
-        T, angles: (4, 4), (joints,) [rad].
-        R, t, xi, Q: of `forward` and `linearised`, written.
-        D, e: (joints,) the priors' terms in the diagonal of H and in g, written.
+        prior_angles, prior_joints: (priors, joints) expected angles [rad], and inverse standard deviations [1/rad].
+        T, angles: (4, 4), (joints,) the pose: motion of the root, and angles [rad].
+        R, t, xi, Q: written: of `twist_tree_kernels.forward` and `linearised`.
+        D, e: (joints,) written: the priors' terms in the diagonal of H and in g.
+
+    Returns:
+        The costs of the constraints and of the priors.
     """
     forward(parents, joint_parts, twists, T, angles, about, R, t, xi)
     cost, expected = linearised(sums, R, t, Q), 0.0
@@ -326,16 +349,18 @@ def fit(
     about: Float64, prior_T: Float64, prior_root: Float64, prior_angles: Float64, prior_joints: Float64,
     most_steps: int, rest_m: float, rest_rad: float, T: Float64, angles: Float64, held: Bool,
 ) -> tuple[int, bool, float, float]:  # fmt: skip
-    """Fit by Gauss–Newton steps, damped where the cost would rise (Levenberg and Marquardt), until convergence.
+    """Fit a tree's pose by Gauss–Newton steps, damped where the cost would rise (Levenberg and Marquardt).
 
     Rejected steps do not count: where limbs penetrate each other deeply, many are rejected before the first.
 
     Args:
-        parents, joint_parts, twists, limits, root: of `TwistTree`.
-        sums, about, prior_T, prior_root, prior_angles, prior_joints: of `measure`.
-        most_steps, rest_m, rest_rad: of `FitSettings`.
-        T, angles: (4, 4), (joints,) the initial pose, replaced by the result.
-        held: (joints,) written: at a limit.
+        parents, joint_parts, twists, limits, root: (parts,), (joints,), (joints, 6), (joints, 2) [rad], (3,) [m] of
+            `TwistTree`.
+        sums, about, prior_T, prior_root, prior_angles, prior_joints: constraints, their origin and priors, as in
+            `measure`.
+        most_steps, rest_m, rest_rad: stopping criteria of `FitSettings`.
+        T, angles: (4, 4), (joints,) [rad] the initial pose, overwritten with the result.
+        held: (joints,) written: whether the angle is at a limit.
 
     Returns:
         Number of steps, whether the fit converged, and the costs of constraints and priors.

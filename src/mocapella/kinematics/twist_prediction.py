@@ -1,8 +1,9 @@
 """Predict the next pose of a tree, and penalise deviations from it, so that smoothing is part of the estimate.
 
-The prediction repeats the last motion: the root's in its own frame, so that what runs in a circle goes on in it, and
-the angles' velocities (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion
-Capture", DAGM 2007, equations 16 and 17). How far the estimate is from it costs what `smoothness` says (equation 18).
+The prediction repeats the last motion: the root's in its own frame, so that a person who runs in a circle is
+predicted on the circle, and the angles' velocities (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online
+Smoothing for Markerless Motion Capture", DAGM 2007, equations 16 and 17). `smoothness` is the cost of a deviation from
+it (equation 18).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
 
     Args:
         before, last: successive poses, with leading batch axes.
-        ratio: time from ``last`` to the prediction, divided by the time from ``before`` to ``last``.
+        ratio: time from ``last`` to the instant of the prediction, divided by the time from ``before`` to ``last``.
     """
     T = np.empty(np.shape(last.T_world_model))
     for k in np.ndindex(T.shape[:-2]):

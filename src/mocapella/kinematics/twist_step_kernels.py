@@ -25,7 +25,12 @@ _RELATIVE_FLOOR = 1e-12  # of the largest diagonal element; unconstrained degree
 
 @njit(cache=True)
 def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
-    """Write for each degree of freedom the next one towards the root, above (dofs,); −1 for none."""
+    """Write for each degree of freedom the next one towards the root.
+
+    Args:
+        parents, joint_parts: (parts,), (joints,) of `TwistTree`.
+        above: (dofs,) written: its index; −1 for none.
+    """
     last, j = np.empty(len(parents), dtype=np.int64), 0
     for i in range(ROOT):
         above[i] = i - 1
@@ -40,6 +45,10 @@ def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
 @njit(cache=True, error_model="numpy")
 def factorise(above: Int64, H: Float64) -> bool:
     """Factorise H (n, n) into LᵀL = H, in place, along the tree's paths only; the lower half is used.
+
+    Args:
+        above: (n,) of `path`.
+        H: (n, n) symmetric; its lower triangle is overwritten with L.
 
     Returns:
         Whether H is positive definite.
@@ -66,7 +75,7 @@ def factorise(above: Int64, H: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(above: Int64, L: Float64, b: Float64) -> None:
-    """Replace b (n,) by the solution x of LᵀL x = b."""
+    """Replace b (n,) by the solution x of LᵀL x = b, with L (n, n) of `factorise` and above (n,) of `path`."""
     for i in range(len(b) - 1, -1, -1):
         b[i] /= L[i, i]
         j = above[i]
@@ -108,21 +117,21 @@ def step(
     above: Int64, H: Float64, g: Float64, damping: float, angles: Float64, limits: Float64, L: Float64, held: Bool,
     delta: Float64,
 ) -> bool:  # fmt: skip
-    """Solve H and g for the step delta (dofs,), with the angles within their limits; return whether it exists.
+    """Solve H δ = g for a Gauss–Newton step, with the angles within their limits; return whether it exists.
 
     An angle at a limit is held there if g points beyond it, and so is an angle that the step would take beyond a limit;
     the others are solved again (D. Bertsekas, Projected Newton Methods for Optimization Problems with Simple
     Constraints, SIAM J. Control and Optimization 20, 1982).
 
     Args:
-        above: of `path`.
-        H, g: of `normal_equations`.
+        above: (dofs,) of `path`.
+        H, g: (dofs, dofs), (dofs,) of `twist_fit_kernels.normal_equations`.
         damping: relative increase of the diagonal (Levenberg and Marquardt).
         angles: (joints,) within the limits [rad].
         limits: (joints, 2) [rad].
         L: (dofs, dofs) workspace.
-        held: (joints,) written: at a limit.
-        delta: written.
+        held: (joints,) written: whether the angle is held at a limit.
+        delta: (dofs,) written: the step, the root's twist and then the angles.
     """
     largest = 0.0
     for i in range(len(g)):

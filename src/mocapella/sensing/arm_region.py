@@ -26,21 +26,21 @@ class ArmRegionSettings:
     """Limits of the regions that may be arms.
 
     Attributes:
-        near_m, far_m: range of depths.
-        spacing_m: of the grid on the arm's surface.
-        seed_m: surfaces nearer than this to the predicted arm belong to it.
-        grow_m: surfaces connected to those belong to it within this distance.
-        arm_m: likewise surfaces connected to the hand, within this distance of forearm and upper arm.
+        near_m, far_m: range of valid depths [m].
+        spacing_m: distance between the grid's points on the arm's surface [m].
+        seed_m: surfaces nearer than this to the predicted hand belong to it [m].
+        grow_m: surfaces connected to the hand belong to the arm within this distance of the predicted hand [m].
+        arm_m: surfaces connected to the hand belong to the arm within this distance of forearm and upper arm [m].
         jump: neighbours whose depths differ by less than this share of the depth are connected.
-        palm_radii_m: limits of the radius of the largest circle within a palm or fist.
-        forearm_m: range of distances from the palm along the surface that only the forearm covers.
-        columns: of the coarse grid on which palms are searched.
-        widest_m: greatest width of a forearm.
-        finger_m: greatest width of a finger.
+        palm_radii_m: smallest and largest radius of the largest circle within a palm or fist [m].
+        forearm_m: range of distances from the palm along the surface that only the forearm covers [m].
+        columns: number of columns of the coarse grid on which palms are searched.
+        widest_m: greatest width of a forearm [m].
+        finger_m: greatest width of a finger [m].
         hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it.
-        nearer_m: least difference in depth to such a surface.
-        branch_m: least length of a branch of the surface.
-        points: most points of a region.
+        nearer_m: least difference in depth to such a surface [m].
+        branch_m: least length of a branch of the surface, such as a finger [m].
+        points: largest number of points of a region.
     """
 
     near_m: float = 0.2
@@ -88,8 +88,8 @@ class Grid(NamedTuple):
 
     Attributes:
         seen: (h, w) depth [m]; 0 where nothing was measured.
-        lens: (4,) fx, fy, cx, cy of the grid.
-        step: stride [px].
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
+        step: distance between the grid's pixels in the image [px].
     """
 
     seen: Float64
@@ -104,7 +104,7 @@ class Region(NamedTuple):
         points: (m, 3) points of the surface, camera frame [m].
         front: (h, w) depth of the arm's surface, the negative depth of other surfaces, 0 where not measured [m].
         opposite: (h, w) in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
-            nearest pixel off the arm for an arm pixel.
+            nearest pixel off the arm for an arm pixel; −1 for none.
         lens: (4,) fx, fy, cx, cy of the grid [px].
     """
 
@@ -115,15 +115,15 @@ class Region(NamedTuple):
 
 
 class PalmCandidate(NamedTuple):
-    """A possible palm or fist, with its forearm and fingers.
+    """A possible palm or fist, with its forearm and fingers, in the camera frame.
 
     Attributes:
-        centre: (3,) on its surface, camera [m].
-        radius_m: of the largest circle in it.
-        normal: (3,) of its surface, towards the camera.
+        centre: (3,) point on its surface [m].
+        radius_m: radius of the largest circle in it [m].
+        normal: (3,) unit normal of its surface, towards the camera.
         forearm: (3,) the direction from it to the elbow; None if no forearm is visible.
-        tips: (k, 3) ends of branches as narrow as a finger, anticlockwise in the image, starting at the forearm.
-        spheres: (n, 5) around the surface within a hand's reach, for `region`.
+        tips: (k, 3) ends of branches as narrow as a finger [m], anticlockwise in the image, starting at the forearm.
+        spheres: (n, 5) around the surface within a hand's reach, as for `region`.
     """
 
     centre: Float64
@@ -135,7 +135,14 @@ class PalmCandidate(NamedTuple):
 
 
 def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -> Grid:
-    """Return a grid of the whole depth image (height, width) [m]; lens (9,) or (4,) of the image."""
+    """Subsample a whole depth image.
+
+    Args:
+        depth: (height, width) [m].
+        lens: (4,) fx, fy, cx, cy of the image [px], or (9,) with the distortion, which is not used.
+        step: distance between the grid's pixels in the image [px].
+        s: range of depths.
+    """
     height, width = depth.shape
     return _grid(depth, lens, 0, 0, width, height, step, s)
 
@@ -179,7 +186,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
     """Segment the surfaces near spheres along an arm, and the surfaces connected to them.
 
     Args:
-        grid: from `grid_about` or `whole_grid`.
+        grid: the depth image, from `grid_about` or `whole_grid`.
         spheres: (k, 5) centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
         s: distances of the surfaces from the spheres.
     """
@@ -195,7 +202,13 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 
 
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
-    """Return the region of a segmented surface; ``front`` as in `Region`."""
+    """Return the region of a surface that is segmented already.
+
+    Args:
+        grid: its lens is used.
+        front: (h, w) as in `Region`.
+        s: largest number of points.
+    """
     k = kernels()
     opposite = np.empty(front.shape, np.int64)
     k.opposite(front, opposite)
@@ -205,7 +218,12 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
 
 def others_edges(front: Float64, s: ArmRegionSettings) -> float:
-    """Return the share of a surface's edges that belong to nearer surfaces, 0 to 1; ``front`` as in `Region`."""
+    """Return the share of a surface's edges, 0 to 1, that belong to nearer surfaces, which occlude it.
+
+    Args:
+        front: (h, w) as in `Region`.
+        s: least difference in depth to a nearer surface.
+    """
     return float(kernels().others_edges(front, s.nearer_m))
 
 
@@ -213,15 +231,18 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
     depth: Float32, lens: Float64, s: ArmRegionSettings, most: int = 6, near: Float64 | None = None,
     but: Float64 | None = None,
 ) -> Steps[list[PalmCandidate]]:  # fmt: skip
-    """Return candidates for palms and fists, the likeliest first: surfaces as wide as a palm, at the end of an arm.
+    """Search a depth image for palms and fists, in steps: surfaces as wide as a palm, at the end of an arm.
 
     Args:
         depth: (height, width) [m].
-        lens: (4,) or (9,).
+        lens: (4,) fx, fy, cx, cy [px], or (9,) with the distortion, which is not used.
         s: limits.
         most: greatest number of candidates.
-        near: (3,) or (k, 3) points [m]; only candidates within 15 cm are returned.
-        but: (k, 4) balls [m]; candidates within them are left out.
+        near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm are returned.
+        but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+
+    Returns:
+        Steps whose result is the list of candidates, the likeliest first.
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
     k, (height, width) = kernels(), grid.seen.shape
@@ -251,7 +272,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
 
 
 def within(point: Float64, balls: Float64) -> bool:
-    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5): centre, radius, … [m]."""
+    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5): centre (3), radius [m], unused."""
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 

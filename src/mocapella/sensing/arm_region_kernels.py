@@ -1,6 +1,7 @@
 """Segment the part of a depth image that may be an arm, on a subsampled grid; compiled.
 
-Importing this module imports numba.
+A grid is a subsampled part of the depth image, (h, w) depths [m], 0 where nothing was measured. Its lens (4,) is
+pinhole: focal lengths and principal point fx, fy, cx, cy [grid pixels]. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
@@ -20,11 +21,18 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def thinned(depth: Float32, x0: int, y0: int, step: int, near: float, far: float, out: Float64) -> None:
-    """Write the depth at every ``step``-th pixel from (x0, y0) into out (h, w) [m]; 0 out of range or if isolated.
+    """Write the depth at every ``step``-th pixel of an image into a grid; 0 where out of range or isolated.
 
     It is the mean over the neighbourhood within half a step, of the pixels within 1.5 cm of the centre's depth. Where
     the centre has no depth, the nearest depth of the neighbourhood replaces it, if most neighbours are measured. Pixels
     at the edges of surfaces mix both sides; fewer than a third of their neighbours are within 1.5 cm, so they become 0.
+
+    Args:
+        depth: (height, width) [m].
+        x0, y0: pixel of the grid's first element.
+        step: distance between the grid's elements [px].
+        near, far: range of valid depths [m].
+        out: (h, w) written [m]; must be within the image.
     """
     height, width = depth.shape
     half = max(step // 2, 1)
@@ -81,14 +89,14 @@ def thinned(depth: Float32, x0: int, y0: int, step: int, near: float, far: float
 
 @njit(cache=True)
 def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Float64, high: Float64) -> None:
-    """Write the least and greatest depth of each pixel at which a surface is within the gate of the spheres.
+    """Write the interval of depths, for each pixel of a grid, that a surface within the gate of any sphere can have.
 
     Args:
-        spheres: (k, 5) centre, radius [m], and whether it belongs to the hand.
+        spheres: (k, 5) centre (3) in the camera frame and radius [m], and 1 for the hand or 0 for the arm.
         lens: (4,) of the grid.
-        gate: distance from the spheres of the hand [m].
-        arm_gate: distance from the other spheres [m].
-        low, high: (h, w) [m], out; infinite and 0 where there is none.
+        gate: largest distance of the surface from the spheres of the hand [m].
+        arm_gate: largest distance of the surface from the spheres of the arm [m].
+        low, high: (h, w) written: least and greatest depth [m]; infinite and 0 where no sphere is near.
     """
     height, width = low.shape
     for i in range(height):
@@ -121,11 +129,17 @@ def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Fl
 def grown(
     seen: Float64, low: Float64, high: Float64, wide_low: Float64, wide_high: Float64, jump: float, front: Float64
 ) -> None:
-    """Write the surface that may be the arm into front (h, w): seeds in the narrow bands, grown within the wide ones.
+    """Segment the surface that may be the arm: seeds in narrow depth intervals, grown within wide ones.
 
-    Surfaces in front of the narrow bands but within the wide ones are seeds, too: a finger in front of the palm is not
-    connected to the hand, because its shadow separates them. Regions grow over neighbours whose depths differ by less
-    than the jump [m]. Pixels of other surfaces get minus their depth.
+    Surfaces in front of the narrow intervals but within the wide ones are seeds, too: a finger in front of the palm is
+    not connected to the hand, because its shadow separates them.
+
+    Args:
+        seen: (h, w) depth [m]; 0 where nothing was measured.
+        low, high: (h, w) narrow intervals, of `bands` with a small gate.
+        wide_low, wide_high: (h, w) wide intervals, of `bands` with a large gate.
+        jump: regions grow over neighbours whose depths differ by less [m].
+        front: (h, w) written: depth of the arm's surface; minus the depth of other surfaces, 0 where unmeasured [m].
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -185,7 +199,12 @@ def others_edges(front: Float64, jump: float) -> float:
 
 @njit(cache=True)
 def opposite(front: Float64, out: Int64) -> None:
-    """Write, for each pixel off the arm, the nearest column of its row on the arm, and the reverse; −1 for none."""
+    """Write the nearest pixel of the same row across the arm's edge: on the arm for pixels off it, and the reverse.
+
+    Args:
+        front: (h, w) of `grown`; above 0 on the arm.
+        out: (h, w) written: the column; −1 where the row has none.
+    """
     height, width = front.shape
     for i in range(height):
         last = -1
@@ -203,7 +222,13 @@ def opposite(front: Float64, out: Int64) -> None:
 
 @njit(cache=True)
 def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
-    """Write the points of pixels above 0, evenly subsampled, into out (n, 3), camera [m]; return their number."""
+    """Write the 3D points of the arm's pixels, evenly subsampled if out is too small; return their number.
+
+    Args:
+        front: (h, w) depth [m]; only pixels above 0 are used.
+        lens: (4,) of the grid.
+        out: (capacity, 3) the first rows are written: camera frame [m].
+    """
     height, width = front.shape
     count = 0
     for i in range(height):
@@ -224,9 +249,13 @@ def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
 
 @njit(cache=True)
 def labelled(seen: Float64, jump: float, labels: Int64, sizes: Int64) -> int:
-    """Write the connected surfaces of an image (h, w) into labels, from 1, and their sizes [px]; return their number.
+    """Label the connected surfaces of a depth image; return their number.
 
-    Neighbours whose depths differ by less than the jump [m per metre of depth] are connected.
+    Args:
+        seen: (h, w) depth [m]; 0 where nothing was measured.
+        jump: neighbours whose depths differ by less are connected [m per metre of depth].
+        labels: (h, w) written: the surface's number, from 1; 0 for none.
+        sizes: (capacity,) written: size of surface i at index i [px]. Surfaces beyond the capacity are not labelled.
     """
     height, width = seen.shape
     stack = np.empty(height * width, np.int64)
@@ -261,10 +290,16 @@ def labelled(seen: Float64, jump: float, labels: Int64, sizes: Int64) -> int:
 
 @njit(cache=True)
 def inner_distance(seen: Float64, labels: Int64, lens: Float64, out: Float64) -> None:
-    """Write the distance of each pixel to the edge of its surface [m], 0 off any surface: chamfer 5-7-11.
+    """Write the distance of each pixel to the edge of its surface, by the chamfer distance 5-7-11.
 
     G. Borgefors, "Distance transformations in digital images", Computer Vision, Graphics, and Image Processing 34
     (1986) 344. The image's border is not an edge of a surface. A pixel at the edge is 1 pixel from it.
+
+    Args:
+        seen: (h, w) depth [m].
+        labels: (h, w) of `labelled`.
+        lens: (4,) of the grid.
+        out: (h, w) written [m]; 0 off any surface.
     """
     height, width = seen.shape
     for i in range(height):
@@ -320,9 +355,15 @@ _KNIGHT = np.array(
 def geodesic(
     seen: Float64, lens: Float64, jump: float, from_y: int, from_x: int, most: float, out: Float64
 ) -> None:  # fmt: skip
-    """Write the distances along the surface from a pixel [m], by Dijkstra's algorithm; infinite beyond ``most``.
+    """Write the distances along the surface from one pixel, by Dijkstra's algorithm.
 
-    Neighbours whose depths differ by more than the jump [m per metre of depth] are not connected.
+    Args:
+        seen: (h, w) depth [m]; 0 where nothing was measured.
+        lens: (4,) of the grid.
+        jump: neighbours whose depths differ by more are not connected [m per metre of depth].
+        from_y, from_x: row and column of the pixel.
+        most: largest distance that is computed [m].
+        out: (h, w) written [m]; infinite beyond ``most`` and where the surface is not connected.
     """
     height, width = seen.shape
     for i in range(height):
@@ -426,20 +467,21 @@ def _persistent_tops(
 
 @njit(cache=True)
 def branches(seen: Float64, away: Float64, lens: Float64, jump: float, least: float, found: Float64) -> int:
-    """Write the branches of a surface, seen from where ``away`` is 0, into found (n, 8); return their number.
+    """Find the branches of a surface, such as fingers, by their distance from an origin; return their number.
 
     A branch grows from a farthest pixel towards the origin, until it meets one that reaches farther: its persistence is
     its length up to there (H. Edelsbrunner, D. Letscher, A. Zomorodian, "Topological persistence and simplification",
-    Discrete & Computational Geometry 28 (2002) 511). Branches shorter than ``least`` [m] are part of the one they meet.
+    Discrete & Computational Geometry 28 (2002) 511).
 
     Args:
         seen: (h, w) depth [m].
-        away: (h, w) distances along the surface [m], infinite off it.
+        away: (h, w) distances along the surface from the origin [m], infinite off it; of `geodesic`.
         lens: (4,) of the grid.
-        jump: as in `geodesic`.
-        least: see above.
-        found: out, for each: row, column and distance of its farthest pixel, persistence, the width of its last 4 cm
-            [m], row and column of the centre of that part, whether it touches the image's border.
+        jump: neighbours whose depths differ by more are not connected [m per metre of depth].
+        least: branches with a smaller persistence are part of the one they meet [m].
+        found: (capacity, 8) written, the branch that reaches farthest first: row and column of its farthest pixel, its
+            distance from the origin [m], persistence [m], the width of its last 4 cm [m], row and column of the centre
+            of that part, and 1 if that part touches the image's border, else 0.
     """
     height, width = seen.shape
     flat = away.ravel()

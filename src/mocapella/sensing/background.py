@@ -35,7 +35,7 @@ Bool = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
 SPREAD_UNIT: Final = 4
-"""Units of a spread in a grey level."""
+"""Number of units of `BackgroundModel.spread` in a grey level."""
 FEWEST: Final = 3
 """Least number of images to learn from."""
 SD_OF_MAD: Final = 1.4826
@@ -46,10 +46,10 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         usual: (height, width) or (height, width, 3) uint8, the median of every pixel.
-        spread: of the same shape, uint8, four times its standard deviation [grey levels], cut off at 63.
+        spread: of the same shape, uint8, a pixel's standard deviation in quarters of a grey level, at most 255.
         least_sd: least standard deviation of a density [grey levels].
-        darkest: least share of its light for a pixel in shadow; 1: there are no shadows.
-        shadow_nats: cost of a pixel in shadow [nats].
+        darkest: least brightness of a pixel in shadow, as a share of its usual one; 1: there are no shadows.
+        shadow_nats: additional cost of a pixel in shadow [nats].
     """
 
     usual: UInt8
@@ -66,7 +66,11 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
         check(0 <= self.shadow_nats <= 100, "shadow_nats", self.shadow_nats, "from 0 to 100")
 
     def costs(self, band: Band, settings: RegionSettings = DEFAULT) -> Float32:
-        """Return (blocks, size) −log p of a band's values being background [nats], as of three channels in half levels.
+        """Return (blocks, size) the cost −log p of each sample's value under this model [nats]; see `Background.costs`.
+
+        Args:
+            band: samples of an image of this model's size and channels.
+            settings: whether images are filtered by a median.
 
         Raises:
             SettingsError: the band is of an image of another size or number of channels.
@@ -98,7 +102,7 @@ def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundMo
 
     Args:
         images: at least 3, of one shape, (height, width) or (height, width, 3) uint8.
-        settings: of `BackgroundModel`.
+        settings: values of the fields of `BackgroundModel` besides the images, by name.
 
     Raises:
         SettingsError: there are too few, or they differ in shape.
@@ -125,14 +129,14 @@ def background_contour(
     settings: RegionSettings = DEFAULT,
     energies: bool = False,
 ) -> RegionContour:
-    """Return the contour of the foreground, whatever its colour.
+    """Segment the foreground of an image by a background model, whatever the foreground's colour.
 
     Args:
         image: (height, width) or (height, width, 3) uint8.
-        model: of images of its size and camera.
-        window: the part of the image that is segmented; its phi is the prior if ``guided``, else it is ignored.
+        model: learnt from images of the same size and camera.
+        window: the part of the image that is segmented; its phi is the shape prior if ``guided``, else it is ignored.
         guided: whether the window's phi is a prior, as for `region_contour`.
-        ignore: (height, width) bool pixels without information.
+        ignore: (height, width) bool, True for pixels without information.
         settings: of the densities' settings only the share of outliers and the median are used.
         energies: whether energies are computed, which takes longer.
 

@@ -35,15 +35,16 @@ class MemorySettings:
     """Parameters of learning and applying a background.
 
     Attributes:
-        guard_steps: samples nearer than this to a person are not learnt.
+        guard_steps: samples nearer than this to a person are not learnt [samples].
         rate: weight of a new image, after the first 1/rate images.
         least_sd: least standard deviation of a sample [grey levels].
-        window_images: number of images within which a window is updated once.
+        window_images: number of images within which all samples near the person are updated once.
         sweep_images: number of images within which the parts far from people are updated once.
         cut_sd: a sample farther than this from its mean has changed [standard deviations].
-        strange_sd: likewise, where several samples vote …
-        strange_gray_sd: … and without colour to tell a shadow.
-        shadow: least share of its light, 0 to 1, for a sample to be in shadow; 1: no sample is.
+        strange_sd: likewise, for the foreground score in colour images, a vote of several samples [standard
+            deviations].
+        strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
+        shadow: least brightness of a sample in shadow, as a share of its usual one; 1: no sample is in shadow.
         shadow_sd: largest distance of such a sample from its darkened colour [grey levels].
         every: stride between the samples that decide whether an image shows this room.
     """
@@ -77,13 +78,13 @@ class MemorySettings:
 DEFAULT = MemorySettings()
 
 NOISIER = 2.0
-"""An image this many times as noisy as the first shows nothing."""
+"""An image that is noisier than the first one by this factor counts as changed everywhere."""
 FIRST_SDS = 1.5
-"""Initial standard deviation of a sample, in units of the image's noise: its mean is of one image, too."""
+"""Initial standard deviation of a sample, in units of the image's noise; it covers the error of a mean of one image."""
 
 
 class BackgroundMemory:
-    """The learnt background of one camera, in samples of step × step pixels."""
+    """The learnt background of one camera, in samples of ``step_px`` × ``step_px`` pixels."""
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
         check(step_px >= 1, "step_px", step_px, "1 or more")
@@ -101,7 +102,7 @@ class BackgroundMemory:
         self._first_sd = self.settings.least_sd
 
     def memory(self) -> dict[str, Any]:
-        """Return the state for `recall`."""
+        """Return the learnt state for `recall`."""
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -110,18 +111,18 @@ class BackgroundMemory:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Whether each sample of the image is known, (rows, columns)."""
+        """Whether the background of each sample of the image is learnt, (rows, columns)."""
         return self._count > 0
 
     def update(
         self, image: UInt8, person: Silhouette | None, others: Bool | None = None, covered: UInt8 | None = None
     ) -> None:
-        """Learn from an image, except near people.
+        """Learn the background from an image, except near people.
 
         Args:
-            image: (height, width) or (height, width, 3).
-            person: a window at this memory's step, aligned with it; None: no person is there.
-            others: (height, width) where other people are.
+            image: (height, width) or (height, width, 3) uint8.
+            person: a window with this memory's step, whose origin is a multiple of it; None: no person is in the image.
+            others: (height, width) bool where other people are.
             covered: (rows, columns) of the window, not 0 where the person is, too.
 
         Raises:
@@ -149,7 +150,13 @@ class BackgroundMemory:
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.
 
-        Arguments and errors are those of `update`.
+        It is 1 for an image that is much noisier than the first one.
+
+        Args:
+            image, person: as in `update`.
+
+        Raises:
+            InputError: as of `update`.
         """
         image, (left, top), phi = self._door(image, person)
         differ, known, noise = self._compared(image, phi, left, top)
@@ -173,7 +180,19 @@ class BackgroundMemory:
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
         """Return the foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
 
-        0: unknown, or probably in shadow. Each is a vote of five samples. Arguments and errors as of `update`.
+        It is 0 where the background is unknown or the sample is probably in shadow. Each score is a vote of five
+        samples.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            window: the window, aligned as in `update`.
+            every: stride between scored samples.
+
+        Returns:
+            (rows, columns) float32.
+
+        Raises:
+            InputError: as of `update`.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
@@ -183,7 +202,7 @@ class BackgroundMemory:
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """Return the foreground score (n,) at points (n, 2) of the image [px]; 0 outside it."""
+        """Return the foreground score (n,), as of `strange`, at pixels x, y (n, 2) of an image [px]; 0 outside it."""
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
         if self._learnt:
@@ -200,7 +219,7 @@ class BackgroundMemory:
         return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """See `Background`; the window must be aligned as for `update`."""
+        """Return (blocks, size) the costs of `Background.costs`; the window must be aligned as in `update`."""
         prior = band.prior
         left, top = self._place(prior)
         if not self._shape:

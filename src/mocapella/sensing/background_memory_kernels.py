@@ -1,6 +1,6 @@
 """Learn and apply the background model of `background_memory`; compiled. Importing this module imports numba.
 
-Samples are means of odd squares of pixels, at every ``step``-th row and column of the image.
+A sample is the mean of an odd square of pixels, at every ``step``-th row and column of the image.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
@@ -24,21 +24,21 @@ UInt8 = NDArray[np.uint8]
 MIDDLE = 127.5
 """Middle of the scale [grey levels]."""
 SD_OF_FIFTH = 1.0 / 0.25335
-"""Standard deviation of a normal distribution over the magnitude that a fifth of its deviations stay below."""
+"""Ratio of a normal distribution's standard deviation to the magnitude that a fifth of its deviations stay below."""
 WIDE = 1.5
 """Deviations are cut off at so many standard deviations before they update mean and variance: so few that one outlier
 in six does not make the variance diverge (P. Huber, Robust Statistics, 1981, section 6.4)."""
 OF_CUT = 1.0 / 0.77846
-"""Variance of a normal distribution over its variance after that cut-off."""
+"""Ratio of a normal distribution's variance to its variance after the cut-off at `WIDE`."""
 
 
 class BackgroundSamples(NamedTuple):
-    """The learnt background.
+    """The learnt background model, one row and column per sample.
 
     Attributes:
         mean: (rows, columns, channels) float32 [grey levels].
-        variance: (rows, columns) float32, of a channel.
-        images: (rows, columns) uint8 images that a sample was learnt from, at most 255; 0: unknown.
+        variance: (rows, columns) float32 mean of the channels' variances [grey levels²].
+        images: (rows, columns) uint8 number of images that a sample was learnt from, at most 255; 0: unknown.
     """
 
     mean: Float32
@@ -47,11 +47,11 @@ class BackgroundSamples(NamedTuple):
 
 
 class PersonWindow(NamedTuple):
-    """A window of samples with a person's signed distance.
+    """A rectangle of samples with the signed distance to a person's outline.
 
     Attributes:
         phi: (rows, columns) float32, above 0 inside [px]; (0, 0): no person.
-        left, top: column and row of its first sample in the image.
+        left, top: column and row of its first sample in the image's grid of samples.
         guard: samples nearer than this to the person are not background [px].
     """
 
@@ -65,9 +65,9 @@ class ForegroundBounds(NamedTuple):
     """Bounds between background, shadow and foreground.
 
     Attributes:
-        most: least squared deviation of a changed sample, in variances.
-        least: variance [grey levels²].
-        darkest: least share of its light for a sample in shadow.
+        most: squared deviation from the mean, summed over channels, above which a sample has changed [variances].
+        least: lower bound of the variance that deviations are compared with [grey levels²].
+        darkest: least brightness of a sample in shadow, as a share of its usual one.
         chroma2: greatest squared distance of a sample in shadow from its darkened colour [grey levels²].
     """
 
@@ -138,15 +138,17 @@ def unlike(
 
     Args:
         image: (height, width, channels) uint8.
-        step: of samples [px].
+        step: distance between samples [px].
         window: the person.
-        every: stride between samples.
-        least_sd, cut_sd: see `mocapella.sensing.background_memory.MemorySettings`.
-        learnt: the background.
+        every: stride between compared samples.
+        least_sd: least standard deviation of a sample [grey levels].
+        cut_sd: a sample farther than this from its mean has changed [standard deviations].
+        learnt: the background model.
 
     Returns:
-        The number of changed samples, the number of known ones, and the standard deviation of samples that their
-        neighbours do not explain [grey levels]: from the smallest fifth, because larger ones may be texture.
+        The number of changed samples, the number of known ones, and the standard deviation of a sample's noise [grey
+        levels]. The noise is estimated from differences to neighbouring samples, the smallest fifth of them, because
+        larger ones may be texture.
     """
     phi, left, top, guard = window
     mean, variance, count = learnt
@@ -191,18 +193,19 @@ def learn(
     image: UInt8, step: int, window: PersonWindow, covered: UInt8, others: Bool, begin: int, end: int, every: int,
     rate: float, least_sd: float, learnt: BackgroundSamples,
 ) -> None:  # fmt: skip
-    """Update the background away from people, in rows ``begin`` to ``end`` and every ``every``-th row of the window.
+    """Update the background model away from people, in some rows of the image and more often beside the person.
 
     Args:
         image: (height, width, channels) uint8.
-        step: of samples [px].
+        step: distance between samples [px].
         window: the person.
         covered: (rows, columns) of the window, not 0 where the person is, too; or (0, 0).
         others: (height, width) where other people are; or (0, 0).
-        begin, end, every: see above.
-        rate: least weight of an image.
-        least_sd: standard deviation at first [grey levels].
-        learnt: the background.
+        begin, end: rows of samples that are updated in full width, the end exclusive.
+        every: outside of them, every ``every``-th row of the person's window is updated, within the window only.
+        rate: least weight of an image in the running means, 0 to 1.
+        least_sd: initial standard deviation of a sample [grey levels].
+        learnt: the background model, updated.
     """
     phi, left, top, guard = window
     mean, variance, count = learnt
@@ -290,7 +293,20 @@ def strange(
     image: UInt8, step: int, left: int, top: int, every: int, bounds: ForegroundBounds, learnt: BackgroundSamples,
     out: Float32,
 ) -> None:  # fmt: skip
-    """Write the foreground score of `_vote` of every ``every``-th sample from (left, top) into out (rows, columns)."""
+    """Write the foreground score of a grid of samples: from −1, background, to 1, foreground; 0 where unknown.
+
+    It is the share of changed samples among a sample and its four neighbours, scaled. Samples that may be in shadow
+    count as unknown.
+
+    Args:
+        image: (height, width, channels) uint8.
+        step: distance between the model's samples [px].
+        left, top: column and row of the first sample.
+        every: stride between scored samples.
+        bounds: bounds of background and shadow.
+        learnt: the background model.
+        out: (rows, columns) float32, written.
+    """
     mean, variance, count = learnt
     here = np.empty(mean.shape[2])
     for a in range(out.shape[0]):
@@ -303,7 +319,13 @@ def strange(
 def strange_at(
     image: UInt8, step: int, pixels: Float64, bounds: ForegroundBounds, learnt: BackgroundSamples, out: Float32
 ) -> None:
-    """Write the foreground score of `_vote` of the samples at points (n, 2) [px] into out (n,)."""
+    """Write the foreground scores, as of `strange`, of the samples nearest to given pixels.
+
+    Args:
+        image, step, bounds, learnt: (height, width, channels) uint8, stride [px], bounds and model, as in `strange`.
+        pixels: (n, 2) x, y [px].
+        out: (n,) float32, written; left unchanged outside of the image.
+    """
     mean, variance, count = learnt
     here = np.empty(mean.shape[2])
     for k in range(len(pixels)):
@@ -316,15 +338,18 @@ def strange_at(
 def costs(
     values: Int16, blocks: Int32, left: int, top: int, least_sd: float, learnt: BackgroundSamples, out: Float32
 ) -> None:
-    """Write −log p [nats] of values being background, as of three channels; NaN where unknown.
+    """Write the cost −log p of each sample's value under the background model [nats]; NaN where the model is unknown.
+
+    The cost is scaled to three channels, whatever their number; the log 2π/2 of every channel is left out.
 
     Args:
-        values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
-        blocks: (blocks, 2) int32 row and number of each.
-        left, top: the first sample's column and row.
-        least_sd: [grey levels].
-        learnt: the background.
-        out: (blocks, size) float32; the log 2π/2 of every channel is left out.
+        values: (channels, blocks, size) int16 values in half grey levels, 0 in the middle of the scale; a block is
+            ``size`` consecutive samples of a row.
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        left, top: column and row of the first sample of row 0, block 0.
+        least_sd: least standard deviation [grey levels].
+        learnt: the background model.
+        out: (blocks, size) float32, written.
     """
     mean, variance, count = learnt
     channels, least, size = mean.shape[2], least_sd * least_sd, values.shape[2]

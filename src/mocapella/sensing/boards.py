@@ -24,12 +24,12 @@ FEW_MARKERS: Final = 4
 
 @dataclass
 class BoardReport:
-    """Counts of a camera's images.
+    """Counts of the images that were searched for a board.
 
     Attributes:
-        pictures: images that were searched.
-        found: images that show the board.
-        corners: found in all of them.
+        pictures: number of images that were searched.
+        found: number of images that show the board.
+        corners: number of corners found in all of them.
     """
 
     pictures: int = 0
@@ -38,7 +38,7 @@ class BoardReport:
 
 
 class BoardDetector:
-    """Finds one board in images of any camera; ``report`` counts."""
+    """Detects one board in images of any camera; ``report`` counts images and corners, see `BoardReport`."""
 
     def __init__(self, board: Board) -> None:
         self.board = board
@@ -104,7 +104,7 @@ def _gray(image: UInt8, inverted: bool) -> UInt8:
 
 
 def charuco_board(board: Board) -> Any:
-    """Return OpenCV's object of a ChArUco board, to draw or detect it."""
+    """Return OpenCV's ``CharucoBoard`` of a board, to draw or detect it."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     drawn = cv2.aruco.CharucoBoard(
         (board.columns, board.rows), board.square_m, board.square_m * board.marker_ratio, markers
@@ -115,6 +115,10 @@ def charuco_board(board: Board) -> Any:
 
 def draw_board(board: Board, square_px: int) -> UInt8:
     """Draw the board for printing, with a white margin of half a square.
+
+    Args:
+        board: the board.
+        square_px: side of a square [px].
 
     Returns:
         (height, width) gray.
@@ -194,6 +198,11 @@ def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
     """Return the width of the edges at the corners: contrast over steepest slope, median over the corners [px].
 
     A step blurred by a Gaussian of standard deviation s is √(2π) s wide.
+
+    Args:
+        gray: (height, width) uint8.
+        corners: (n, 2) [px].
+        spacing: (n,) distance of each corner to its nearest neighbour on the board [px]; NaN for a corner to leave out.
     """
     widths = []
     for (x, y), space in zip(corners, spacing, strict=True):
@@ -212,10 +221,14 @@ def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
 
 
 def why_not_found(images: Sequence[UInt8], board: Board) -> str:
-    """Explain what images show instead of the board; slow, for use when nothing was found.
+    """Explain, for users, what images show instead of a board; slow, for use when no board was found.
+
+    Args:
+        images: (height, width) gray or (height, width, 3) BGR, uint8.
+        board: the board that was searched.
 
     Returns:
-        one line that suggests what to change.
+        One line that suggests what to change.
     """
     wanted = _describe(board)
     for image in images:

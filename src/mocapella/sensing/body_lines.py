@@ -43,12 +43,12 @@ class BodyLinesSettings:
     """Limits of bodies, floor and range.
 
     Attributes:
-        near_m, far_m: the range along the optical axis; a wall beyond it is left out.
+        near_m, far_m: range of depths along the optical axis [m]; a wall beyond it is left out.
         floor: whether the floor is detected and removed: the plane with most inliers among planes at most tilt_deg
             from level that have almost no points below them.
-        floor_clear_m: points below this height are removed with the floor.
-        tilt_deg: greatest tilt of the camera.
-        least_m2: least area of a body's outline, at its distance.
+        floor_clear_m: points below this height are removed with the floor [m].
+        tilt_deg: greatest tilt of the camera [°].
+        least_m2: least area of a body's outline, at its distance [m²].
         image: settings of the later stages; its range and reach are replaced by the above.
     """
 
@@ -76,11 +76,11 @@ class BodyLines:
     Attributes:
         mask: (height, width) 255 within its outline, else 0.
         thinned: (height, width) 255 on its thin lines, else 0.
-        distance_m: median along the optical axis.
-        segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first.
-        segments: (n, 2, 3) the same on the surface, in the camera's space [m].
-        ends_px: (m, 2) ends of thin lines.
-        ends: (m, 3) the same on the surface [m].
+        distance_m: median depth along the optical axis [m].
+        segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first [px].
+        segments: (n, 2, 3) the same ends on the body's surface, in the camera's space [m].
+        ends_px: (m, 2) ends of thin lines [px].
+        ends: (m, 3) the same ends on the body's surface, in the camera's space [m].
     """
 
     mask: UInt8
@@ -94,12 +94,12 @@ class BodyLines:
 
 @dataclass(frozen=True, eq=False)
 class BodyLinesResult:
-    """The result of an image.
+    """The line skeletons in a depth image, and the results of earlier stages.
 
     Attributes:
         floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera's space [m]; None if there is none.
         separated: the image in the range, above the floor.
-        outline: of the nearest object; None without any.
+        outline: outline of the nearest object; None without any.
         bodies: the nearest first.
         reason: why there is no body; empty if there are any.
     """
@@ -151,10 +151,18 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
 
 
 def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
-    """Return (4,) unit normal, upwards, and offset of the floor in the camera's space [m]; None if it is not seen.
+    """Return the floor's plane in the camera's space; None if it is not visible.
 
     Random sample consensus (M. Fischler and R. Bolles, 1981), with the same samples for the same image; then least
     squares of the inliers.
+
+    Args:
+        metres: (height, width) depth [m]; values not above 0 were not measured.
+        camera: its lens.
+        settings: range of depths and greatest tilt.
+
+    Returns:
+        (4,) unit normal n, upwards, and d of n·x + d = 0 [m].
     """
     points = _points(metres, camera)
     if len(points) < 100:
@@ -187,7 +195,11 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
 
 
 def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
-    """Return an image of each stage that was reached, by its name, in order: gray, or blue, green, red."""
+    """Draw the result of each stage that was reached, by its name, in the order of processing.
+
+    Returns:
+        (height, width) gray or (height, width, 3) BGR images by name.
+    """
     first = seen.separated
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {

@@ -33,7 +33,7 @@ UInt8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 LIKE: Final = 0.3
-"""Greatest distance of a region's pixels from its median, across its hue, in u and v."""
+"""Greatest distance in u and v of a region's pixels from its median colour, across the hue's direction."""
 LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
@@ -69,7 +69,7 @@ def learn_colours(
         camera: its name.
         samples: images and clicks; a name may be in several images.
         backgrounds: images without markers.
-        controls: how the camera is set.
+        controls: values of the camera's controls, stored in the profile.
 
     Raises:
         InputError: a click that cannot be learnt from; names it and says where to click.
@@ -120,7 +120,15 @@ def check_image(image: Any) -> None:
 
 
 def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
-    """Return (height, width) the connected pixels around a click with a similar colour.
+    """Segment the region of similar colour around a click.
+
+    Args:
+        image: (height, width, 3) uint8 blue, green, red.
+        click: x, y [px].
+        name: the marker's name, used in errors.
+
+    Returns:
+        (height, width) bool.
 
     Raises:
         InputError: the click is outside, on a pixel without colour, or the region is too large.
@@ -186,13 +194,13 @@ def _like(at: Float64, middle: Float64) -> Mask:
 
 
 def inside(region: Mask) -> Mask:
-    """Return a region without its edge of two pixels, or of one if little would be left."""
+    """Return a region (height, width) without its edge of two pixels, or of one if little would be left."""
     inner = np.asarray(ndimage.binary_erosion(region, iterations=2))
     return inner if inner.sum() >= LEAST_PX else np.asarray(ndimage.binary_erosion(region))
 
 
 def learn(bgr: UInt8) -> Chromaticities:
-    """Return the distribution of pixels (n, 3) of one colour, without reflections and other outliers."""
+    """Return the distribution of pixels (n, 3) blue, green, red of one colour, without reflections and outliers."""
     at, luma = chromaticity(bgr), brightness(bgr)
     kept = np.ones(len(at), np.bool_)
     centre = np.median(at, axis=0)
@@ -226,7 +234,7 @@ def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
 
 
 def light_of(bgr: UInt8) -> tuple[float, float, float]:
-    """Return the medians of luma, u and v of pixels (..., 3)."""
+    """Return the medians of luma, u and v (see `colour_profile`) of pixels (..., 3) blue, green, red."""
     flat = bgr.reshape(-1, 3)
     u, v = np.median(chromaticity(flat), axis=0)
     return float(np.median(brightness(flat))), float(u), float(v)

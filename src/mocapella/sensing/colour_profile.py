@@ -29,9 +29,9 @@ OFFSET: Final = 8.0
 """Added to a value before the logarithm, so that the noise of dark pixels does not look like colour."""
 BINS: Final = 56
 SPAN: Final = 3.5
-"""The histogram of chromaticities has BINS × BINS cells from -SPAN to SPAN; no 8-bit pixel lies outside."""
+"""The histogram of chromaticities has BINS × BINS cells from -SPAN to SPAN in u and v; no 8-bit pixel lies outside."""
 SKIN: Final = "skin"
-"""Name of the sample of skin."""
+"""Name of the skin sample among the clicks."""
 
 
 def chromaticity(bgr: NDArray[Any]) -> Float64:
@@ -63,7 +63,14 @@ class CameraControls:
 
 @dataclass(frozen=True)
 class Chromaticities:
-    """Distribution of a colour's pixels: mean (u, v), covariance (uu, uv, vv), luma percentiles 5, 50, 95; count."""
+    """Distribution of a colour's pixels; u and v are as in the module.
+
+    Attributes:
+        mean: (u, v).
+        covariance: (uu, uv, vv).
+        luma: percentiles 5, 50 and 95 of luma, 0 to 255.
+        pixels: number of pixels.
+    """
 
     mean: tuple[float, float]
     covariance: tuple[float, float, float]
@@ -85,9 +92,9 @@ class Colour:
     """A marker's colour.
 
     Attributes:
-        name: of the marker.
+        name: the marker's name.
         seen: distribution of its pixels.
-        area_px: area of the marker where it was clicked.
+        area_px: area of the marker where it was clicked [px²].
     """
 
     name: str
@@ -105,8 +112,8 @@ class BackgroundColours:
 
     Attributes:
         counts: (BINS, BINS) numbers of pixels by u and v.
-        luma: their median.
-        chromaticity: (u, v), their medians; they drift with the colour of the light.
+        luma: median luma of the pixels, 0 to 255.
+        chromaticity: medians of u and v; they drift with the colour of the light.
     """
 
     counts: tuple[tuple[int, ...], ...]
@@ -131,8 +138,8 @@ class ColourProfile:
         colours: 1 to 100, in the order of their labels, which start at 1.
         background: colours of the rest of the scene.
         skin: distribution of skin; None if it was not clicked.
-        controls: of the camera.
-        version: of the file's layout.
+        controls: values of the camera's controls while the colours were learnt.
+        version: version of the file's layout.
     """
 
     camera: str
@@ -174,12 +181,16 @@ class ColourProfile:
 
 
 def encode_profile(profile: ColourProfile) -> bytes:
-    """Return a profile as JSON."""
+    """Encode a profile as JSON in UTF-8."""
     return msgspec.json.encode(asdict(profile)) + b"\n"
 
 
 def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
-    """Return the profile of a JSON text.
+    """Decode a profile from a JSON file's content.
+
+    Args:
+        data: the content.
+        file: named in errors, if given.
 
     Raises:
         InputError: it is not a profile; states the field, its value and a valid one.

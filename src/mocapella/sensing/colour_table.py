@@ -37,12 +37,12 @@ _GLANCES: Final = (0.25, 0.5, 0.75, 1.0, 1.2)
 
 @dataclass(frozen=True)
 class TableSettings:
-    """Margins of the classification.
+    """Margins of the classification, in chromaticities u and v as `colour_profile` defines them.
 
     Attributes:
         margin: least likelihood ratio to the background.
         margin_of_others: least likelihood ratio to any other colour.
-        light_sd: standard deviation of u and v by changes of the light.
+        light_sd: standard deviation of u and v caused by changes of the light.
         value_sd: noise of a pixel's 8-bit values, including a cell's width.
         brightness_range: greatest factor between a colour's brightness and the learnt one, in 8-bit values.
     """
@@ -66,10 +66,10 @@ class Separability:
     """Separability of colours from each other and from the background.
 
     Attributes:
-        kept: share of every colour's pixels that get its label.
-        in_background: share of the background that looks like each colour.
-        distances: (colours, colours) between means, in standard deviations.
-        problems: in sentences that suggest a remedy; empty if there are none.
+        kept: share of each colour's pixels that get its label, by name.
+        in_background: share of the background that gets each colour's label, by name.
+        distances: (colours, colours) distances between the colours' means, in standard deviations.
+        problems: sentences that name a problem and suggest a remedy; empty if there are none.
     """
 
     kept: dict[str, float]
@@ -86,7 +86,7 @@ def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) 
 
 
 def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
-    """Return (...) indices in the table of pixels (..., 3) uint8."""
+    """Return the indices (...) of pixels (..., 3) uint8 blue, green, red in the table of `lookup_table`."""
     cell = np.asarray(bgr).astype(np.int64) // CELL
     return np.asarray(cell[..., 0] + CELLS * cell[..., 1] + CELLS * CELLS * cell[..., 2])
 
@@ -117,7 +117,13 @@ def _noise(values: Float64, s: TableSettings) -> Float64:
 
 
 def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) -> Float64:
-    """Return the Gaussian density (...) at chromaticities (..., 2); noise (..., 3) is added to its uu, uv, vv."""
+    """Return the Gaussian density (...) of a colour at chromaticities (..., 2).
+
+    Args:
+        at: (..., 2) u and v.
+        seen: the colour's distribution.
+        noise: (..., 3) added to its covariance uu, uv, vv.
+    """
     uu, uv, vv = np.moveaxis(np.asarray(seen.covariance) + noise, -1, 0)
     x, y = np.moveaxis(at - np.asarray(seen.mean), -1, 0)
     det = uu * vv - uv * uv
@@ -125,9 +131,15 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """Return the density (...) of the background, relative to that of markers of areas (...) [px].
+    """Return the density (...) of the background at chromaticities, relative to that of markers.
 
     The scene's histogram is scaled by area: an object as large as the marker is as likely as the marker.
+
+    Args:
+        profile: the background's colours.
+        at: (..., 2) u and v.
+        noise: (..., 3) added to the covariances uu, uv, vv.
+        areas_px: (...) area of the marker [px²].
     """
     counts = np.array(profile.background.counts, np.float64)
     per_image = profile.size_px[0] * profile.size_px[1] / max(counts.sum(), 1)

@@ -36,10 +36,16 @@ class DeadImages:
         self._last, self._same = memory
 
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:
-        """Return why images of one instant (height, width[, 3]) must not be used, by camera; usable ones are left out.
+        """Find images that must not be used because they are black, uniform or frozen.
 
         An image that is repeated while other cameras' images change is stale, whether the camera is broken or slower
         than the others.
+
+        Args:
+            images: (height, width) or (height, width, 3) uint8 of one instant, by camera.
+
+        Returns:
+            The reason by camera; cameras with usable images are left out.
         """
         measured: dict[str, tuple[float, float]] = {}
         for name, image in images.items():

@@ -12,12 +12,12 @@ from mocapella.compiled import njit
 
 @njit(cache=True)
 def sampled(image: NDArray[np.uint8], every: int, dark: int, last: NDArray[np.uint8]) -> tuple[float, float, bool]:
-    """Measure every ``every``-th row and column of an image.
+    """Measure brightness, contrast and change of an image on a subsampled grid.
 
     Args:
         image: (height, width, channels) uint8.
-        every: stride [px].
-        dark: [grey levels].
+        every: stride between the rows and columns that are measured [px].
+        dark: values up to this count as dark [grey levels].
         last: (rows, columns, channels) the samples of the previous image; overwritten with this one's.
 
     Returns:

@@ -33,16 +33,19 @@ class DepthForeground:
         return np.where((seen >= self.settings.near_m) & (seen <= self.settings.far_m), seen, 0.0)
 
     def learn(self, depth: Float32) -> None:
-        """Take a whole image (height, width) [m] as background."""
+        """Replace the background by an image (height, width) [m]."""
         self._before = self._coarse(depth)
 
     def places(self, depth: Float32, arms: Iterable[Float64]) -> Float64:
-        """Return (k, 3) points of foreground surfaces that are large enough for a hand, camera [m].
+        """Return points of foreground surfaces that are large enough for a hand, and update the background.
 
         Args:
             depth: (height, width) [m].
             arms: of each tracked arm, spheres (k, 5) as in `mocapella.sensing.arm_region.region` [m]; surfaces near
                 them are not reported.
+
+        Returns:
+            (k, 3) in the camera frame [m].
         """
         seen = self._coarse(depth)
         before = seen if self._before is None else self._before

@@ -19,9 +19,9 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 DIFFERS: Final = 25
-"""Least difference in a channel between a foreground pixel and the empty room, whatever the light [grey levels]."""
+"""Least difference of a foreground pixel from the empty room in any channel, whatever the light [grey levels]."""
 FEWEST: Final = 0.2
-"""Changed area, in units of the body's, below which the person has not moved."""
+"""Least changed area, in units of the body's, that shows that the person has moved."""
 GROWN: Final = 0.1
 """Margin around a body that may change with it, such as its shadow, as a share of its height."""
 _STEP_PX: Final = 2
@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Each camera's image of the empty room, composed of images with people elsewhere."""
+    """Learns each camera's image of the empty room, from images with people elsewhere, to detect differences."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
@@ -45,7 +45,12 @@ class EmptyRoom:
         self._images, self._known = memory
 
     def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
-        """Learn from images (height, width, 3), by camera, that are empty except near ``people``."""
+        """Learn the empty room from images, except near people.
+
+        Args:
+            images: (height, width, 3) uint8 by camera.
+            people: silhouettes of the people in the images, by camera.
+        """
         for name, image in images.items():
             free = np.ones(image.shape[:2], np.bool_)
             if people is not None and name in people:
@@ -57,17 +62,17 @@ class EmptyRoom:
                 self._known[name] |= free
 
     def knows(self, name: str) -> bool:
-        """Return whether that camera's empty room was learnt."""
+        """Return whether the empty room of the camera ``name`` was learnt."""
         return name in self._images
 
     def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
-        """Return the share of a segmented body that differs from the empty room; NaN if most of it was never learnt.
+        """Return the share of a segmented body, 0 to 1, that differs from the empty room; NaN if most was never learnt.
 
         Args:
-            name: of the camera.
-            image: (height, width, 3).
+            name: name of the camera.
+            image: (height, width, 3) uint8.
             taken: the segmented body.
-            others: (height, width) other people, whose pixels are left out.
+            others: (height, width) bool where other people are, whose pixels are left out.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -80,13 +85,13 @@ class EmptyRoom:
         return float(_differ(image[known], empty[known]).mean())
 
     def silhouette(self, name: str, image: UInt8, things: int = 1, others: Bool | None = None) -> Silhouette | None:
-        """Return the largest foreground objects in an image; None where the empty room is unknown.
+        """Segment the largest foreground objects of an image; None where the empty room is unknown.
 
         Args:
-            name: of the camera.
-            image: (height, width, 3).
-            things: most objects.
-            others: (height, width) people who are left out.
+            name: name of the camera.
+            image: (height, width, 3) uint8.
+            things: largest number of objects.
+            others: (height, width) bool where other people are, who are left out.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -103,7 +108,7 @@ class EmptyRoom:
 
 
 class MovedSince:
-    """Changes in each camera's image since its first one."""
+    """Detects changes in each camera's images since its first one, and compares them with the body's position."""
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
@@ -117,12 +122,12 @@ class MovedSince:
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
-        """Return the share of the changed pixels at the body's first or present position; NaN if few have changed.
+        """Return the share of the changed pixels, 0 to 1, at the body's first or present position; NaN if few changed.
 
         Args:
-            name: of the camera.
-            image: (height, width, 3).
-            covered: the pixels that the estimated body covers.
+            name: name of the camera.
+            image: (height, width, 3) uint8.
+            covered: silhouette of the estimated body.
         """
         mask = covered.mask((image.shape[1], image.shape[0]))[::_STEP_PX, ::_STEP_PX]
         image = image[::_STEP_PX, ::_STEP_PX]

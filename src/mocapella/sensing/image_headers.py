@@ -35,7 +35,10 @@ def encoded_size(data: bytes) -> tuple[int, int] | None:
 
 
 def png_end(data: bytes) -> int:
-    """Return the offset behind a PNG's last chunk; 0 if a chunk is cut off. A decoder allocates what a chunk claims."""
+    """Return the offset behind a PNG's last chunk; 0 if a chunk is cut off.
+
+    Check this before decoding: a decoder allocates as much memory as a chunk's header states.
+    """
     at = len(PNG)
     while at + 12 <= len(data):
         kind, at = data[at + 4 : at + 8], at + 12 + int.from_bytes(data[at : at + 4], "big")

@@ -49,7 +49,7 @@ def encode_image(image: UInt8, format: Literal["jpeg", "png"] = "jpeg", quality:
     Args:
         image: (height, width, 3) uint8 BGR.
         format: PNG is lossless.
-        quality: of a JPEG, 0 to 100.
+        quality: quality of a JPEG, 0 to 100.
 
     Raises:
         SettingsError: another format, or an array that is not an image.

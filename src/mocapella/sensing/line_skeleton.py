@@ -41,7 +41,11 @@ class Looked:
     """Results of the detector's stages; None for stages that were not reached.
 
     Attributes:
-        separated, outline, lines, grid, hand: results of the stages of these names.
+        separated: the near part of the depth image.
+        outline: the arm's outline.
+        lines: the lines of its skeleton.
+        grid: its points on a grid.
+        hand: the joints in the image.
         joints: (8, 3) in the camera's space [m], in the order of `ARM_JOINTS`.
         found: (8,) bool; False for a finger placed at the palm, and for a joint that is NaN because it is outside the
             lens's domain.
@@ -77,7 +81,11 @@ class LineSkeleton:
         self._id, self._seen = 0, False
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
-        """Process the next image, see `mocapella.detectors.ArmDetector`; the time is ignored.
+        """Detect the arm in a depth image (height, width) [m]; see `mocapella.detectors.ArmDetector`.
+
+        Args:
+            depth: (height, width) [m]; values not above 0 were not measured.
+            at_s: not used.
 
         Raises:
             SettingsError: the image has another size than the camera's.

@@ -31,11 +31,11 @@ _HARRIS_K: Final = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointGrid:
-    """The arm's points in the cube region, on a grid.
+    """Points of the arm in the range of depths of interest, on a grid in the mirrored image.
 
     Attributes:
         pixels: (n, 2) x and y [px].
-        metres: (n,) their depth.
+        metres: (n,) their depths [m].
     """
 
     pixels: Int32
@@ -47,8 +47,8 @@ class HandJoints:
     """Joints in the mirrored image [px], and intermediate results.
 
     Attributes:
-        elbow, palm, wrist: (2,).
-        inside_px: radius of the circular region, scaled to the inside of the hand around the palm.
+        elbow, palm, wrist: (2,) x and y.
+        inside_px: radius of the inside of the hand about the palm, from the circular region's.
         corners: (n, 2) Harris corners on the outline.
         hulls: (n, 2) int32 each; convex hulls that pass the area filter.
         outer: (n, 2) fingertips on the outline.
@@ -73,7 +73,7 @@ def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
     Args:
         of: the arm.
         rays: (height, width, 2) x/z and y/z of the mirrored image's pixels.
-        s: settings.
+        s: stride and cube region, a box in front of the camera.
     """
     step = s.grid_px
     z, side = of.metres[::step, ::step], 0.5 * (s.far_m - s.near_m)
@@ -86,7 +86,7 @@ def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Positions of the hand in the mirrored image [px], see `HandJoints`; px_per_m is its scale."""
+    """Positions of the hand in the mirrored image [px], see `HandJoints`; ``px_per_m`` is the scale there [px/m]."""
 
     elbow: Float64
     palm: Float64
@@ -103,9 +103,9 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
     enter from below, and above 130° it is used if the point with greatest x lies above the centre.
 
     Args:
-        segments: (n, 4) as of `Lines`, n > 0.
-        rotation_degrees: as of `Lines`.
-        centre: (2,) of the region.
+        segments: (n, 4) x and y of both ends of each line, of `Lines`, n > 0 [px].
+        rotation_degrees: the arm's rotation, 0 upright, 90 level, of `Lines` [°].
+        centre: (2,) centre of the arm's circular region [px].
     """
     ends = segments.reshape(-1, 2)
     first: Float64 = ends[ends[:, 1].argmax()]
@@ -119,7 +119,15 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
 
 
 def palm_and_wrist(centre: Float64, elbow: Float64) -> tuple[Float64, Float64]:
-    """Return palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2; R is the region's centre, E the elbow, (..., 2)."""
+    """Compute palm and wrist from the arm's circular region and elbow.
+
+    Args:
+        centre: (..., 2) R, centre of the region [px].
+        elbow: (..., 2) E [px].
+
+    Returns:
+        Palm P = 2R − (E + R)/2 and wrist ((E + P)/2 + P)/2, (..., 2) each [px].
+    """
     palm = 2.0 * centre - (elbow + centre) / 2.0
     return palm, ((elbow + palm) / 2.0 + palm) / 2.0
 

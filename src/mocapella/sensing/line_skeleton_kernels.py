@@ -2,7 +2,8 @@
 
 Source: T. Y. Zhang, C. Y. Suen: A Fast Parallel Algorithm for Thinning Digital Patterns (Communications of the ACM
 27(3), 1984), conditions (a) to (d) of the first subiteration and (c') and (d') of the second. All pixels of a
-subiteration are tested on the same image, so a word of 64 pixels is tested by Boolean operations on nine words.
+subiteration are tested on the same image, so a word of 64 pixels is tested by Boolean operations on nine words. Bit 0
+of a word is its leftmost pixel.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
@@ -17,7 +18,7 @@ Int64 = NDArray[np.int64]
 UInt64 = NDArray[np.uint64]
 
 ROWS = 8
-"""Rows of a strip. A strip is tested again only if it or a neighbouring one has changed."""
+"""Rows of a strip, the unit of work: a strip is tested again only if it or a neighbouring one has changed."""
 
 _1, _63, _0 = np.uint64(1), np.uint64(63), np.uint64(0)
 
@@ -26,10 +27,16 @@ _1, _63, _0 = np.uint64(1), np.uint64(63), np.uint64(0)
 def removable(
     words: UInt64, free: UInt64, gone: UInt64, begin: int, end: int, stride: int, second: bool
 ) -> np.uint64:  # fmt: skip
-    """Write the pixels of words[begin:end] that a subiteration removes into ``gone``; return their union.
+    """Write the pixels that a subiteration removes from a range of words; return the union (bitwise or) of these words.
 
-    The neighbours are p2 (above), p3 (above right), … p9 (above left), clockwise as in the paper. Bit 0 is the
-    leftmost pixel of a word.
+    The neighbours are p2 (above), p3 (above right), … p9 (above left), clockwise as in the paper.
+
+    Args:
+        words, free, gone: uint64 arrays of one shape, the image, its removable pixels and the result, as in `thin`;
+            gone[begin:end] is written.
+        begin, end: the range of words.
+        stride: words per row.
+        second: whether it is the second subiteration.
     """
     some = _0
     for i in range(begin, end):
@@ -62,14 +69,15 @@ def removable(
 def thin(
     words: UInt64, free: UInt64, gone: UInt64, changed: Int64, pending: NDArray[np.bool_], height: int, stride: int
 ) -> int:
-    """Thin an image in place, until two subiterations in a row, one of each kind, remove nothing.
+    """Thin a binary image in place, until two subiterations in a row, one of each kind, remove nothing.
 
     Args:
-        words: (1 + (height + 2) * stride + 1,) uint64: a word, a row of zeros, the rows, a row of zeros, a word. The
-            last bit of a row is 0, so that rows do not touch at their ends.
-        free: of the same shape; bits of pixels that may be removed.
-        gone: of the same shape; scratch.
-        changed, pending: (strips + 2,) int64 and bool scratch; the first and last strip are empty.
+        words: (1 + (height + 2) * stride + 1,) uint64 pixels: a word, a row of zeros, the rows, a row of zeros, a word.
+            The last bit of a row is 0, so that rows do not touch at their ends.
+        free: uint64 of the same shape; bits are 1 for pixels that may be removed.
+        gone: uint64 of the same shape; workspace.
+        changed, pending: (strips + 2,) int64 and bool workspace; a strip has `ROWS` rows, and the first and last of
+            these are empty.
         height, stride: rows, and words per row.
 
     Returns:
@@ -97,6 +105,11 @@ def thin(
 
 @njit(cache=True)
 def strip_of(strip: int, height: int, stride: int) -> tuple[int, int]:
-    """Return the first and the end of the words of a strip, counted from 1."""
+    """Return the first word of a strip and its end, exclusive; strips are counted from 1.
+
+    Args:
+        strip: number of the strip.
+        height, stride: rows of the image, and words per row.
+    """
     first = (strip - 1) * ROWS
     return 1 + stride * (1 + first), 1 + stride * (1 + min(first + ROWS, height))

@@ -30,13 +30,14 @@ _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1,
 
 @dataclass(frozen=True, eq=False)
 class Separated:
-    """A depth image in 16 and 8 bits, and its near part; (height, width).
+    """A depth image in 16 and 8 bits, and its near part; (height, width) each.
 
     Attributes:
-        millimetres: uint16, 0 where nothing was measured.
-        gray: uint8: 255 at the near end of the cube region, 1 at its far end, 0 elsewhere.
-        median, gaussian: after each blur.
-        near: 255 where the blurred image is above the threshold.
+        millimetres: uint16 depth [mm], 0 where nothing was measured.
+        gray: uint8, 255 at the near end of the cube region (see `LineSkeletonSettings`), 1 at its far end, 0 elsewhere.
+        median: ``gray`` after the median blur.
+        gaussian: ``median`` after the Gaussian blur.
+        near: 255 where the blurred image is above the threshold, else 0.
         mirrored: ``near`` mirrored, if the settings require it.
     """
 
@@ -50,15 +51,15 @@ class Separated:
 
 @dataclass(frozen=True, eq=False)
 class ArmOutline:
-    """An arm in the mirrored image.
+    """An arm in the mirrored image; images are (height, width).
 
     Attributes:
-        edges: Canny edges.
+        edges: 255 on Canny edges, else 0.
         outlines: (n, 2) int32 each [px]: all that pass the area filter, the nearest first.
-        arm: 255 within the nearest, else 0.
-        centre: (2,) of the smallest circle around it [px].
-        radius_px: its radius.
-        metres: float32, the mirrored depth; within the region the noise is replaced.
+        arm: 255 within the nearest outline, else 0.
+        centre: (2,) centre of the smallest circle around it [px]; this circle is the circular region.
+        radius_px: the circle's radius [px].
+        metres: float32 mirrored depth [m]; unmeasured pixels within the region are replaced.
         noisy: bool, the replaced pixels.
     """
 
@@ -90,7 +91,7 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
     """Convert depth to 16 bits for measuring and 8 bits for image processing; blur, threshold and mirror it.
 
     Args:
-        metres: (height, width); values not above 0 were not measured.
+        metres: (height, width) depth [m]; values not above 0 were not measured.
         s: settings.
     """
     measured = np.where(metres > 0, metres, np.float32(0))  # NaN, too
@@ -110,7 +111,15 @@ def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
 
 
 def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
-    """Run edges, outlines, area filter, circular region and noise; return None if no outline is large enough."""
+    """Detect the arm in the mirrored image: edges, outlines, area filter, circular region and noise replacement.
+
+    Args:
+        pictures: the near part of the depth image.
+        s: thresholds.
+
+    Returns:
+        The arm; None if no outline is large enough.
+    """
     p = _PAD_PX
     padded = cv2.copyMakeBorder(pictures.mirrored, p, p, p, p, cv2.BORDER_CONSTANT, value=(0,))
     edges = cv2.Canny(padded, s.canny_low, s.canny_high)
@@ -137,7 +146,7 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
 
 
 def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
-    """Return the skeleton's stages and the probabilistic Hough transform of its lines."""
+    """Detect the straight lines of an arm's skeleton by thinning and the probabilistic Hough transform."""
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
@@ -146,7 +155,7 @@ def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
 
 
 def filled(contour: Any, shape: tuple[int, ...]) -> UInt8:
-    """Return an image with 255 within a contour, else 0."""
+    """Return a uint8 image of a shape with 255 within a contour (n, 1, 2) [px], as of OpenCV, else 0."""
     out = np.zeros(shape, dtype=np.uint8)
     cv2.drawContours(out, [contour], -1, (255,), cv2.FILLED)
     return out

@@ -10,33 +10,36 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class LineSkeletonSettings:
-    """Values that the source document gives are kept.
+    """Thresholds and sizes of the stages; values that the source document gives are kept.
 
     Attributes:
         near_m, far_m: the cube region: along the optical axis from near to far, and as far to the sides of the axis as
-            half its depth.
+            half its depth [m].
         reach_m: distance of the threshold behind the nearest part of the image. A torso nearer than that to the arm
-            counts as part of it.
-        median_px, gaussian_px: sizes of the blurs, odd.
-        canny_low, canny_high: thresholds of the hysteresis.
-        least_area_px: the area filter of the outlines.
+            counts as part of it [m].
+        median_px, gaussian_px: sizes of the blurs, odd [px].
+        canny_low, canny_high: thresholds of the edge detector's hysteresis.
+        least_area_px: least area of an outline [px²].
         mirror: whether the image is mirrored. It decides which end of a level arm is the elbow, and which end of the
             fingers is the thumb.
         noise: replacement for unmeasured pixels in the region: ``far`` uses noise_m, ``median`` the median of the
             measured ones among the eight neighbours.
-        noise_m: see ``noise``.
-        ridge_least: of `mocapella.sensing.line_skeleton_thinning.skeleton`.
-        hough_votes, hough_length_px, hough_gap_px: of the probabilistic Hough transform.
+        noise_m: depth that replaces unmeasured pixels if ``noise`` is ``far`` [m].
+        ridge_least: least ridge strength, 0 to 255, of a thin line, see
+            `mocapella.sensing.line_skeleton_thinning.skeleton`.
+        hough_votes, hough_length_px, hough_gap_px: least votes, least length and largest gap of a line in the
+            probabilistic Hough transform.
         corner_part: least strength of a Harris corner, as a share of the strongest.
-        least_hull_px2: the area filter of the convex hulls.
-        finger_degrees: greatest angle between a finger and the direction elbow–palm or elbow–wrist.
+        least_hull_px2: least area of a convex hull [px²].
+        finger_degrees: greatest angle between a finger and the direction elbow–palm or elbow–wrist [°].
         angle_at: vertex of that angle: palm or wrist.
-        tip_radius_m, tip_fill_most: the tip-size filter: greatest share of arm in a disc of this radius around a tip.
-        palm_forward_m: distance of the palm in front of its pixel's surface.
-        blob_nearer_m: a part of the hand nearer than the palm by this is a blob.
-        blob_least_m2: the area filter of blobs, at their distance.
-        grid_px: stride of the point grid.
-        longest_m: the position rule: a longer finger is placed at the palm.
+        tip_radius_m, tip_fill_most: a corner is a fingertip if the arm covers at most this share of a disc of this
+            radius around it.
+        palm_forward_m: distance of the palm in front of its pixel's surface [m].
+        blob_nearer_m: a part of the hand nearer than the palm by this may be a finger in front of it, a blob [m].
+        blob_least_m2: least area of a blob, at its distance [m²].
+        grid_px: stride of the point grid [px].
+        longest_m: a longer finger is placed at the palm [m].
         fills_most: greatest share of the image that an arm covers.
     """
 

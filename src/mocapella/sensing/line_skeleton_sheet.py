@@ -28,7 +28,11 @@ _BITS: Final = 4
 
 
 def pictures(looked: Looked) -> Mapping[str, UInt8]:
-    """Return an image of each stage that was reached, by its name, in order."""
+    """Draw the result of each stage that was reached, by its name, in the order of processing.
+
+    Returns:
+        (height, width) gray or (height, width, 3) BGR images by name.
+    """
     first, second, third, hand = looked.separated, looked.outline, looked.lines, looked.hand
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {
@@ -67,7 +71,7 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
 
 
 def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8:
-    """Return all images in rows, each under its number and name; (height, width, 3) BGR."""
+    """Draw all images into one, ``columns`` in a row, each under its number and name; return (height, width, 3) BGR."""
     tiles: list[Any] = []
     for number, (name, picture) in enumerate(stages.items(), start=1):
         image: Any = picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
@@ -86,11 +90,11 @@ def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8
 
 
 def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages") -> tuple[Path, ...]:
-    """Write each image and the contact sheet as PNG into a folder, which is created if missing.
+    """Write each image and the contact sheet as PNG into a folder.
 
     Args:
-        stages: of `LineSkeleton.stages`.
-        folder: see above.
+        stages: images by name, of `LineSkeleton.stages`.
+        folder: created if missing.
         name: prefix of the files, such as the image's name.
 
     Returns:
@@ -109,7 +113,7 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
     Args:
         stages: images by name, in order.
         folder: created if missing.
-        prefix: of the files' names; their numbers follow.
+        prefix: beginning of the files' names; their numbers follow.
 
     Raises:
         SettingsError: they cannot be written there.

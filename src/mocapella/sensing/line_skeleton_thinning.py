@@ -31,8 +31,8 @@ class Skeleton:
 
     Attributes:
         thinned: 255 on thin lines, else 0.
-        distance: float32, of each pixel to the nearest 0 [px].
-        ridges: its negative Laplacian, normalised to 0 to 255.
+        distance: float32 distance of each pixel to the nearest pixel off the mask [px].
+        ridges: the negative Laplacian of the distance, normalised to 0 to 255.
         dilated: the ridges, dilated by a pixel.
         lines: 255 on thin lines that lie on a dilated ridge, else 0.
     """

@@ -73,7 +73,7 @@ def centre(
     image: UInt8, table: UInt8, label: int, light: Float64, x: float, y: float, xx: float, xy: float, yy: float,
     out: Float64,
 ) -> None:  # fmt: skip
-    """Write a refined x, y, its standard deviation and the share of rays with an edge into out (4,).
+    """Refine a marker's centre from the edge around it, to a fraction of a pixel.
 
     On a ray from the middle outwards, the edge is where a pixel mixes marker and surroundings in equal parts: a pixel
     is α·inside + (1 − α)·outside in linear light, whatever the blur. α is the projection on the line between the
@@ -82,12 +82,12 @@ def centre(
 
     Args:
         image: (h, w, 3) uint8.
-        table: labels of cells.
-        label: of the marker.
-        light: (256,) linear light of a value.
-        x, y: centre of the piece's pixels.
-        xx, xy, yy: their variances.
-        out: see above.
+        table: (32768,) uint8 label of a colour cell, 0 for none.
+        label: the marker's label in the table.
+        light: (256,) linear light of a pixel value.
+        x, y: mean of the pixels with the marker's colour [px].
+        xx, xy, yy: their variances and covariance [px²].
+        out: (4,) written: refined x and y [px], their standard deviation [px], and the share of rays with an edge.
     """
     det = xx * yy - xy * xy
     a, b, c = yy / det, -xy / det, xx / det

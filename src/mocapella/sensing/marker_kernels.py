@@ -54,11 +54,11 @@ _0, _YES = np.int64(0), np.bool_(True)
 
 
 class MarkerColours(NamedTuple):
-    """Tables of a profile's colours.
+    """Tables of the markers' colours, made from a colour profile.
 
     Attributes:
-        table: (32768,) uint8 label of a colour cell, 0 for none.
-        light: (256,) linear light of a value.
+        table: (32768,) uint8 label of a colour cell, 0 for none; marker k has the label k + 1.
+        light: (256,) linear light of a pixel value.
     """
 
     table: UInt8
@@ -66,17 +66,17 @@ class MarkerColours(NamedTuple):
 
 
 class MarkerLimits(NamedTuple):
-    """Limits and scales, see `mocapella.sensing.markers.MarkerSettings`.
+    """Limits and scales of marker detection, see `mocapella.sensing.markers.MarkerSettings`.
 
     Attributes:
-        least_px, most_px: area [px].
-        elongation: largest elongation.
-        fill: smallest fill.
-        window_px: side of the search window.
-        sd_floor_px, sd_scale: parameters of a centre's standard deviation.
-        area_range: largest factor between the area and the learnt one.
-        acceleration_px_s2: unmodelled acceleration of a marker.
-        forget_s: age of a marker's last detection after which there is no prediction.
+        least_px, most_px: smallest and largest area of a marker [px²].
+        elongation: largest elongation, as in `marker_piece_kernels.shape_of`.
+        fill: smallest fill, as in `marker_piece_kernels.shape_of`.
+        window_px: side of the search window about the predicted position [px].
+        sd_floor_px, sd_scale: a centre's standard deviation is √(floor² + (scale·that of `centre`)²) [px].
+        area_range: largest factor between the area and the learnt one, in either direction.
+        acceleration_px_s2: unmodelled acceleration of a marker, which widens the window [px/s²].
+        forget_s: time since a marker's last detection after which there is no prediction [s].
     """
 
     least_px: float
@@ -95,9 +95,10 @@ class MarkerRows(NamedTuple):
     """State and results, a row for each marker; columns as in `mocapella.sensing.marker_memory`.
 
     Attributes:
-        memory: (markers, `MEMORY`) from image to image.
-        out: (markers, `OUT`) of this image.
-        sums: (markers, `OUT`) over all images; column `CANDIDATES` counts images with more than one.
+        memory: (markers, `MEMORY`) state that is kept from image to image.
+        out: (markers, `OUT`) results of the present image.
+        sums: (markers, `OUT`) sums of the results over all images; column `CANDIDATES` counts images with more than
+            one.
         reported: (markers, `OUT`) float32, as ``out``; NaN where a marker is not found.
     """
 
@@ -112,20 +113,21 @@ def choose(
     found: Float64, count: int, label: int, x0: int, y0: int, predicted: bool, px: float, py: float,
     area_before: float, usual: float, limits: MarkerLimits, shape: Float64, mine: Float64, counts: Float64,
 ) -> int:  # fmt: skip
-    """Choose the piece that is the marker; return its index, or −1.
+    """Choose the connected piece of a marker's colour that is the marker; return its index, or −1.
 
     Args:
-        found, count: pieces of `marker_piece_kernels.pieces`, with sums relative to (x0, y0), and their number.
-        label: of the marker.
+        found: (capacity, `PIECE`) pieces of `marker_piece_kernels.pieces`, with sums relative to (x0, y0).
+        count: their number.
+        label: the marker's label.
         x0, y0: origin of the sums [px].
         predicted: whether there is a prediction.
         px, py: predicted position [px].
-        area_before: area when last seen [px], or 0.
-        usual: area when it was learnt [px].
+        area_before: area in the last detection [px²], or 0.
+        usual: area when its colour was learnt [px²].
         limits: limits and scales.
         shape: (7,) workspace.
-        mine: (11,) out: the piece, joined with the parts that a highlight cut off.
-        counts: (`OUT`,) out: numbers of candidates and rejected pieces.
+        mine: (11,) written: the piece, joined with the parts that a highlight cut off.
+        counts: (`OUT`,) numbers of candidates, merged and rejected pieces are added to its columns.
     """
     best, best_score, plausible = -1, -1e300, 0.0
     least, most = max(limits.least_px, usual / limits.area_range), min(limits.most_px, usual * limits.area_range)
@@ -190,7 +192,18 @@ def measure(
     image: UInt8, c: MarkerColours, mine: Float64, x0: int, y0: int, area_before: float, limits: MarkerLimits,
     shape: Float64, out: Float64,
 ) -> None:  # fmt: skip
-    """Write position, area, elongation, standard deviation and confidence of a chosen piece into out (`OUT`,)."""
+    """Measure a chosen piece and write the marker's results.
+
+    Args:
+        image: (h, w, 3) uint8.
+        c: the colours.
+        mine: (11,) the piece of `choose`; its holes are filled in place.
+        x0, y0: origin of its sums [px].
+        area_before: area in the last detection [px²], or 0.
+        limits: limits and scales.
+        shape: (7,) workspace.
+        out: (`OUT`,) written: position, area, elongation, standard deviation and confidence; its candidates are read.
+    """
     h, w, _ = image.shape
     fill(image, c.table, mine[LABEL], mine, x0, y0)
     shape_of(mine, shape)
@@ -277,17 +290,19 @@ def follow(
 ) -> int:  # fmt: skip
     """Find all markers in one image, and update their rows.
 
+    Each marker is searched near its prediction, and in the whole image if any is lost.
+
     Args:
         image: (h, w, 3) uint8.
         c: the colours.
-        rows: of the markers.
-        at_s: capture time [s].
+        rows: the markers' states and results, updated.
+        at_s: the image's capture time, on the clock of earlier calls [s].
         whole: whether the whole image is searched even if no marker is lost.
         limits: limits and scales.
         buffers: workspace.
 
     Returns:
-        Bits: 1 the whole image was searched, 2 there were more runs than capacity.
+        Bits: 1 the whole image was searched, 2 there were more runs of pixels than ``buffers`` can hold.
     """
     memory, out, sums, reported = rows
     shape, mine, flags, lost = np.empty(7), np.empty(PIECE), 0, whole

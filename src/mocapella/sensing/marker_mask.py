@@ -24,7 +24,12 @@ QUALITY: Final = 85
 
 
 def labels_of(image: UInt8, table: UInt8) -> UInt8:
-    """Return (height, width) the label of every pixel in a look-up table; 0 for none."""
+    """Return (height, width) uint8 label of every pixel by a look-up table; 0 for none.
+
+    Args:
+        image: (height, width, 3) uint8 blue, green, red.
+        table: (32768,) of `mocapella.sensing.colour_table.lookup_table`.
+    """
     blue, green, red = (image[..., k].astype(np.uint16) // np.uint16(CELL) for k in range(3))
     return np.asarray(table[blue + green * np.uint16(CELLS) + red * np.uint16(CELLS * CELLS)])
 
@@ -43,7 +48,7 @@ def mask_image(image: UInt8, profile: ColourProfile, table: UInt8, frame: Marker
 
     Args:
         image: (height, width, 3) uint8 blue, green, red.
-        profile: of the colours.
+        profile: the markers' colours.
         table: its look-up table (`mocapella.sensing.colour_table.lookup_table`).
         frame: markers detected in the image.
 
@@ -63,7 +68,7 @@ def mask_image(image: UInt8, profile: ColourProfile, table: UInt8, frame: Marker
 
 
 def encode_image(image: UInt8, kind: Literal["jpeg", "png"], scale: float = 1.0) -> bytes:
-    """Encode the image, scaled by ``scale``.
+    """Encode an image (height, width, 3) BGR, resized by the factor ``scale``, as JPEG or PNG.
 
     Raises:
         SettingsError: the result would be empty, or the image cannot be encoded.

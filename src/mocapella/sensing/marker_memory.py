@@ -4,8 +4,17 @@ from __future__ import annotations
 
 X, Y, VX, VY, SEEN_S, AREA, USUAL = range(7)
 MEMORY = 7
-"""Columns of the memory: centre [px], velocity [px/s], when last seen [s], area then and when learnt [px]."""
+"""Number of columns of a marker's memory.
+
+They are centre x and y [px], velocity [px/s], capture time of the last detection [s], area then and area when its
+colour was learnt [px²].
+"""
 FOUND, SD, ELONGATION, CONFIDENCE, CANDIDATES = 2, 3, 4, 6, 7
 MERGED, REJECTED_SMALL, REJECTED_BIG, REJECTED_SHAPE = 8, 9, 10, 11
 OUT = 12
-"""Columns of the result, besides ``X``, ``Y`` and ``AREA``."""
+"""Number of columns of a marker's result.
+
+Besides ``X``, ``Y`` [px] and ``AREA`` [px²], they are whether it was found, standard deviation of the centre [px],
+elongation, confidence (0 to 1), and the numbers of candidates, of merged pieces, and of pieces rejected as too small,
+too big or of another shape.
+"""

@@ -23,7 +23,10 @@ UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 
 LABEL, SIZE, SX, SY, SXX, SXY, SYY, X0, Y0, X1, Y1 = range(11)
-"""Columns of a piece: label, pixels, sums of x, y, xx, xy and yy, and bounds (inclusive)."""
+"""Columns of a piece: label, number of pixels, sums of x, y, xx, xy and yy over them, and bounds (inclusive) [px].
+
+Sums are of coordinates from an origin (x0, y0), which is the same for all pieces of a search.
+"""
 PIECE = 11
 _2, _3, _7, _248 = np.uint16(2), np.uint16(3), np.uint16(7), np.uint16(248)
 
@@ -32,10 +35,10 @@ class PieceBuffers(NamedTuple):
     """Arrays that `pieces` writes to.
 
     Attributes:
-        cells: (w,) uint16 of a row: cells of the look-up table.
-        labels: (8 n,) uint8 of a row, at least w + 8.
-        runs: (capacity, 4) int64 row, begin, end, label.
-        parent: (capacity,) int64 of the union-find.
+        cells: (w,) uint16 of one row of the image: indices in the look-up table of colours.
+        labels: (8 n,) uint8 of one row of the image, at least w + 8.
+        runs: (capacity, 4) int64 row, begin, end and label of each run.
+        parent: (capacity,) int64 parents of the runs in the union-find forest.
         found: (capacity, 11) float64 the pieces.
     """
 
@@ -56,16 +59,17 @@ def _root(parent: Int64, i: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def pieces(image: UInt8, table: UInt8, x0: int, y0: int, x1: int, y1: int, only: int, buffers: PieceBuffers) -> int:
-    """Write the connected pieces of every label in image[y0:y1, x0:x1] to the buffers; return their number.
+    """Find the connected pieces of every colour label in image[y0:y1, x0:x1]; return their number.
 
     Args:
-        image, table: (h, w, 3) uint8, and (32768,) uint8 label of a cell, 0 for none.
-        x0, y0, x1, y1: the part of the image that is searched.
-        only: a label, or 0 for all.
-        buffers: their ``found`` gets the pieces, with sums from (x0, y0).
+        image: (h, w, 3) uint8.
+        table: (32768,) uint8 label of a colour cell, 0 for none.
+        x0, y0, x1, y1: the part of the image that is searched [px].
+        only: the one label that is searched, or 0 for all.
+        buffers: written; the first rows of ``found`` are the pieces, with sums from (x0, y0).
 
     Returns:
-        The number; or −1 − number if there are more runs than capacity, and the rest of the image was not read.
+        The number; or −1 − number if there are more runs than capacity, and the rest of the image was not searched.
     """
     index, labels, runs, parent, found = buffers
     width, count, full, stride, flat = x1 - x0, 0, False, image.shape[1], image.reshape(-1)
@@ -139,7 +143,13 @@ def pieces(image: UInt8, table: UInt8, x0: int, y0: int, x1: int, y1: int, only:
 
 @njit(cache=True)
 def table_label(image: UInt8, table: UInt8, y: int, x: int) -> int:
-    """Return the label of the pixel in row y and column x."""
+    """Return the label of a pixel's colour; 0 for none.
+
+    Args:
+        image: (h, w, 3) uint8.
+        table: (32768,) of `pieces`.
+        y, x: row and column of the pixel.
+    """
     b, g, r = image[y, x, 0], image[y, x, 1], image[y, x, 2]
     label: int = table[(b >> 3) | ((g & 248) << 2) | ((r & 248) << 7)]
     return label
@@ -147,10 +157,15 @@ def table_label(image: UInt8, table: UInt8, y: int, x: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def shape_of(piece: Float64, shape: Float64) -> None:
-    """Write x, y (from the piece's origin), variances xx, xy, yy, elongation and fill of a piece into shape (7,).
+    """Write centre, variances, elongation and fill of a piece.
 
-    The variances include 1/12 for a pixel's own extent. Fill is the area divided by that of the ellipse with the same
-    moments: 1 for a solid ellipse, 0.95 for a rectangle, less for a piece with holes or arms.
+    Fill is the area divided by that of the ellipse with the same moments: 1 for a solid ellipse, 0.95 for a rectangle,
+    less for a piece with holes or arms.
+
+    Args:
+        piece: (11,) a row of `PieceBuffers.found`.
+        shape: (7,) written: x and y of the centre from the origin of the piece's sums [px], variances xx, xy, yy,
+            including 1/12 for a pixel's own extent [px²], elongation and fill.
     """
     n = piece[SIZE]
     x, y = piece[SX] / n, piece[SY] / n
@@ -164,15 +179,15 @@ def shape_of(piece: Float64, shape: Float64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def fill(image: UInt8, table: UInt8, label: int, mine: Float64, x0: int, y0: int) -> None:
-    """Replace a piece's moments by those with its holes and notches, which reflections make, filled.
+    """Fill a piece's holes and notches, made by reflections: replace its moments by the moments of the filled piece.
 
     All pixels between two of its pixels in a row or a column are filled.
 
     Args:
-        image, table: of `pieces`.
-        label: the piece's.
-        mine: (11,) the piece, with sums from (x0, y0).
-        x0, y0: see above.
+        image, table: (h, w, 3) uint8 and (32768,) uint8 labels of colour cells, as in `pieces`.
+        label: the piece's label.
+        mine: (11,) the piece, with sums from (x0, y0), in and out.
+        x0, y0: origin of its sums [px].
     """
     left, top = int(mine[X0]), int(mine[Y0])
     w, h = int(mine[X1]) - left + 1, int(mine[Y1]) - top + 1
@@ -208,7 +223,7 @@ def fill(image: UInt8, table: UInt8, label: int, mine: Float64, x0: int, y0: int
 
 @njit(cache=True)
 def add(mine: Float64, x: float, y: float) -> None:
-    """Add one pixel to the sums of a piece."""
+    """Add the pixel (x, y), relative to the origin of the sums [px], to the sums of a piece mine (11,)."""
     mine[SIZE] += 1.0
     mine[SX] += x
     mine[SY] += y
@@ -219,7 +234,12 @@ def add(mine: Float64, x: float, y: float) -> None:
 
 @njit(cache=True)
 def add_run(mine: Float64, left: float, right: float, row: float) -> None:
-    """Add the pixels from ``left`` to before ``right`` of a row to the sums of a piece."""
+    """Add a row's pixels from ``left`` to before ``right`` to a piece, relative to the origin of its sums [px].
+
+    Args:
+        mine: (11,) the piece; its sums are updated, its bounds are not.
+        left, right, row: columns and row [px].
+    """
     n = right - left
     sx = 0.5 * n * (left + right - 1.0)
     mine[SIZE] += n

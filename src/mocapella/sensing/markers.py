@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 RUNS: Final = 20_000
-"""Most runs of an image; a noisier image is not read to its end, which the report counts."""
+"""Largest number of runs (neighbouring pixels of one label in a row) that are processed; the report counts excesses."""
 LIGHT_STEP: Final = 16
 """Stride of the pixels and rows at which the light is measured [px]."""
 
@@ -42,17 +42,21 @@ class MarkerSettings:
     """Parameters of the marker detection.
 
     Attributes:
-        window_px: side of the search window around a prediction; 40 as in the thesis.
-        acceleration_px_s2: unmodelled acceleration; the window grows by half of it times the age squared.
-        forget_s: a marker unseen for longer has no prediction.
-        whole_image_s: interval between searches of the whole image while no marker is lost.
-        light_s: interval between measurements of the light.
-        least_px, largest_share: limits of a marker's area, in pixels and as a share of the image.
+        window_px: side of the search window around a prediction; 40 as in the thesis [px].
+        acceleration_px_s2: unmodelled acceleration; the window grows by half of it times the square of the time since
+            the last detection [px/s²].
+        forget_s: a marker unseen for longer has no prediction [s].
+        whole_image_s: interval between searches of the whole image while no marker is lost [s].
+        light_s: interval between measurements of the light [s].
+        least_px: least area of a marker [px²].
+        largest_share: largest area of a marker, as a share of the image.
         area_range: greatest factor between its area and the learnt one; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
-        sd_floor_px, sd_scale: of a centre's standard deviation: the floor and, in squares, times the edge's roughness.
-        brighter, chroma_drift: changes of the light that the report warns of: factor of 8-bit values, shift of u or v.
+        sd_floor_px, sd_scale: a centre's standard deviation is the root of the sum of squares of the floor and of
+            the scale times the roughness of the marker's edge.
+        brighter: the report warns if the brightness differs from the profile's by more than this factor.
+        chroma_drift: the report warns if u or v (see `colour_profile`) differs from the profile's by more.
     """
 
     window_px: float = 40.0
@@ -90,17 +94,18 @@ class MarkerSettings:
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """Counts since the detector was made or reset; arrays over markers.
+    """Counts since the detector was made or reset; arrays have one element per marker.
 
     Attributes:
-        images: processed.
-        whole_images: searched as a whole.
-        overflows: images with more runs than capacity, whose end was not read.
-        found: images with the marker.
-        ambiguous: images with more than one candidate; the likeliest was taken.
-        merged, too_small, too_big, wrong_shape: pieces of its colour that were joined, and rejected, by reason.
-        brightness: the image's over the profile's when last measured; 1 is as learnt.
-        chroma_shift: difference of u or v between image and profile.
+        images: number of images processed.
+        whole_images: number of images that were searched as a whole.
+        overflows: number of images with more than `RUNS` runs, whose last rows were not searched.
+        found: number of images with the marker.
+        ambiguous: number of images with more than one candidate; the likeliest was taken.
+        merged: number of pieces of its colour that were joined to it.
+        too_small, too_big, wrong_shape: number of pieces of its colour that were rejected, by reason.
+        brightness: brightness of the last measured image over the profile's; 1 is as learnt.
+        chroma_shift: difference of u or v between image and profile, the larger one.
         light: a warning about the light, in a sentence; empty if there is none.
     """
 
@@ -160,7 +165,7 @@ class MarkerDetector:
 
         Args:
             image: (height, width, 3) uint8 blue, green, red, of the profile's size.
-            at_s: when it was captured [s]; not before the last.
+            at_s: the image's capture time [s]; not before the last image's, on the same clock.
 
         Raises:
             SettingsError: the array is not an image, or of another size than the profile's.
@@ -214,7 +219,7 @@ class MarkerDetector:
 
     @property
     def report(self) -> MarkerReport:
-        """Counts since the beginning."""
+        """Counts since the detector was made or reset."""
         sums, s = self._sums, self.settings
         light = ""
         if abs(math.log(self._brightness)) > math.log(s.brighter):
@@ -247,7 +252,10 @@ def linear_light() -> Float64:
 
 
 def piece_buffers(width: int, runs: int) -> PieceBuffers:
-    """Return buffers for rows of ``width`` pixels and at most ``runs`` runs."""
+    """Return workspace for rows of ``width`` pixels and at most ``runs`` runs.
+
+    A run is a group of neighbouring pixels of one label in a row.
+    """
     from mocapella.sensing.marker_piece_kernels import PieceBuffers
 
     labels = np.zeros(8 * (width // 8 + 2), np.uint8)

@@ -44,8 +44,8 @@ def mask_lines(mask: UInt8, origin_px: tuple[int, int], step_px: int, most: int 
 
     Args:
         mask: (rows, columns) of a window of an image, not 0 on covered samples.
-        origin_px, step_px: of the window, as of `Silhouette`.
-        most: see `border_lines`.
+        origin_px, step_px: x and y of the window's first sample, and distance between samples [px].
+        most: approximate limit of points; longer borders are thinned out evenly.
     """
     found = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
     lines = [line for line in found if len(line) >= FEWEST]

@@ -29,8 +29,8 @@ class Outlines(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         contour: the segmented silhouette.
-        covered: the model's silhouette.
-        colour: of the model's contour.
+        covered: silhouette of the fitted body model.
+        colour: colour of the model's contour.
     """
 
     contour: Silhouette
@@ -43,8 +43,8 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
 
     Args:
         image: (height, width, 3) BGR; not modified.
-        bodies: the people in it.
-        width: of the result [px]; None: the image's.
+        bodies: the people in the image.
+        width: width of the result [px]; None: the image's.
 
     Returns:
         (height', width, 3) BGR.
@@ -110,14 +110,14 @@ def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
 
 
 def side_by_side(pictures: list[UInt8], height: int = 720) -> UInt8:
-    """Return images of any sizes in a row, (height, width, 3)."""
+    """Scale images (h, w, 3) of any sizes to one height [px] and join them in a row, (height, width, 3)."""
     row = [cv2.resize(one, (max(1, round(one.shape[1] * height / one.shape[0])), height)) for one in pictures]
     joined = np.concatenate(row, axis=1)
     return np.asarray(joined[:, : joined.shape[1] // 2 * 2])  # video codecs require an even width
 
 
 def jpeg(picture: UInt8, quality: int = _QUALITY) -> bytes:
-    """Encode an image (height, width, 3) BGR."""
+    """Encode an image (height, width, 3) BGR as JPEG with a quality of 0 to 100."""
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
 
 
@@ -126,7 +126,7 @@ class OverlayWriter:
 
     Args:
         path: ends with .mp4, or is a folder, which is created.
-        rate_hz: of the MP4.
+        rate_hz: frame rate of the MP4 [Hz].
         sizes: (width, height) of the cameras' images, in the MP4's order; a camera without an image is black.
 
     Raises:
@@ -153,7 +153,7 @@ class OverlayWriter:
             raise InputError("cannot be written", file=path, field="--overlay", fix=fix)
 
     def write(self, frame: int, pictures: dict[str, UInt8]) -> None:
-        """Write the images of a frame, by camera."""
+        """Write the images of frame number ``frame``: ``pictures`` (height, width, 3) BGR by camera."""
         if not self._is_video:
             for name, picture in pictures.items():
                 (self._path / f"{name}_{frame:06d}.jpg").write_bytes(jpeg(picture))

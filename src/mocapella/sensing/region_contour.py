@@ -48,18 +48,18 @@ class RegionSettings:
     """Weights and limits of the segmentation.
 
     Attributes:
-        prior_weight: λ [nats/px²]: cost of a pixel on the other side than the model, times its squared distance
-            from the model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as
-            three equal channels.
-        length_weight: ν [nats/px]: cost of the contour's length.
+        prior_weight: λ, the cost of a pixel on the other side than the model, divided by its squared distance from the
+            model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as three equal
+            channels [nats/px²].
+        length_weight: ν, the cost of the contour's length [nats/px].
         window_px: distance between the nodes of the densities' lattice, and radius of their neighbourhoods; rounded to
-            a multiple of 8 samples.
-        band_px: samples farther from the prior's contour do not change sides.
-        unsure_px: samples nearer to the prior's contour are not learnt from before the first move.
-        iterations: most moves of the contour.
+            a multiple of 8 samples [px].
+        band_px: samples farther from the prior's contour do not change sides [px].
+        unsure_px: samples nearer to the prior's contour are not learnt from before the first move [px].
+        iterations: largest number of moves of the contour.
         least_sd: least standard deviation of a density [grey levels].
         outliers: share of pixels whose value fits neither side; it bounds the weight of a single pixel.
-        fewest_px2: area on a side below which its density leans on that of both sides.
+        fewest_px2: area on a side below which its density is mixed with that of both sides [px²].
         median: whether single wrong pixels are removed by a 3 × 3 median.
     """
 
@@ -87,7 +87,7 @@ class RegionSettings:
 
     @property
     def most_nats(self) -> float:
-        """The limit of −log p, without the log 2π/2 that all densities share."""
+        """Upper bound of −log p of one channel [nats], without the log 2π/2 that all densities share."""
         return -math.log(self.outliers / HALF_LEVELS) - 0.5 * math.log(2 * math.pi)
 
 
@@ -100,7 +100,7 @@ class RegionContour(msgspec.Struct, frozen=True, eq=False):
     """A contour, and how clearly the image shows it.
 
     Attributes:
-        silhouette: in the prior's window; phi is cut off at the prior's reach.
+        silhouette: the contour, in the prior's window; phi is cut off at the prior's reach.
         surety: (rows, columns) log-likelihood ratio between the side that a sample is on and the other, a mean over
             5 × 5 samples, meaningful beside the contour [nats per pixel]; 0 where the image shows no edge, where it is
             unknown, and far from the prior's contour.
@@ -149,29 +149,39 @@ def region_contour(
 
 
 class Background(Protocol):
-    """A model of the scene without people."""
+    """Interface of models of the scene without people, such as `BackgroundModel` and `BackgroundMemory`."""
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """Return (blocks, size) −log p of a band's values being background [nats]; NaN where unknown.
+        """Return the cost −log p of each of a band's samples being background [nats]; NaN where that is unknown.
 
-        As of three channels in half grey levels, without the log 2π/2 of each.
+        Densities are per half grey level, and scaled to three channels, without the log 2π/2 of each.
+
+        Args:
+            band: the samples.
+            settings: settings of the segmentation.
+
+        Returns:
+            (blocks, size) float32, as ``band.blocks``.
         """
         ...
 
 
 class Band(msgspec.Struct, frozen=True, eq=False):
-    """An image's samples near a contour, in a window that is padded to whole blocks of samples.
+    """An image's samples near a contour, in a window that is padded to whole blocks.
+
+    A block is ``size`` consecutive samples of a row.
 
     Attributes:
-        prior: the contour's.
+        prior: the silhouette near whose contour the samples are.
         size_px: (width, height) of the image.
-        pad: columns of padding before the first.
-        values: (channels, blocks, size) int16 half grey levels from the middle of the scale.
-        phi: (rows, padded) the prior's.
+        pad: number of columns of padding before the window's first column.
+        values: (channels, blocks, size) int16 half grey levels, 0 in the middle of the scale.
+        phi: (rows, padded) signed distance to the prior's contour, above 0 inside [px].
         inside: (rows, padded) uint8, 1 inside the initial contour.
-        active, known: (blocks, size) uint8, 1 where a sample is undecided, and where the image shows it.
-        blocks: (blocks, 2) int32 row and number of the blocks with undecided samples.
-        reach: [steps] at which distances are cut off.
+        active: (blocks, size) uint8, 1 where a sample may change sides.
+        known: (blocks, size) uint8, 1 where the image shows the sample.
+        blocks: (blocks, 2) int32 row, and number in the row, of the blocks with samples that may change sides.
+        reach: distance at which signed distances are cut off [steps].
     """
 
     prior: Silhouette
@@ -233,7 +243,7 @@ def read_band(
 
 
 def check_silhouette(silhouette: Silhouette, name: str) -> None:
-    """Check that a silhouette is a window of signed distances.
+    """Check that a silhouette is a window of signed distances; ``name`` is its name in errors.
 
     Raises:
         SettingsError: phi is of another shape or type, or the step is below 1.
@@ -257,12 +267,12 @@ def settle(
     """Minimise the energy of a contour whose image was read by `read_band`.
 
     Args:
-        band: samples of the image.
+        band: samples of the image; its ``inside`` is overwritten.
         outside: (blocks, size) −log p2 of a background model [nats], NaN where the density is learnt; or (0, 0).
         inside_cost: −log p1 if it is constant [nats]; NaN if it is learnt.
         s: weights and limits.
-        unsure_px: samples nearer to the prior's contour are not learnt from before the first move.
-        guided: whether there is a prior.
+        unsure_px: samples nearer to the prior's contour are not learnt from before the first move [px].
+        guided: whether the band's silhouette is a shape prior.
         energies: whether energies are computed.
     """
     step, columns = band.prior.step_px, band.prior.phi.shape[1]
@@ -287,12 +297,20 @@ def settle(
 
 
 def block_of(settings: RegionSettings, step_px: int) -> int:
-    """Return the distance between nodes of the densities' lattice [samples]."""
+    """Return the number of samples of a block, which is the distance between nodes of the densities' lattice.
+
+    Args:
+        settings: the distance in pixels.
+        step_px: distance between samples [px].
+    """
     return max(8 * round(settings.window_px / (8 * step_px)), 8)
 
 
 def starting(prior: Silhouette, start: Silhouette) -> UInt8:
-    """Return (rows, columns) 1 inside the initial contour, at the prior's samples; beyond its window the prior's."""
+    """Return the initial contour at the prior's samples: (rows, columns) uint8, 1 inside.
+
+    Samples beyond the window of ``start`` are inside if they are inside the prior.
+    """
     inside: UInt8 = (prior.phi > 0).astype(np.uint8)
     check_silhouette(start, "start")
     picked: list[NDArray[np.int64]] = []

@@ -1,6 +1,7 @@
 """Kernels of the iteration of `mocapella.sensing.region_contour`; importing this module imports numba.
 
-All samples of the blocks that the band touches are evaluated at once, and again only where something has changed.
+A block is ``size`` consecutive samples of a row. The band is the samples near the prior's contour, which may change
+sides. All samples of the blocks that it touches are evaluated at once, and again only where something has changed.
 """
 
 # ruff: noqa: PLR0915, PLR0917, PLR1714, SIM109 - compiled: arrays come by position, loops are written out
@@ -52,9 +53,12 @@ def move_samples(
     """Move samples to the side with the lower cost, one by one, and mark the blocks to be evaluated again.
 
     Args:
-        band, samples, lattice: the state; labels and sides become the new ones, and sums follow them.
-        learning: whether the lattice's sums are updated.
-        blurred, block_at, dirty: of `flip`.
+        band: the samples; ``inside`` is updated.
+        samples: their state, (blocks, size) arrays; label and inside become new_label and new_inside.
+        lattice: the densities; sums are updated and changed nodes become stale, if ``learning``.
+        learning: whether the densities are learnt.
+        blurred, block_at, dirty: (rows, padded), (rows, blocks of a row) and (blocks,) of `region_mask_kernels.flip`,
+            updated.
 
     Returns:
         Whether any sample changed.
@@ -117,7 +121,7 @@ def _wholly_modelled(outside_costs: Float32, count: int) -> UInt8:
 
 @njit(cache=True, error_model="numpy")
 def new_samples(shape: tuple[int, int]) -> ContourSamples:
-    """Return the arrays of samples, (blocks, size) each; only costs outside are set, to 0."""
+    """Return the state of a band's samples, arrays (blocks, size); only outside_cost is initialised, to 0."""
     return ContourSamples(
         np.empty(shape, np.float32), np.empty(shape, np.uint16), np.empty(shape, np.float32),
         np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(shape, np.float32),
@@ -128,7 +132,7 @@ def new_samples(shape: tuple[int, int]) -> ContourSamples:
 
 @njit(cache=True, error_model="numpy")
 def flattened(s: ContourSamples) -> ContourSamples:
-    """Return (samples,) views of all arrays."""
+    """Return views (blocks × size,) of all arrays of samples."""
     return ContourSamples(
         s.distance.reshape(-1), s.blurred.reshape(-1), s.prior_gain.reshape(-1), s.label.reshape(-1),
         s.inside.reshape(-1), s.inside_cost.reshape(-1), s.outside_cost.reshape(-1), s.own_cost.reshape(-1),
@@ -231,13 +235,15 @@ def settled(
     """Move a contour to where its energy is least, and measure distances from it.
 
     Args:
-        band, outside_costs, w: of `segment`.
+        band, outside_costs, w: samples, (blocks, size) costs of a background model or (0, 0), and weights, as in
+            `segment`; ``band.inside`` becomes the result.
         pad, columns: first column and number of columns of the window in its padded rows.
         reported: whether energies are computed.
-        reach, step: of `signed_distance`.
+        reach, step: limit of distances [samples], and distance between samples [px].
 
     Returns:
-        Number of moves, the contour's signed distance and `surety_of` it (rows, columns), and energies.
+        Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns)
+        `region_mask_kernels.surety_of` it [nats]; and the energies of `segment`.
     """
     phi, inside = band.phi, band.inside
     field, contrast, sure = phi.copy(), np.zeros_like(phi), np.empty_like(phi)

@@ -1,7 +1,7 @@
 """Costs of samples on either side of a contour, and the energy of the contour; compiled.
 
-Costs are −log p [nats], as of three channels, without the log 2π/2 that all densities share. Importing this module
-imports numba.
+Costs are −log p [nats], scaled to three channels, without the log 2π/2 that all densities share: p1 is the density
+inside, p2 outside. `region_contour_kernels` defines bands, blocks and samples. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, loops are written out
@@ -30,11 +30,12 @@ class ContourBand(NamedTuple):
     """The samples that can change sides, as `region_reading_kernels.lay_out` and `read_samples` write them.
 
     Attributes:
-        values: (channels, blocks, size) int16 half grey levels from the middle of the scale; size is a multiple of 8.
-        active, known: (blocks, size) uint8, 1 where a sample is undecided, and where the image shows it.
-        phi: (rows, padded) float32 the prior's signed distance [px].
-        blocks: (blocks, 2) int32 row and number of each block.
-        inside: (rows, padded) uint8, 1 inside the contour; the start, which becomes the result.
+        values: (channels, blocks, size) int16 half grey levels, 0 in the middle of the scale; size is a multiple of 8.
+        active: (blocks, size) uint8, 1 where a sample may change sides.
+        known: (blocks, size) uint8, 1 where the image shows the sample.
+        phi: (rows, padded) float32 signed distance to the prior's contour [px], above 0 inside.
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        inside: (rows, padded) uint8, 1 inside the contour; the initial contour, overwritten with the result.
     """
 
     values: Int16
@@ -49,12 +50,12 @@ class ContourWeights(NamedTuple):
     """Weights and limits of a contour's energy.
 
     Attributes:
-        prior_weight: [nats/px²].
+        prior_weight: cost of a sample on the other side than in the prior, per squared distance [nats/px²].
         length: cost of a sample that is surrounded by the other side [nats].
         slope: twice the slope of the blurred mask across a straight contour [1/px].
-        guided: whether there is a prior.
+        guided: whether there is a shape prior.
         unsure: samples nearer to the prior's contour are not learnt from before the first move [px].
-        fewest: see `update_densities` [samples].
+        fewest: weight of the density common to both sides in each side's density [samples].
         least_sd: smallest standard deviation of a density [half grey levels].
         most: upper bound of −log p [nats].
         inside_cost: −log p1 if it is constant; NaN if it is learnt [nats].
@@ -77,10 +78,10 @@ class ContourSamples(NamedTuple):
     """The state of a band's samples, (blocks, size) each, or (samples,) in flat views.
 
     Attributes:
-        distance: float32 of the prior [px].
-        blurred: uint16 the mask's binomial mean [1/256].
+        distance: float32 signed distance to the prior's contour, above 0 inside [px].
+        blurred: uint16 binomial mean of the mask about the sample [1/256].
         prior_gain: float32 cost of being outside minus cost of being inside, by the prior alone [nats].
-        label: uint8 `INSIDE`, `OUTSIDE`, `OUTLIER` or `UNKNOWN`.
+        label: uint8 `INSIDE`, `OUTSIDE`, `OUTLIER` or `UNKNOWN`: the density that the sample counts in.
         inside: uint8 1 inside the contour.
         inside_cost, outside_cost: float32 −log p1 and −log p2 [nats].
         own_cost: float32 −log p of the side with the lower energy [nats].
@@ -108,7 +109,7 @@ def begin(samples: ContourSamples, active: UInt8, known: UInt8, w: ContourWeight
     """Write the prior's gains and the first labels of flat samples.
 
     Args:
-        samples: flat views; in: distance, blurred and inside; out: prior_gain and label.
+        samples: flat views; distance, blurred and inside are read, prior_gain and label written.
         active, known: (samples,) of `ContourBand`.
         w: weights.
     """
@@ -212,17 +213,17 @@ def update_costs(
     levels: Float32, blocks: Int32, rows: int, along: Float32, coefficients: Float32, dirty: UInt8, modelled: UInt8,
     one: Float32, two: Float32,
 ) -> None:  # fmt: skip
-    """Write −log p of the samples of all dirty blocks.
+    """Write the costs −log p [nats] of the samples of all blocks that are marked.
 
     Args:
-        levels: (channels, blocks, size) float32 values.
-        blocks: (blocks, 2) row and number.
-        rows: of samples.
+        levels: (channels, blocks, size) float32 values in half grey levels, 0 in the middle of the scale.
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        rows: number of rows of the window.
         along: (size,) float32 a sample's distance along its block, 0 to 1.
-        coefficients: of `DensityLattice`.
+        coefficients: (node rows, node columns, 2 + 4 channels) of `DensityLattice`.
         dirty: (blocks,) not 0 where a block is evaluated.
         modelled: (blocks,) uint8, 1 where a background model gives all costs outside, which are not evaluated.
-        one, two: (blocks, size) out: inside and outside.
+        one, two: (blocks, size) written: costs inside and outside.
     """
     row = np.empty(coefficients.shape[1:], np.float32)
     rise = np.zeros(coefficients.shape[1:], np.float32)
@@ -252,9 +253,9 @@ def decide(samples: ContourSamples, outside: Float32, known: UInt8, active: UInt
     """Determine the side of lower cost for each sample, and the difference.
 
     Args:
-        samples: flat views; in: distance, blurred, prior_gain and both costs, which are cut off here; out: gain,
-            contrast, own_cost, new_label and new_inside.
-        outside: (samples,) −log p2 of a background model, NaN where it is learnt; or (0,).
+        samples: flat views; distance, blurred, prior_gain and both costs are read; both costs are cut off at
+            ``w.most``; gain, contrast, own_cost, new_label and new_inside are written.
+        outside: (samples,) −log p2 of a background model [nats], NaN where it is learnt; or (0,).
         known, active: (samples,) of `ContourBand`.
         w: weights.
     """
@@ -359,17 +360,17 @@ def background_costs(
     values: Int16, usual: Int16, spread: Int16, known: UInt8, least_sd: float, darkest: float, shadow: float,
     out: Float32,
 ) -> None:  # fmt: skip
-    """Write −log p of every sample's value by a background model [nats], as of three channels.
+    """Write the cost −log p [nats] of every sample's value under a model of the empty scene, scaled to three channels.
 
     Args:
-        values, usual: (channels, blocks, size) int16 half grey levels from the middle of the scale: the image's, and
-            the background's.
-        spread: (channels, blocks, size) int16, a standard deviation as 8 × grey levels − 255.
-        known: (blocks, size) uint8.
-        least_sd: [half grey levels].
+        values: (channels, blocks, size) int16 the image's values in half grey levels, 0 in the middle of the scale.
+        usual: (channels, blocks, size) int16 the background's values, in the same unit.
+        spread: (channels, blocks, size) int16 the background's standard deviation, as 8 × grey levels − 255.
+        known: (blocks, size) uint8, 1 where the image shows the sample.
+        least_sd: smallest standard deviation [half grey levels].
         darkest: least share of its usual brightness for a sample to be in shadow.
-        shadow: [nats] that a shadow costs.
-        out: (blocks, size) float32; 0 where unknown.
+        shadow: additional cost of a sample in shadow [nats].
+        out: (blocks, size) float32, written; 0 where unknown.
     """
     channels, rows, columns = values.shape
     share = 3.0 / channels

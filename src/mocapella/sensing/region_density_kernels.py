@@ -31,15 +31,17 @@ OUTLIER, INSIDE, OUTSIDE, UNKNOWN = np.uint8(0), np.uint8(1), np.uint8(2), np.ui
 
 
 class DensityLattice(NamedTuple):
-    """The densities' lattice; its nodes lie one block of samples apart.
+    """Densities at the nodes of a lattice over the window; nodes are one block of samples apart.
 
     Attributes:
-        sums: (2, node rows, node columns, 1 + 2 channels) int64 weights, values and squares, inside and outside.
+        sums: (2, node rows, node columns, 1 + 2 channels) int64 inside and outside: sums of the samples' weights, of
+            their weighted values and of the weighted squares.
         both: (node rows, node columns, 1 + 2 channels) int64 the sums of both sides at the start.
-        leans: (node rows, node columns) the cost of the common density that each density leans on [samples × nats].
+        leans: (node rows, node columns) cost of the common density that supports the densities of sides with few
+            samples [samples × nats].
         stale: (node rows, node columns) uint8, 1 where sums have changed since densities were computed.
-        coefficients: (node rows, node columns, 2 + 4 channels) float32 of −log p = a + b v + c v², as of three channels
-            [nats]: a inside and outside, then of every channel b and c inside and outside.
+        coefficients: (node rows, node columns, 2 + 4 channels) float32 of −log p = a + b v + c v² of a value v, scaled
+            to three channels [nats]: a inside and outside, then of every channel b and c inside and outside.
     """
 
     sums: Int64
@@ -51,15 +53,20 @@ class DensityLattice(NamedTuple):
 
 @njit(cache=True)
 def node_rows(rows: int, size: int) -> int:
-    """Return the number of rows of nodes, ``size`` samples apart, that cover so many rows of samples."""
+    """Return the number of rows of nodes, ``size`` samples apart, that cover ``rows`` rows of samples."""
     return (rows + size - 1) // size + 1
 
 
 @njit(cache=True)
 def node_row_above(i: int, rows: int, size: int) -> tuple[int, int]:
-    """Return the row of nodes above a row of samples, and the weight of the next row of nodes [1 / (2 size)].
+    """Return the row of nodes above row i of samples, and the weight of the next row of nodes [1 / (2 size)].
 
     The lattice is centred on the window's rows.
+
+    Args:
+        i: row of samples.
+        rows: number of rows of samples.
+        size: distance between nodes [samples].
     """
     doubled = 2 * i + 1 - rows + (node_rows(rows, size) - 1) * size
     return doubled // (2 * size), doubled % (2 * size)
@@ -72,13 +79,13 @@ def add_sample(
     """Add sample j of block n to the sums of its four nodes, or subtract it.
 
     Args:
-        values: (channels, blocks, size).
-        n, j: block and sample.
-        top, low: of `node_row_above`.
+        values: (channels, blocks, size) int16 in half grey levels.
+        n, j: indices of the block and of the sample in it.
+        top, low: row of nodes above the block, and weight of the next one, of `node_row_above`.
         k: the block's number in its row, which is the column of the nodes on its left.
-        sign: 1 or -1.
+        sign: 1 to add, -1 to subtract.
         side: 0 inside, 1 outside.
-        sums: of `DensityLattice`.
+        sums: (2, node rows, node columns, 1 + 2 channels) of `DensityLattice`, updated.
     """
     channels, _, size = values.shape
     right = 2 * j + 1
@@ -100,12 +107,12 @@ def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows:
     Moments are first taken over a block, about its left end, then spread to the four nodes.
 
     Args:
-        values: (channels, blocks, size).
+        values: (channels, blocks, size) int16 in half grey levels.
         before, label: (blocks, size) old and new labels.
-        blocks: (blocks, 2) row and number.
-        rows: of samples.
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        rows: number of rows of samples.
         odd: (size,) int32 1, 3, 5 …: a sample's distance along its block [1 / (2 size)].
-        sums: of `DensityLattice`.
+        sums: (2, node rows, node columns, 1 + 2 channels) of `DensityLattice`, updated.
     """
     channels, _, size = values.shape
     full = 2 * size
@@ -158,16 +165,16 @@ def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows:
 
 @njit(cache=True, error_model="numpy")
 def update_densities(lattice: DensityLattice, size: int, fewest: float, least_sd: float) -> None:
-    """Write the coefficients of −log p of all stale nodes, and the cost of what they lean on.
+    """Compute the densities of all stale nodes from their sums.
 
-    Where a side has few samples, its density leans on the density of all samples about the node, as if ``fewest`` of
-    those were on that side.
+    A side with few samples is mixed with the density of all samples about the node, as if ``fewest`` of those were on
+    that side.
 
     Args:
-        lattice: in: sums, both and stale; out: coefficients and leans.
-        size: of a block [samples].
-        fewest: [samples].
-        least_sd: [half grey levels].
+        lattice: sums, both and stale are read, coefficients and leans written.
+        size: number of samples of a block.
+        fewest: weight of the common density [samples].
+        least_sd: smallest standard deviation [half grey levels].
     """
     sums, both, leans, stale, coefficients = lattice
     _, rows, columns, terms = sums.shape
@@ -207,13 +214,14 @@ def update_densities(lattice: DensityLattice, size: int, fewest: float, least_sd
 
 @njit(cache=True, error_model="numpy")
 def mark_blocks(stale: UInt8, blocks: Int32, rows: int, size: int, dirty: UInt8) -> None:
-    """Mark blocks with a stale node among their four nodes, whose costs must be evaluated again.
+    """Mark the blocks whose costs must be evaluated again, because one of their four nodes is stale.
 
     Args:
-        stale: of `DensityLattice`.
-        blocks: (blocks, 2) row and number.
-        rows, size: of samples, and of a block.
-        dirty: (blocks,) becomes `DENSITY_CHANGED` or more.
+        stale: (node rows, node columns) of `DensityLattice`.
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        rows: number of rows of samples.
+        size: number of samples of a block.
+        dirty: (blocks,) updated: at least `DENSITY_CHANGED` for those blocks.
     """
     last, top = np.int64(-1), np.int64(0)
     for n in range(len(blocks)):

@@ -1,7 +1,7 @@
 """Blurred masks, and windows gathered into blocks of samples; compiled. Importing this module imports numba.
 
-A window is padded to whole blocks of samples of a row. Blocks that the band touches are stored one after another, and
-gathered and scattered as words of 8 bytes.
+A window of an image is padded to whole blocks, each of ``size`` consecutive samples of a row. The band is the samples
+that may change sides. Blocks that it touches are stored one after another, and copied as words of 8 bytes.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
@@ -29,7 +29,7 @@ def blur(inside: UInt8, out: UInt16) -> None:
 
     Args:
         inside: (rows, columns) uint8, 0 or 1.
-        out: (rows, columns) uint16.
+        out: (rows, columns) uint16, written.
     """
     rows, columns = inside.shape
     line, down = np.zeros(columns + 4, np.uint8), np.zeros((rows + 4, columns), np.uint8)
@@ -51,12 +51,12 @@ def flip(inside: UInt8, i: int, j: int, size: int, blurred: UInt16, block_at: In
     """Move sample (i, j) to the other side; update the blurred mask and mark the blocks near it.
 
     Args:
-        inside: (rows, columns) the mask.
-        i, j: row and column.
-        size: of a block [samples].
-        blurred: (rows, columns) of `blur`.
-        block_at: (rows, blocks of a row) index of a block in the list, -1 for none.
-        dirty: (blocks,) `SIDE_CHANGED` for the blocks near the sample.
+        inside: (rows, columns) uint8 the mask, updated.
+        i, j: row and column of the sample.
+        size: number of samples of a block.
+        blurred: (rows, columns) of `blur`, updated.
+        block_at: (rows, blocks of a row) int32 index of each block in the list of blocks, -1 for none.
+        dirty: (blocks,) updated: `SIDE_CHANGED` for the blocks near the sample.
     """
     rows, columns = inside.shape
     now = 1 - np.int64(inside[i, j])
@@ -74,14 +74,14 @@ def flip(inside: UInt8, i: int, j: int, size: int, blurred: UInt16, block_at: In
 
 @njit(cache=True, error_model="numpy")
 def gather(window: UInt64, blocks: Int32, chosen: UInt8, wanted: np.uint8, out: UInt64) -> None:
-    """Copy the chosen blocks of a window into a list of blocks; all arrays are views as words of 8 bytes.
+    """Copy chosen blocks of a window into a list of blocks; all arrays are views as words of 8 bytes.
 
     Args:
         window: (rows, words of a row).
-        blocks: (blocks, 2) row and number.
-        chosen: (blocks,); blocks of at least ``wanted`` are copied.
-        wanted: see ``chosen``.
-        out: (blocks, words of a block).
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        chosen: (blocks,) uint8.
+        wanted: blocks whose ``chosen`` is at least this are copied.
+        out: (blocks, words of a block), the chosen rows are written.
     """
     words = out.shape[1]
     for n in range(len(blocks)):
@@ -93,7 +93,13 @@ def gather(window: UInt64, blocks: Int32, chosen: UInt8, wanted: np.uint8, out: 
 
 @njit(cache=True, error_model="numpy")
 def scatter(parts: UInt64, blocks: Int32, window: UInt64) -> None:
-    """Copy a list of blocks back into a window; the reverse of `gather`."""
+    """Copy a list of blocks back into a window; the reverse of `gather`.
+
+    Args:
+        parts: (blocks, words of a block).
+        blocks: (blocks, 2) int32 row of each block, and its number in the row.
+        window: (rows, words of a row), the blocks' words are written.
+    """
     words = parts.shape[1]
     for n in range(len(blocks)):
         i, first = blocks[n, 0], blocks[n, 1] * words
@@ -113,12 +119,12 @@ def replace(old: UInt8, new: UInt8) -> np.bool_:
 
 @njit(cache=True, error_model="numpy")
 def surety_of(contrast: Float32, inside: UInt8, out: Float32) -> None:
-    """Write the binomial mean over 5 × 5 samples of how much their values support the side they are on [nats].
+    """Write how clearly the samples' values support the side that they are on [nats], as a binomial mean over 5 × 5.
 
     Args:
         contrast: (rows, columns) float32 log p1 − log p2, 0 where unknown.
-        inside: (rows, columns) uint8.
-        out: (rows, columns) float32; 0 where the values support the other side.
+        inside: (rows, columns) uint8, 1 inside the contour.
+        out: (rows, columns) float32, written; 0 where the values support the other side.
     """
     rows, columns = contrast.shape
     line, across = np.zeros(columns + 4, np.float32), np.zeros((rows + 4, columns), np.float32)

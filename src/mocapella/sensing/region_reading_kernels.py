@@ -1,7 +1,8 @@
 """Kernels that read an image near a contour for `mocapella.sensing.region_contour`. Importing this imports numba.
 
-A window is padded to whole blocks of samples of a row. All samples of the blocks that the band touches are read, and
-stored one block after another, so that later stages run in long loops.
+A window is padded to whole blocks, each of ``size`` consecutive samples of a row. The band is the samples near the
+contour, which may change sides. All samples of the blocks that it touches are read, and stored one block after
+another, so that later stages run in long loops.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position, loops are written out
@@ -28,10 +29,10 @@ class WindowLayout(NamedTuple):
 
     Attributes:
         x0, y0: pixel of the first sample, which may lie beyond the image.
-        step: from sample to sample [px].
-        pad: columns of padding before the first.
-        padded: columns with their padding.
-        size: of a block [samples], a multiple of 8.
+        step: distance between samples [px].
+        pad: number of columns of padding before the first sample.
+        padded: number of columns with all padding.
+        size: number of samples of a block, a multiple of 8.
     """
 
     x0: int
@@ -44,7 +45,7 @@ class WindowLayout(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def farthest(phi: Float32) -> np.float32:
-    """Return the largest magnitude in (rows, columns) float32 distances; NaN where any is NaN."""
+    """Return the largest magnitude of the distances phi (rows, columns) float32; NaN where any is NaN."""
     # The bit patterns of floats above 0, read as integers, are in the same order; infinity and then NaN come last.
     bits, most = phi.view(np.int32), np.zeros(1, np.int32)
     for i in range(len(bits)):
@@ -62,20 +63,20 @@ def lay_out(
     phi: Float32, start: UInt8, band: np.float32, unguided: bool, layout: WindowLayout, size_px: tuple[int, int],
     wide: Float32, inside: UInt8, active: UInt8, known: UInt8, blocks: Int32,
 ) -> int:  # fmt: skip
-    """Write a padded window and the list of its blocks that have undecided samples; return their number.
+    """Pad a window, and list its blocks that have samples which may change sides; return their number.
 
     Args:
-        phi: (rows, columns) float32 the prior's signed distance [px].
-        start: (rows, columns) uint8, 1 inside the contour to start with; or (0, 0): the prior's.
-        band: [px] samples farther from the contour are decided, unless ``unguided``.
-        unguided: whether all samples are undecided.
-        layout: of the window.
+        phi: (rows, columns) float32 signed distance to the prior's contour [px], above 0 inside.
+        start: (rows, columns) uint8, 1 inside the initial contour; or (0, 0): the prior's.
+        band: samples farther from the prior's contour cannot change sides [px], unless ``unguided``.
+        unguided: whether all samples may.
+        layout: layout of the window.
         size_px: (width, height) of the image.
-        wide: (rows, padded) float32 out: phi, far outside in the padding.
-        inside: (rows, padded) uint8 out: the start.
-        active, known: (capacity, size) uint8 out, of the blocks: 1 where a sample is undecided, and where the image
-            shows it.
-        blocks: (capacity, 2) int32 out: row and number of each block.
+        wide: (rows, padded) float32 written: phi; far outside in the padding.
+        inside: (rows, padded) uint8 written: the initial contour.
+        active: (capacity, size) uint8 written for each block: 1 where a sample may change sides.
+        known: (capacity, size) uint8 written for each block: 1 where the image shows the sample.
+        blocks: (capacity, 2) int32 written: row of each block, and its number in the row.
     """
     x0, y0, step, pad, _, size = layout
     rows, columns = phi.shape
@@ -206,11 +207,11 @@ def read_samples(
     Args:
         image: (h, w, channels) uint8.
         x0, y0: the pixel of the first sample, padding included, which may lie beyond the image.
-        step: [px].
+        step: distance between samples [px].
         median: whether the median is applied.
-        columns: of the window, padding included.
-        blocks: of `lay_out`.
-        values: (channels, blocks, size) int16 half grey levels, 0 the middle of the scale.
+        columns: number of columns of the window, padding included.
+        blocks: (blocks, 2) of `lay_out`.
+        values: (channels, blocks, size) int16 written, in half grey levels, 0 in the middle of the scale.
     """
     height, width, channels = image.shape
     taps, size = 2 * step - 1, values.shape[2]
@@ -253,13 +254,13 @@ def read_samples(
 
 @njit(cache=True)
 def forget(ignore: Bool, x0: int, y0: int, step: int, reach: int, blocks: Int32, known: UInt8) -> None:
-    """Mark samples as unknown that have an ignored pixel at most ``reach`` [px] away.
+    """Mark samples as unknown that have an ignored pixel near them.
 
     Args:
-        ignore: (h, w) bool.
-        x0, y0, step: as in `read_samples`.
-        reach: see above.
-        blocks, known: of `lay_out`.
+        ignore: (h, w) bool, True for pixels without information.
+        x0, y0, step: pixel of the first sample, padding included, and distance between samples [px].
+        reach: largest distance of such a pixel along either axis [px].
+        blocks, known: (blocks, 2) and (blocks, size) of `lay_out`; known is updated.
     """
     height, width = ignore.shape
     size = known.shape[1]
@@ -282,15 +283,17 @@ def read(
     """Lay out a window and read the image in it.
 
     Args:
-        image: of `read_samples`.
-        phi, start, layout: of `lay_out`.
-        band_px: samples farther from the contour are decided, if ``guided`` [px].
-        guided: whether there is a prior.
-        median: of `read_samples`.
-        ignore: of `forget`, or (0, 0).
+        image: (h, w, channels) uint8.
+        phi, start, layout: (rows, columns) signed distance [px], (rows, columns) initial mask or (0, 0), and layout, as
+            in `lay_out`.
+        band_px: samples farther from the prior's contour cannot change sides, if ``guided`` [px].
+        guided: whether only samples near the prior's contour may change sides.
+        median: whether single wrong pixels are removed by a median.
+        ignore: (h, w) bool, True for pixels without information; or (0, 0).
 
     Returns:
-        `farthest`, then wide, inside, active, known and blocks of `lay_out`, and values of `read_samples`.
+        The result of `farthest`, then wide, inside, active, known and blocks of `lay_out`, and values of
+        `read_samples`.
     """
     rows, (height, width, channels), far = len(phi), image.shape, farthest(phi)
     x0, y0, step, pad, padded, size = layout

@@ -20,11 +20,11 @@ from mocapella.errors import InputError
 UInt8 = NDArray[np.uint8]
 
 LEVELS = 30
-"""A value farther than this from the median of its neighbours is wrong [grey levels]."""
+"""A value that differs more than this from the median of its neighbours is wrong [grey levels]."""
 EVERY = 40
 """Stride between the rows that are tested."""
 FEWEST, MOST = 0.02, 0.6
-"""An image is filtered if the share of wrong values is between these; above, it is not an image at all."""
+"""Least and greatest share of wrong values in an image that is filtered; above, it is mere noise."""
 
 
 def without_speckles(image: UInt8) -> UInt8:

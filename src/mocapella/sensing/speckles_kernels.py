@@ -61,9 +61,13 @@ def _row_of_medians(
 def median_of_nine(image: UInt8, out: UInt8) -> None:
     """Write the median of each pixel's 3 × 3 neighbourhood, by channel; at the border the pixel itself.
 
-    Both are (height, width, channels). Columns of three are sorted first: the median of nine is the median of the
-    largest of the lowest, the median of the middle and the smallest of the highest ones (A. Paeth, "Median finding on a
-    3 × 3 grid", Graphics Gems, 1990). Rows are whole arrays, so that many pixels are compared at once.
+    Columns of three are sorted first: the median of nine is the median of the largest of the lowest, the median of the
+    middle and the smallest of the highest ones (A. Paeth, "Median finding on a 3 × 3 grid", Graphics Gems, 1990). Rows
+    are whole arrays, so that many pixels are compared at once.
+
+    Args:
+        image: (height, width, channels) uint8.
+        out: of the same shape, written.
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, written = image.reshape(height, n), out.reshape(height, n)
@@ -79,12 +83,12 @@ def median_of_nine(image: UInt8, out: UInt8) -> None:
 
 @njit(cache=True)
 def standing_out(image: UInt8, every: int, levels: int) -> float:
-    """Return the share of values that differ from the median of their 3 × 3 neighbourhood by more than ``levels``.
+    """Return the share of values, 0 to 1, that differ much from the median of their 3 × 3 neighbourhood.
 
     Args:
-        image: (height, width, channels).
+        image: (height, width, channels) uint8.
         every: stride between the rows that are measured.
-        levels: [grey levels].
+        levels: difference above which a value counts [grey levels].
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, medians = image.reshape(height, n), np.empty(n, np.uint8)

@@ -45,12 +45,13 @@ class TagSettings:
     """Tags to detect, and precision of their corners.
 
     Attributes:
-        dictionary: OpenCV's name of it, in any case, with or without ``DICT_``.
+        dictionary: OpenCV's name of the set of tags, in any case, with or without ``DICT_``.
         ids: numbers of the wanted tags; empty for all of the dictionary. Small dictionaries give false detections: name
             the wanted tags.
-        sd_floor_px: least standard deviation of a corner: lens and print bend sides a little.
-        reach_px: greatest reach of the profiles across a side.
-        least_contrast: least difference of dark and light at a side, of 255; other sides are not measured.
+        sd_floor_px: least standard deviation of a corner: lens and print bend sides a little [px].
+        reach_px: greatest reach of the profiles across a side [px].
+        least_contrast: least difference of dark and light at a side, of 255; other sides are not measured [grey
+            levels].
     """
 
     dictionary: str = "APRILTAG_36H11"
@@ -77,14 +78,14 @@ class TagSettings:
 
 
 class TagReport(msgspec.Struct, frozen=True):
-    """Counts of a camera's images.
+    """Counts of a camera's images and tags.
 
     Attributes:
-        images: processed.
-        found: tags that were reported.
-        unwanted: tags that are not among the wanted ones.
-        twice: numbers that occurred more than once in an image, and were not reported.
-        unrefined: corners whose sides could not be measured, at OpenCV's position.
+        images: number of images processed.
+        found: number of tags that were reported.
+        unwanted: number of tags that are not among the wanted ones.
+        twice: number of tag numbers that occurred more than once in an image, and were not reported.
+        unrefined: number of corners whose sides could not be measured; they have OpenCV's position.
     """
 
     images: int = 0
@@ -98,7 +99,7 @@ class TagDetector:
     """Detects the tags in the images of one camera.
 
     Attributes:
-        report: counts since it was made.
+        report: counts since the detector was made.
     """
 
     def __init__(self, camera: str, settings: TagSettings | None = None, *, node_id: int = 0) -> None:
@@ -114,7 +115,7 @@ class TagDetector:
 
         Args:
             image: (height, width) gray or (height, width, 3) BGR, uint8.
-            at_s: when it was captured [s].
+            at_s: the image's capture time, for the result [s].
 
         Raises:
             SettingsError: the array is not an image.
@@ -178,9 +179,9 @@ def refined_corners(
     Args:
         gray: (height, width).
         corners: (4, 2) approximate, in order round the square [px].
-        cells: along a side of the square; the outermost are dark.
-        reach_px: greatest reach across a side.
-        least_contrast: of a side.
+        cells: number of cells along a side of the square; the outermost are dark.
+        reach_px: greatest reach across a side [px].
+        least_contrast: least difference of dark and light at a side, of 255 [grey levels].
 
     Returns:
         (4, 2) corners, unchanged if a side cannot be measured, and (4,) their standard deviations [px], NaN then.

@@ -30,8 +30,8 @@ class KalmanSettings:
         acceleration_density: power spectral density of the white-noise acceleration along an axis; a higher one means
             less lag and more jitter [m²/s³].
         speed_sd: standard deviation of a new point's speed along an axis [m/s].
-        degrees_of_freedom: of the Student-t weight; infinity disables the weight.
-        forget_after_s: a point that was not seen for longer is no longer predicted.
+        degrees_of_freedom: parameter of the Student-t weight; infinity disables the weight.
+        forget_after_s: a point that was not seen for longer is no longer predicted [s].
     """
 
     acceleration_density: float = 8.0
@@ -50,11 +50,11 @@ class Points(msgspec.Struct, frozen=True, eq=False):
     """The filter's state at an instant.
 
     Attributes:
-        at_s: the instant [s].
+        at_s: the instant, on the clock of the capture times [s].
         positions: (points, 3) [m]; NaN where the point is not known.
         velocities: (points, 3) [m/s].
         variances: (points, 3): of a coordinate [m²], its covariance with its velocity [m²/s], of the velocity [m²/s²].
-        seen_s: (points,) when the point was last measured; −inf where never.
+        seen_s: (points,) capture time of the point's last measurement [s]; −inf where never measured.
     """
 
     at_s: float
@@ -65,13 +65,19 @@ class Points(msgspec.Struct, frozen=True, eq=False):
 
 
 def unknown(count: int, at_s: float) -> Points:
-    """Return points that are unknown."""
+    """Return the state of ``count`` unknown points at an instant, on the clock of the capture times [s]."""
     nan = np.full((3, count, 3), np.nan)
     return Points(at_s, nan[0], nan[1], nan[2], np.full(count, -np.inf))
 
 
 def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
-    """Predict the points at a later instant, with larger variances; forget points not measured for too long."""
+    """Predict the points at a later instant, with larger variances; forget points not measured for too long.
+
+    Args:
+        points: the present state.
+        at_s: the later instant, on the clock of the capture times [s].
+        settings: process model, and time after which points are forgotten.
+    """
     later = _copy(points, at_s)
     _kernels().predict(
         *_arrays(later), at_s - points.at_s, at_s, settings.acceleration_density, settings.forget_after_s
@@ -85,8 +91,8 @@ def correct(points: Points, measured: Float64, variance: Float64, settings: Kalm
     Args:
         points: the predicted points.
         measured: (points, 3) [m]; NaN where not seen.
-        variance: (points,) of a measured coordinate [m²].
-        settings: as for the prediction.
+        variance: (points,) variance of a measured coordinate [m²].
+        settings: the settings that the points were predicted with.
     """
     after = _copy(points, points.at_s)
     nu = float(settings.degrees_of_freedom)

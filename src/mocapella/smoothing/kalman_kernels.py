@@ -21,7 +21,16 @@ def predict(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, dt: float, at_s: float,
     density: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Predict points by ``dt`` to the instant ``at_s``, see `mocapella.smoothing.kalman.predict`."""
+    """Predict points to a later instant, in place; see `mocapella.smoothing.kalman.predict`.
+
+    Args:
+        positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
+            `kalman.Points`; the first three are changed.
+        dt: time since their instant [s].
+        at_s: the later instant, on the clock of ``seen_s`` [s].
+        density: power spectral density of the acceleration along an axis [m²/s³].
+        forget_after_s: points unseen for longer become NaN [s].
+    """
     for j in range(len(seen_s)):
         if at_s - seen_s[j] > forget_after_s:
             positions[j] = np.nan
@@ -41,9 +50,17 @@ def correct(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, at_s: float, measured: Float64,
     measured_variance: Float64, scale: float, nu: float, speed_variance: float,
 ) -> None:  # fmt: skip
-    """Update points by measurements (points, 3), see `mocapella.smoothing.kalman.correct`.
+    """Update predicted points by measurements, in place; see `mocapella.smoothing.kalman.correct`.
 
-    The variance of a measured coordinate is ``scale`` · ``measured_variance`` (points,) [m²].
+    Args:
+        positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
+            `kalman.Points`; all are changed.
+        at_s: capture time of the measurements [s].
+        measured: (points, 3) [m]; NaN where not seen.
+        measured_variance: (points,) variance of a measured coordinate, without the factor [m²].
+        scale: factor of ``measured_variance``.
+        nu: degrees of freedom of the Student-t weight.
+        speed_variance: variance of a new point's speed along an axis [m²/s²].
     """
     for j in range(len(seen_s)):
         if not (np.isfinite(measured[j, 0]) and np.isfinite(measured[j, 1]) and np.isfinite(measured[j, 2])):

@@ -24,11 +24,11 @@ class OneEuroSettings:
     """Parameters of the filter, as in the paper, and the longest gap.
 
     Attributes:
-        min_cutoff_hz: cutoff at rest; a lower one reduces jitter.
-        beta_per_m: increase of the cutoff with speed [Hz/(m/s)], or [Hz/(px/s)] for points in pixels; a higher one
-            reduces lag.
-        speed_cutoff_hz: cutoff of the low pass of the velocity.
-        forget_after_s: the filter of a point that was not seen for longer is restarted.
+        min_cutoff_hz: cutoff at rest; a lower one reduces jitter [Hz].
+        beta_per_m: increase of the cutoff with speed, or per px/s for points in pixels; a higher one reduces lag
+            [Hz/(m/s)].
+        speed_cutoff_hz: cutoff of the low pass of the velocity [Hz].
+        forget_after_s: the filter of a point that was not seen for longer is restarted [s].
         per_component: whether each coordinate is filtered by its own speed, as in the paper, rather than by the
             point's.
     """
@@ -47,7 +47,7 @@ class OneEuroSettings:
 
 
 class OneEuro:
-    """The filter of one set of points. The same inputs give the same outputs, to the bit."""
+    """A 1-euro filter of one set of points. The same inputs give the same outputs, to the bit."""
 
     def __init__(self, settings: OneEuroSettings | None = None) -> None:
         self.settings = settings or OneEuroSettings()

@@ -1,4 +1,15 @@
-"""Kernels of `mocapella.smoothing.one_euro`, in place; importing this module imports numba."""
+"""Kernels of `mocapella.smoothing.one_euro`, in place; importing this module imports numba.
+
+Common arguments::
+
+    positions, velocities (points, dimensions)   the filter's state [m], [m/s], or in pixels; changed
+    seen_s (points,)                             capture time of each point's last measurement [s], −inf for none;
+    changed measured (points, dimensions)                measurements; NaN where not seen
+    out (points, dimensions)                     filtered points, written; NaN where not seen
+    at_s                                         capture time of the measurements [s]
+
+`one_euro.OneEuroSettings` describes the other arguments.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -22,7 +33,7 @@ def gain(cutoff_hz: float, dt: float) -> float:
 
 @njit(cache=True)
 def seen(measured: Float64, j: int) -> bool:
-    """Return whether all coordinates of point j are finite."""
+    """Return whether all coordinates of point j of measured (points, dimensions) are finite."""
     there = True
     for k in range(measured.shape[1]):
         there &= np.isfinite(measured[j, k])
@@ -34,7 +45,10 @@ def smooth(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
     beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter of (points, dimensions), by the speed of each point; unmeasured points do not change."""
+    """Update the filter's state, by the speed of each point; unmeasured points do not change.
+
+    The module describes the arguments: state, measured (points, dimensions), and capture time [s].
+    """
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
         if not seen(measured, j):
@@ -59,7 +73,10 @@ def smooth_points(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter by `smooth`, and write measured points into ``out``, NaN elsewhere."""
+    """Update the filter's state as `smooth` does, and write the filtered points into ``out``, NaN where not seen.
+
+    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    """
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
         there = seen(measured, j)
@@ -72,7 +89,10 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter as `smooth_points`, but by the speed of each coordinate."""
+    """Filter points as `smooth_points` does, but by the speed of each coordinate.
+
+    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    """
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):
         together &= seen_s[j] == since
@@ -108,9 +128,16 @@ def smooth_components(
 def smooth_all(
     x: Float64, v: Float64, m: Float64, y: Float64, dt: float, min_cutoff_hz: float, beta_per_m: float, part: float
 ) -> None:
-    """Filter numbers x with velocities v by the measured numbers m, in place, and write x into y.
+    """Filter numbers that were all last measured at the same time.
 
-    ``part`` is the gain α of the velocity's low pass."""
+    Args:
+        x, v: (n,) numbers and their velocities, changed.
+        m: (n,) measured numbers.
+        y: (n,) written: the new x.
+        dt: time since the last measurement [s].
+        min_cutoff_hz, beta_per_m: of `one_euro.OneEuroSettings`.
+        part: gain α of the velocity's low pass.
+    """
     rate, turn = 1.0 / dt, 2.0 * math.pi * dt
     for i in range(len(m)):
         moved = m[i] - x[i]

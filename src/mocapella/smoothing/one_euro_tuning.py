@@ -23,7 +23,7 @@ LOWEST_HZ, HIGHEST_HZ = 0.02, 50.0
 BISECTIONS = 12
 LONGEST_LAG_S = 0.4
 SETTLING_S = 0.5
-"""What a filter gives before is not counted; the cutoff of its beginning is not that of its settings."""
+"""The first seconds of a filtered recording that are not counted, while the filter settles [s]."""
 
 
 class Tuned(msgspec.Struct, frozen=True):
@@ -90,7 +90,15 @@ def tune(
 
 
 def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 1: the highest minimum cutoff with no more jitter than the goal; the lowest tried if none reaches it."""
+    """Step 1: choose the highest minimum cutoff with no more jitter than a goal, on a still recording.
+
+    The lowest cutoff is chosen if none reaches the goal.
+
+    Args:
+        still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move.
+        goal: largest jitter, in the unit of the points.
+        settings: the settings to change.
+    """
     low, high = np.log(LOWEST_HZ), np.log(HIGHEST_HZ)
     if jitter(still, replace(settings, min_cutoff_hz=HIGHEST_HZ)) <= goal:
         return replace(settings, min_cutoff_hz=HIGHEST_HZ)
@@ -102,7 +110,15 @@ def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettin
 
 
 def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettings) -> OneEuroSettings:
-    """Step 2: the lowest beta with no more lag than the goal; the highest tried if none reaches it."""
+    """Step 2: choose the lowest beta with no more lag than a goal, on a fast recording.
+
+    The highest beta is chosen if none reaches the goal.
+
+    Args:
+        fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
+        goal_s: largest lag [s].
+        settings: the settings to change.
+    """
     if lag(fast, settings) <= goal_s:
         return settings
     # Of the fast recording, this beta raises the cutoff by 1 Hz, and 2¹⁶ times it by enough to filter nothing.
@@ -118,7 +134,7 @@ def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettin
 
 
 def jitter(still: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """Return the `spread` of a filtered still recording, in the unit of the points."""
+    """Return the `spread` of a still recording after filtering, in the unit of the points; ``still`` as in `tune`."""
     at_s, points = still
     return spread(filtered(at_s, points, settings)[at_s - at_s[0] >= SETTLING_S])
 
@@ -132,7 +148,9 @@ def spread(points: Float64) -> float:
 def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
     """Return the lag of the filter [s]: the delay at which the raw recording fits the filtered one best.
 
-    ``fast`` has the times (frames,) [s] and the points (frames, points, dimensions) of markers in fast motion.
+    Args:
+        fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
+        settings: the filter's.
     """
     at_s, points = fast
     result = filtered(at_s, points, settings)
@@ -158,7 +176,7 @@ def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
 
 
 def filtered(at_s: Float64, points: Float64, settings: OneEuroSettings) -> Float64:
-    """Filter a recording (frames, points, dimensions) with a new filter."""
+    """Filter a recording (frames, points, dimensions) with times (frames,) [s] by a new filter."""
     one_euro = OneEuro(settings)
     return np.stack([one_euro.update(frame, float(t)) for t, frame in zip(at_s, points, strict=True)])
 
