@@ -15,6 +15,7 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from mocapella.errors import MocapellaError, WireError
+from mocapella.live.sequence_leaps import LeapGuard
 from mocapella.model.session import RecordingHealth, SessionStatus
 from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.take import TakeInfo
@@ -81,6 +82,7 @@ class Recorder:
     ) -> None:
         self._writer = writer
         self._first = dict(first or {})
+        self._leaps = LeapGuard()
         self._say = say
         self.committed = committed
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -141,9 +143,9 @@ class Recorder:
         """Begin the run of a new tracker."""
         self._put(0, partial(self._writer.start_run, info))
 
-    def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int) -> None:
-        """Write a command that changed the session before a step."""
-        command = {"verb": verb, "arguments": dict(arguments)}
+    def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:
+        """Write a command that changed the session before a step, and who sent it, if that is known."""
+        command = {"verb": verb, "arguments": dict(arguments)} | ({"by": by} if by else {})
         self._put(0, partial(self._writer.write_command, command, at_ns, before_step=before_step))
 
     def health(self) -> RecordingHealth:
@@ -238,15 +240,16 @@ class Recorder:
         self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
 
     def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None) -> None:
-        if sequence is None:
-            try:
+        try:
+            if sequence is None:
                 frame = decode_frame(data)
                 if frame.key[:2] != node:
                     raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
-            except WireError as error:
-                self._refuse(node.sensor, "frames", str(error))
-                return
-            sequence = frame.sequence
+                sequence = frame.sequence
+            self._leaps.check(node, sequence, arrived_ns)
+        except WireError as error:
+            self._refuse(node.sensor, "frames", str(error))
+            return
         if sequence < self._first.get(node, 0):  # from before the take began
             return
         self._writer.write_frame(data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns)

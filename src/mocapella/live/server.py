@@ -226,8 +226,10 @@ class Server:
         try:
             if command.verb == "record-stop":
                 self._stop_recording(command.answer)
+                if command.sender:
+                    self._note_foreign(f"end of the take ({command.sender})")
                 return
-            message = self._do(command.verb, command.arguments)
+            message = self._do(command.verb, command.arguments, command.sender)
         except MocapellaError as error:
             self._note_foreign(f"{command.verb} was refused: {error}")
             self._answer(command.answer, CommandReply(False, str(error), self.status()))
@@ -235,7 +237,7 @@ class Server:
         self._watch_state()
         self._answer(command.answer, CommandReply(True, message, self.status()))
 
-    def _do(self, verb: str, arguments: dict[str, Any]) -> str:
+    def _do(self, verb: str, arguments: dict[str, Any], by: str = "") -> str:
         if verb == "status":
             return ""
         if verb == "record":
@@ -245,12 +247,12 @@ class Server:
             if verb == "start":
                 with self._lock:
                     self._registry.tracking_began()
-            self._recording.record_command(verb, arguments)
+            self._recording.record_command(verb, arguments, by)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
         self._revision += 1
-        self._note(message)
+        self._note(f"{message} ({by})" if by else message)
         return message
 
     def _answer(self, answer: Answer, reply: CommandReply) -> None:
@@ -385,6 +387,7 @@ class Server:
             version=__version__,
             next_take=free_name(self._settings.takes, take),
             health=self.server_health(),
+            refused=self._link.refused,
         )
 
     def halt(self) -> None:

@@ -34,14 +34,14 @@ class FakeServer:
         obey: answers a command, given its verb and arguments; by default every command succeeds.
 
     Attributes:
-        address: such as ``tcp/127.0.0.1:40123``: what nodes and readers connect to.
+        address: such as ``tls/127.0.0.1:40123``: what nodes and readers connect to.
         frames: frames received so far, in order.
         commands: commands received so far, as (verb, arguments).
         problems: messages that could not be read.
     """
 
     def __init__(self, address: str = "", obey: Obey = lambda verb, arguments: CommandReply(True)) -> None:
-        self.address = address or f"tcp/127.0.0.1:{_free_port()}"
+        self.address = address or f"tls/127.0.0.1:{_free_port()}"
         self.frames: list[SensorFrame] = []
         self.commands: list[tuple[str, dict[str, Any]]] = []
         self.problems: list[str] = []

@@ -15,39 +15,49 @@ from mocapella.model.limits import MAX_COMMAND_BYTES
 from mocapella.model.session import CommandReply
 from mocapella.supervision import Boundary
 from mocapella.wire import keys
+from mocapella.wire.address import parse_address
 from mocapella.wire.clock import ClockProbe, read_clock
 from mocapella.wire.delivery import FrameAnswer, FrameRequest, read_answer
+from mocapella.wire.doorbell import Doorbell
 from mocapella.wire.session import open_server
+from mocapella.wire.session_key import session_key, session_name
 
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
-OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
-"""Called with the verb, its arguments, and the function that answers it, an `Answer`."""
 OnNonsense = Callable[[str], None]
 
 REQUEST_TIMEOUT_S = 2.0
 """How long a node may take to answer a request for frames [s]."""
 _PROBES = 8
 _MAX_CLIENT = 32
-"""Bytes of a client's name that are read."""
+"""Bytes of a client's identity that are read."""
+_MOST_SENDER = 120
 
 
 class Answer:
     """Answers a command once.
 
     Attributes:
-        client: name that the client's session gives itself; empty if it gives none.
+        client: identity that the client's session gives itself; empty if it gives none.
+        sender: what the program that sent the command says about itself; empty if nothing.
     """
 
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
-        self.client = "" if query.attachment is None else query.attachment.to_bytes()[:_MAX_CLIENT].hex()
+        said = b"" if query.attachment is None else query.attachment.to_bytes()[: _MAX_CLIENT + 4 * _MOST_SENDER]
+        self.client = said[:_MAX_CLIENT].hex()
+        _, _, words = said.decode("utf-8", "replace").partition(" ")
+        self.sender = "".join(letter for letter in words if letter.isprintable())[:_MOST_SENDER]
 
     def __call__(self, data: bytes) -> None:
         """Send the answer."""
         self._query.reply(self._query.key_expr, data)
         self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
+
+
+OnCommand = Callable[[str, dict[str, Any], Answer], None]
+"""Called with the verb, its arguments, and what answers it."""
 
 
 class ServerLink:
@@ -58,17 +68,23 @@ class ServerLink:
         errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
-        AddressInUseError, BusError: as in `open_server`.
+        AddressInUseError, BusError, KeyFileError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
         self.errors = errors or Boundary()
+        address = parse_address(listen)
+        key = session_key(session_name(address.session))
         self._session = open_server(listen)
         self.on_nonsense = on_nonsense
+        self._bell = Doorbell(address, key, self._on_ring)
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
         self._serving: list[Any] = []
+
+    def _on_ring(self, text: str) -> None:
+        self.on_nonsense(text)
 
     def serve(self, *, on_frame: OnFrame, on_truth: OnFrame, on_alive: OnAlive, on_command: OnCommand) -> None:
         """Receive messages of nodes and commands, and declare the server's liveliness token."""
@@ -80,6 +96,11 @@ class ServerLink:
             liveliness.declare_subscriber(keys.ALL_SENSORS_ALIVE, self._watching(on_alive), history=True),
             liveliness.declare_token(keys.SERVER_ALIVE),
         ]
+
+    @property
+    def refused(self) -> int:
+        """Number of times that a program with a wrong key has rung."""
+        return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
         """Publish a scene; slow readers miss some."""
@@ -147,6 +168,7 @@ class ServerLink:
 
     def close(self) -> None:
         """Leave the bus, which removes the server's liveliness token."""
+        self._bell.close()
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _forwarding(self, pass_on: OnFrame) -> Callable[[zenoh.Sample], None]:
