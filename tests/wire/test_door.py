@@ -27,7 +27,7 @@ from mocapella.wire.door import KeyedAddress, find_door, keep_paired, node_users
 from mocapella.wire.doorbell import Ring
 from mocapella.wire.node import NodeLink
 from mocapella.wire.role_key import write_code
-from mocapella.wire.roles import EVERYTHING, OPERATOR, PICTURES, READER, READERS, SENSOR
+from mocapella.wire.roles import EVERYTHING, OPERATOR, PICTURES, READER, READERS, SENSOR, access_control
 from mocapella.wire.session import open_client_at, open_node, open_reader
 from mocapella.wire.session_key import SessionKey, renew_session_key, session_key
 
@@ -464,15 +464,16 @@ def test_nobody_answers_for_a_sensor_that_the_key_does_not_serve(server: OpenSer
                 assert asked == []
 
 
-def test_frames_on_the_record_path_come_as_answers_only(server: OpenServer, node: zenoh.Session) -> None:
-    """The server subscribes to no such key; nobody else may get what a program publishes there."""
-    got: list[bytes] = []
-    with server.program(EVERYTHING) as spy:
-        kept = [spy.declare_subscriber(key, lambda s: got.append(s.payload.to_bytes())) for key in
-                (keys.ALL_RECORD, "**", keys.SCENE)]  # fmt: skip
-        node.put(keys.of_node("record", LEFT), b"published")
-        asks(node, keys.of_command("join"))
-        wait_until("a scene", lambda: (server.link.publish_scene(b"end"), b"end" in got)[1])
-        assert b"published" not in got
-        del kept
-    assert ("left", b"published") not in server.frames
+@pytest.mark.parametrize("user", ALL_USERS)
+def test_the_record_path_has_no_messages_but_queries_of_the_server(user: str) -> None:
+    found = access_control(["front"])
+    (ids,) = (policy["rules"] for policy in found["policies"] if policy["subjects"] == [user])
+    allowed = {
+        (message, flow)
+        for rule in found["rules"]
+        if rule["id"] in ids and rule["permission"] == "allow" and any("/record/" in key for key in rule["key_exprs"])
+        for message in rule["messages"]
+        for flow in rule["flows"]
+    }
+    answers = {("declare_queryable", "ingress"), ("reply", "ingress"), ("query", "egress")}
+    assert allowed == (answers if user.startswith(SENSOR) else set())

@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from typing import Any, Final, NamedTuple
@@ -116,12 +116,25 @@ class Recorder:
         """Write a frame, which has this number if it was decoded before; repeated frames are stored once."""
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, sequence))
 
+    def sent_again(self, wanted: Sequence[tuple[int, int]], node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        """Write a frame that the node was asked for: its number must be in one of the ranges (first, last)."""
+        self._put(len(data), partial(self._write_frame, node, data, arrived_ns, None, wanted))
+
     def account(self, node: NodeKey, change: Callable[[NodeLedger], bool]) -> None:
         """Change a node's account, also after the recording has stopped by itself.
 
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
         self._queue.put(partial(self._writer.accounts.change, node, change))
+
+    def believes(self, node: NodeKey, after: int) -> bool:
+        """Whether a node can have sent all frames below ``after``; if not, say so once."""
+        try:
+            self._leaps.check(node, after, time.monotonic_ns())
+        except WireError as error:
+            self._refuse(node.sensor, "numbers", str(error))
+            return False
+        return True
 
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write a scene."""
@@ -239,14 +252,24 @@ class Recorder:
     def _publish_states(self) -> None:
         self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
 
-    def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None) -> None:
+    def _write_frame(
+        self,
+        node: NodeKey,
+        data: bytes,
+        arrived_ns: int,
+        sequence: int | None,
+        wanted: Sequence[tuple[int, int]] | None = None,
+    ) -> None:
         try:
             if sequence is None:
                 frame = decode_frame(data)
                 if frame.key[:2] != node:
                     raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
                 sequence = frame.sequence
-            self._leaps.check(node, sequence, arrived_ns)
+            if wanted is None:
+                self._leaps.check(node, sequence, arrived_ns)
+            elif not any(first <= sequence <= last for first, last in wanted):
+                raise WireError(f"sequence {sequence} was not asked for")
         except WireError as error:
             self._refuse(node.sensor, "frames", str(error))
             return

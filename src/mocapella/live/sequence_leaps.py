@@ -1,7 +1,8 @@
 """Refuse a frame whose sequence number leaps further than a sensor can count since its last frame.
 
 One such frame, damaged or forged, would cut its node off: all its later frames would come too late. And a take would
-report all numbers between as lost.
+report all numbers between as lost. The number of the next frame, which a node says on the record path, is checked so,
+too. Frames that are sent again are not: they were asked for by number, and after an outage they arrive in any order.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class LeapGuard:
         self._newest: dict[NodeKey, tuple[int, int]] = {}
 
     def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
-        """Check a frame that arrived; a node's first frame may have any number.
+        """Check a number that arrived; a node's first one may be any.
 
         Raises:
             WireError: as in `check_leap`.
