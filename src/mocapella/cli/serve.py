@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
+    from mocapella.wire.address import Address
     from mocapella.wire.server import ServerLink
 
 
@@ -149,8 +150,8 @@ def live_session(
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
     address = parse_address(settings.listen)
-    if link is None and ":" not in address.host:  # IPv6: the server says it, a little later
-        check_port_free(address.host, address.port, "--port")
+    if link is None:
+        _check_bus_port(address)
     Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     compiled = is_compiled(settings.setup.method)
     if track_at_once and not compiled:
@@ -182,6 +183,13 @@ def live_session(
             view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
+
+
+def _check_bus_port(address: Address) -> None:
+    from mocapella.live.launch import check_port_free
+
+    if ":" not in address.host:  # IPv6: the server says it, a little later
+        check_port_free(address.host, address.port, "--port")
 
 
 def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
@@ -305,19 +313,18 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
-    from mocapella.live.launch import check_port_free
     from mocapella.live.signals import stop_on_signals
-    from mocapella.wire.address import Address, is_loopback
+    from mocapella.wire.address import Address, parse_address
     from mocapella.wire.server import ServerLink
 
     def read() -> tuple[ServeKeys, dict[str, Any]]:
         return read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
 
-    address = str(Address((_session_of(settings) if settings_file is None else read()[0].session) or "", host, port))
-    if ":" not in host:  # IPv6: the link says it
-        check_port_free(host, port, "--port")
+    named = _session_of(settings) if settings_file is None else read()[0].session
+    address = parse_address(str(Address(named or "", host, port)))
+    _check_bus_port(address)
     # It listens before the tracker is imported, which takes seconds: the nodes of a killed server connect meanwhile.
-    with stop_on_signals() as stop, closing(ServerLink(address, on_nonsense=say)) as link:
+    with stop_on_signals() as stop, closing(ServerLink(str(address), on_nonsense=say)) as link:
         from mocapella.live.server import ServerSettings
         from mocapella.model.session import Setup
         from mocapella.recording.disk import GIB
@@ -327,7 +334,7 @@ def serve(
         files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
         take = None if record is None else record_file(record, keys.takes)
         server_settings = ServerSettings(
-            listen=address,
+            listen=str(address),
             takes=keys.takes,
             setup=Setup(method=method, sensors_expected=sensors),
             running=not keys.wait,
@@ -340,7 +347,7 @@ def serve(
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
-            if not is_loopback(address):
+            if not address.local:
                 say(_INVITE.format(port=port))
             summary = _run_until_end(session, keys)
         write_json(json, summary)
