@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import zenoh
 
 from mocapella.live.launch import free_port
+from mocapella.wire import keys
 from mocapella.wire.delivery import FrameAnswer, FrameRequest
 from mocapella.wire.door import KeyedAddress
 from mocapella.wire.keys import NodeKey
@@ -28,6 +29,7 @@ class OpenServer:
         key: of its session.
         frames: (sensor, bytes) that arrived live.
         commands: verbs that arrived.
+        joined, left: nodes that asked so.
         notes: what it had to say.
     """
 
@@ -36,6 +38,8 @@ class OpenServer:
     key: SessionKey
     frames: list[tuple[str, bytes]] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
+    joined: list[NodeKey] = field(default_factory=list)
+    left: list[NodeKey] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def door(self, user: str, key: SessionKey | None = None) -> KeyedAddress:
@@ -75,6 +79,8 @@ def open_server_of(key: SessionKey) -> Iterator[OpenServer]:
         on_truth=lambda *_: None,
         on_alive=lambda *_: None,
         on_command=lambda verb, _, answer: (server.commands.append(verb), answer(b"done"))[1],
+        on_join=lambda node, _, answer: (server.joined.append(node), answer(b"done"))[1],
+        on_leave=lambda node, _, answer: (server.left.append(node), answer(b"done"))[1],
     )
     try:
         yield server
@@ -86,3 +92,8 @@ def asks(session: zenoh.Session, key: str, timeout: float = 0.4, payload: bytes 
     """The answers to a query."""
     replies = session.get(key, payload=payload, timeout=timeout)
     return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+
+def joins(session: zenoh.Session, node: NodeKey) -> bool:
+    """Whether the server answers a node that joins: what was sent before has passed or was denied."""
+    return asks(session, keys.of_node("join", node)) == [b"done"]

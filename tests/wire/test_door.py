@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 import zenoh
-from support.bus_doors import OpenServer, asks, open_server_of
+from support.bus_doors import OpenServer, asks, joins, open_server_of
 from support.programs import wait_until
 from support.take_making import frame
 
@@ -65,7 +65,7 @@ def node(server: OpenServer) -> Iterator[zenoh.Session]:
             session.declare_queryable(keys.of_node(kind, LEFT), lambda query: query.reply(query.key_expr, b"left's"))
             for kind in ("ask", "clock")
         ]
-        wait_until("its connection", lambda: asks(session, keys.of_command("join")) == [b"done"])
+        wait_until("its connection", lambda: joins(session, LEFT))
         yield session
         del answers
 
@@ -110,7 +110,8 @@ def test_only_the_server_publishes_scenes_and_status(server: OpenServer, node: z
         for rogue in (forger, node):
             rogue.put(keys.STATUS, b"forged")
             rogue.put(keys.SCENE, b"forged")
-            asks(rogue, keys.of_command("join"))  # what was sent before it has passed or was denied
+        asks(forger, keys.of_command("status"))  # what was sent before it has passed or was denied
+        joins(node, LEFT)
         server.link.publish_scene(b"end")
         wait_until("the end", lambda: b"end" in got)
         assert b"forged" not in got
@@ -129,13 +130,13 @@ def test_only_sensors_send_frames(server: OpenServer, node: zenoh.Session) -> No
 
 def test_a_sensor_with_its_own_key_is_served_by_nobody_else(server: OpenServer, node: zenoh.Session) -> None:
     with server.program("sensor.front", peer=True) as front:
-        wait_until("its connection", lambda: asks(front, keys.of_command("join")) == [b"done"])
+        wait_until("its connection", lambda: joins(front, FRONT))
         front.put(keys.of_node("live", FRONT), b"front's")
         front.put(keys.of_node("live", LEFT), b"front as left")
         node.put(keys.of_node("live", FRONT), b"left as front")
         node.put(keys.of_node("record", FRONT), b"left as front")
-        for session in (front, node):
-            asks(session, keys.of_command("join"))
+        joins(front, FRONT)
+        joins(node, LEFT)
         wait_until("its frame", lambda: ("front", b"front's") in server.frames)
         said = {data for _, data in server.frames}
         assert not {b"front as left", b"left as front"} & said
@@ -192,6 +193,26 @@ def test_each_role_does_what_it_may_and_no_more(
         del kept
 
 
+@pytest.mark.parametrize(
+    ("user", "sensors"),
+    [(SENSOR, {"left"}), ("sensor.front", {"front"}), *((user, set[str]()) for user in READERS)],
+)
+@pytest.mark.parametrize("kind", ["join", "leave"])
+def test_a_node_joins_and_leaves_under_the_names_that_its_key_serves(
+    server: OpenServer, user: str, sensors: set[str], kind: str
+) -> None:
+    heard = server.joined if kind == "join" else server.left
+    with server.program(user, peer=user.startswith(SENSOR)) as session:
+        if user.startswith(SENSOR):
+            wait_until("its connection", lambda: joins(session, FRONT if "front" in sensors else LEFT))
+        del heard[:]
+        for node in (FRONT, LEFT):
+            assert asks(session, keys.of_node(kind, node)) == ([b"done"] if node.sensor in sensors else [])
+        for key in (f"{kind}/*/*", f"{kind}/**", f"{kind}/front/*", "*/front/*", "**"):
+            assert asks(session, f"mocapella/v1/{key}") == []
+    assert {node.sensor for node in heard} == sensors
+
+
 def test_a_sensor_learns_of_no_other_nodes(server: OpenServer, node: zenoh.Session) -> None:
     alive = keys.of_node("alive/sensor", LEFT)
     with node.liveliness().declare_token(alive), server.program(EVERYTHING) as witness:
@@ -217,7 +238,7 @@ def test_a_key_that_was_renewed_is_void(folder: Path) -> None:
 def test_a_key_made_after_the_server_started_is_told_apart(server: OpenServer) -> None:
     later = server.key.with_sensor("later")
     with open_client_at(server.door("sensor.later", later)) as session:
-        assert asks(session, keys.of_command("join")) == []
+        assert asks(session, keys.of_node("join", keys.NodeKey("later", 1))) == []
     with NodeLink(server.address, "later") as link:
         assert "start it again" in link.why_not_admitted()
 
@@ -257,7 +278,7 @@ def test_a_pairing_code_or_its_file_is_an_address(server: OpenServer, tmp_path: 
         text = str(tmp_path / "sensor.key")
     session = open_node(text, "left")
     try:
-        wait_until("its connection", lambda: asks(session, keys.of_command("join")) == [b"done"])
+        wait_until("its connection", lambda: joins(session, LEFT))
     finally:
         session.close()  # type: ignore[no-untyped-call]
     with pytest.raises(KeyFileError, match=r"is of a sensor.*invite a reader"):
@@ -391,7 +412,7 @@ ALL_STORED = FrameRequest("take", 2, closed=True)
 
 def sending(link: NodeLink, sensor: str) -> None:
     """Connect a node, and send two frames."""
-    wait_until("its connection", lambda: asks(link._session, keys.of_command("join")) == [b"done"])
+    wait_until("its connection", lambda: joins(link._session, link.node))
     for _ in range(2):
         link.publish(frame(sensor, 1))
 

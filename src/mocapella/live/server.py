@@ -127,7 +127,14 @@ class Server:
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
         )
-        self._link.serve(on_frame=door.frame, on_truth=door.truth, on_alive=door.alive, on_command=door.command)
+        self._link.serve(
+            on_frame=door.frame,
+            on_truth=door.truth,
+            on_alive=door.alive,
+            on_command=door.command,
+            on_join=door.join,
+            on_leave=door.leave,
+        )
         clocks = ClockWatch(self._link, self._registry, self._lock, self._recording, self._errors)
         loops = {
             "tracker": self._track, "housekeeping": self._housekeeping, "clocks": partial(clocks.run, self._ended)

@@ -214,14 +214,9 @@ class NodeLink:
                 answer = None  # one that is started again does not know the last number
 
     def _tell(self, verb: str, timeout: float) -> JoinReply | None:
-        """Send a command about this node; return the answer, None without a server."""
-        who = {
-            "sensor": self.node.sensor,
-            "node_id": f"{self.node.node_id:016x}",
-            "machine": platform.node(),
-            "next": self.outbox.next,
-        }
-        for reply in self._session.get(keys.of_command(verb), payload=json.dumps(who), timeout=timeout):
+        """Tell the server that this node joins or leaves; return the answer, None without a server."""
+        state = {"machine": platform.node(), "next": self.outbox.next}
+        for reply in self._session.get(keys.of_node(verb, self.node), payload=json.dumps(state), timeout=timeout):
             if reply.ok is not None:
                 with contextlib.suppress(InputError):  # of an older server, which does not know the verb
                     return decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")

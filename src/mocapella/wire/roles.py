@@ -44,14 +44,14 @@ _RIGHTS: Final[dict[str, tuple[_Right, ...]]] = {
         _Right(_IN, ("put",), _FRAMES),
         _Right(_IN, ("declare_queryable", "reply"), _ANSWERS),
         _Right(_IN, ("liveliness_token",), ("alive/sensor/{s}/*",)),
+        _Right(_IN, ("query",), ("join/{s}/*", "leave/{s}/*")),
         _Right(_OUT, ("declare_subscriber",), _FRAMES),
         _Right(_OUT, ("query",), _ANSWERS),
         _Right(_OUT, ("liveliness_query", "declare_liveliness_subscriber"), ("alive/sensor/{s}/*",)),
     ),
     "joining": (
-        _Right(_IN, ("query",), ("command/join", "command/leave")),
         _Right(_IN, ("liveliness_query", "declare_liveliness_subscriber"), ("alive/server",)),
-        _Right(_OUT, ("reply", "declare_queryable"), ("command/*",)),
+        _Right(_OUT, ("reply", "declare_queryable"), ("join/*/*", "leave/*/*")),
         _Right(_OUT, ("liveliness_token",), ("alive/server",)),
         _Right(_OUT, ("declare_subscriber",), ("live/*/*", "truth/*/*")),
         _Right(_OUT, ("liveliness_query", "declare_liveliness_subscriber"), ("alive/sensor/*/*",)),
@@ -147,7 +147,7 @@ def _rights_of(user: str) -> Iterator[_Right]:
 def _denials(sensors: Sequence[str]) -> Iterator[dict[str, Any]]:
     """What the key of all sensors may not do under the names of those that have their own."""
     for name in sensors:
-        for number, right in enumerate(_RIGHTS[SENSOR][:3]):
+        for number, right in enumerate(right for right in _RIGHTS[SENSOR] if right.flow == _IN):
             keys = tuple(key.format(s=name) for key in right.keys)
             yield _rule(f"not {name} {number}", "deny", right._replace(keys=keys))
         asked = _Right(_OUT, ("query",), tuple(key.format(s=name) for key in _ANSWERS))

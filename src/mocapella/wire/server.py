@@ -58,6 +58,8 @@ class Answer:
 
 OnCommand = Callable[[str, dict[str, Any], Answer], None]
 """Called with the verb, its arguments, and what answers it."""
+OnMember = Callable[[keys.NodeKey, dict[str, Any], Answer], None]
+"""Called with a node that joins or leaves, its arguments, and what answers it."""
 
 
 class ServerLink:
@@ -86,13 +88,24 @@ class ServerLink:
     def _on_ring(self, text: str) -> None:
         self.on_nonsense(text)
 
-    def serve(self, *, on_frame: OnFrame, on_truth: OnFrame, on_alive: OnAlive, on_command: OnCommand) -> None:
+    def serve(
+        self,
+        *,
+        on_frame: OnFrame,
+        on_truth: OnFrame,
+        on_alive: OnAlive,
+        on_command: OnCommand,
+        on_join: OnMember,
+        on_leave: OnMember,
+    ) -> None:
         """Receive messages of nodes and commands, and declare the server's liveliness token."""
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [
             session.declare_subscriber(keys.ALL_LIVE, self._forwarding(on_frame)),
             session.declare_subscriber(keys.ALL_TRUTH, self._forwarding(on_truth)),
             session.declare_queryable(keys.ALL_COMMANDS, self._answering(on_command)),
+            session.declare_queryable(keys.ALL_JOIN, self._admitting(on_join)),
+            session.declare_queryable(keys.ALL_LEAVE, self._admitting(on_leave)),
             liveliness.declare_subscriber(keys.ALL_SENSORS_ALIVE, self._watching(on_alive), history=True),
             liveliness.declare_token(keys.SERVER_ALIVE),
         ]
@@ -197,18 +210,40 @@ class ServerLink:
     def _answering(self, on_command: OnCommand) -> Callable[[zenoh.Query], None]:
         def callback(query: zenoh.Query) -> None:
             verb = str(query.key_expr).rpartition("/")[2]
-            if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
-                self.on_nonsense(f"command {verb}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
-                query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are too long")))
-                return
-            payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-            try:
-                arguments = decode_json(payload or b"{}", dict[str, Any], what="JSON object")
-            except InputError as error:
-                self.on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
-                query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
-                return
-
-            on_command(verb, arguments, Answer(query))
+            arguments = self._arguments(query, f"command {verb}")
+            if arguments is not None:
+                on_command(verb, arguments, Answer(query))
 
         return self.errors.wrap("command of the bus", callback)
+
+    def _admitting(self, on_member: OnMember) -> Callable[[zenoh.Query], None]:
+        """Of a node that joins or leaves: the key says which, for access control protects keys, not payloads."""
+
+        def callback(query: zenoh.Query) -> None:
+            try:
+                node = keys.node_of(str(query.key_expr))
+            except WireError as error:
+                self._refuse(query, str(error))
+                return
+            arguments = self._arguments(query, node.sensor)
+            if arguments is not None:
+                on_member(node, arguments, Answer(query))
+
+        return self.errors.wrap("node of the bus", callback)
+
+    def _arguments(self, query: zenoh.Query, what: str) -> dict[str, Any] | None:
+        """Return the arguments of a query; None if they cannot be used, which is answered."""
+        if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
+            self.on_nonsense(f"{what}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
+            self._refuse(query, "the arguments are too long")
+            return None
+        payload = query.payload.to_bytes() if query.payload is not None else b"{}"
+        try:
+            return decode_json(payload or b"{}", dict[str, Any], what="JSON object")
+        except InputError as error:
+            self.on_nonsense(f"{what}: the arguments are no JSON object ({error})")
+            self._refuse(query, "the arguments are no JSON object")
+            return None
+
+    def _refuse(self, query: zenoh.Query, message: str) -> None:
+        query.reply_err(msgspec.json.encode(CommandReply(ok=False, message=message)))
