@@ -36,7 +36,7 @@ def test_a_node_of_another_machine_joins_with_an_invitation(
         with NodeLink(address, "front") as stranger:
             assert not stranger.join(timeout=0.2)
             assert "of the session lab" in stranger.why_not_admitted()
-        assert server.status().refused > 0
+        assert server.status().health.turned_away["attempts with a key of another session"] > 0
         assert any('the sensor "front"' in notice and "was refused" in notice for notice in server.status().notices)
         joined = run_here(tmp_path, "session", "join", "front.key")
         assert joined.returncode == 0, joined.stderr

@@ -254,6 +254,40 @@ def test_one_user_of_one_machine_types_nothing(folder: Path) -> None:
         assert link.why_not_admitted() == ""
 
 
+def test_what_listens_and_is_no_server_of_this_version_is_named(folder: Path) -> None:
+    config = zenoh.Config()
+    locator = f"tcp/127.0.0.1:{free_port()}"  # as a server of an earlier version
+    for name, value in (("mode", '"peer"'), ("listen/endpoints", f'["{locator}"]'),
+                        ("scouting/multicast/enabled", "false")):  # fmt: skip
+        config.insert_json5(name, value)
+    with (
+        zenoh.open(config),
+        pytest.raises(NotAdmittedError, match=r"is of an earlier version \(then start it with this"),
+    ):
+        open_reader(locator, 0.3)
+
+
+def test_another_users_session_of_the_same_name_is_told_apart(server: OpenServer) -> None:
+    theirs = session_key("default")
+    with open_server_of(theirs) as other, NodeLink(other.address, "front") as link:
+        assert link.why_not_admitted() == ""
+        renew_session_key("default")
+        with NodeLink(other.address, "front") as renewed:
+            assert "has another key of the session default" in renewed.why_not_admitted()
+            assert "if that session is yours" not in renewed.why_not_admitted()
+
+
+def test_an_unexpected_error_does_not_silence_the_doorbell(
+    server: OpenServer, foreign: SessionKey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server.link, "on_refused", lambda text: 1 // 0)
+    locator = server.address.rpartition("@")[2]
+    with NodeLink(f"foreign@{locator}", "unlucky") as link:
+        link.why_not_admitted()
+        assert any("ZeroDivisionError" in reason for reason in server.link.errors.counts)
+        assert "is of the session lab" in link.why_not_admitted()
+
+
 def test_a_paired_key_opens_its_address_alone(server: OpenServer, folder: Path) -> None:
     locator = server.address.rpartition("@")[2]
     role = server.key.role_key(READER, locator)

@@ -117,7 +117,8 @@ class Server:
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
         self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
-        self._link.on_nonsense, self._link.errors = self._on_nonsense, self._errors
+        self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
+        self._link.errors = self._errors
         door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
         self._recording = RecordingService(
             self._session,
@@ -359,6 +360,7 @@ class Server:
             "sensors": self._registry.turned_away,
             "commands": self._commands.refused,
             "notices": self._notices.left_out,
+            "attempts with a key of another session": self._link.refused,
         }
         return self._health.health(self._errors.counts, turned_away, self.summary.latency_ms() or {})
 
@@ -394,7 +396,6 @@ class Server:
             version=__version__,
             next_take=free_name(self._settings.takes, take),
             health=self.server_health(),
-            refused=self._link.refused,
         )
 
     def halt(self) -> None:

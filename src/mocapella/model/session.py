@@ -255,7 +255,6 @@ class SessionStatus:
         uptime: time since the server started [s].
         version: of Mocapella.
         health: state of the server itself.
-        refused: number of times that a program with a key of another session has asked to be let in.
     """
 
     revision: int
@@ -276,7 +275,6 @@ class SessionStatus:
     next_take: str = ""
     counts: dict[str, int] = field(default_factory=dict)
     health: ServerHealth = field(default_factory=ServerHealth)
-    refused: int = 0
 
     @property
     def getting_ready(self) -> bool:

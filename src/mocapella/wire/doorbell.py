@@ -11,6 +11,8 @@ import re
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -27,6 +29,10 @@ _RING_BYTES: Final = 512
 _MOST_NOTES: Final = 32
 _EVERY_S: Final = 0.02
 """Shortest time between two answers [s]."""
+_SILENT: Final = (
+    "a program listens at {address}, but does not answer as a server of the session {session}: it is no server, stands "
+    "still, is of an earlier version (then start it with this one), or its UDP port is closed"
+)
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.+-]")
 
 
@@ -55,14 +61,21 @@ class Doorbell:
         address: of the server.
         key: of its session.
         note: called with a message at the first ring of each program with a wrong key, on that thread.
+        guard: calls the function that answers a ring, and catches its unexpected errors.
 
     Attributes:
         refused: number of rings with a wrong key.
     """
 
-    def __init__(self, address: Address, key: SessionKey, note: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        address: Address,
+        key: SessionKey,
+        note: Callable[[str], None],
+        guard: Callable[[Callable[[], object]], object],
+    ) -> None:
         self.refused = 0
-        self._note, self._noted = note, set[str]()
+        self._note, self._guard, self._noted = note, guard, set[str]()
         self._session, self._users = key.session, frozenset(key.issued)
         self._fingerprint = fingerprint(key.authority.certificate)
         self._ended = threading.Event()
@@ -84,12 +97,16 @@ class Doorbell:
             while not self._ended.is_set():
                 try:
                     data, sender = bell.recvfrom(_RING_BYTES + 1)
-                    answer = self._answer(data, str(sender[0]))
-                    if answer:
-                        bell.sendto(answer, sender)
-                        self._ended.wait(_EVERY_S)
-                except OSError:  # nothing came, or the sender has left
+                except OSError:  # nothing came, or the last sender has left
                     continue
+                self._guard(partial(self._ring, bell, data, sender))
+
+    def _ring(self, bell: socket.socket, data: bytes, sender: tuple[str, int]) -> None:
+        answer = self._answer(data, str(sender[0]))
+        if answer:
+            with suppress(OSError):  # the sender has left
+                bell.sendto(answer, sender)
+            self._ended.wait(_EVERY_S)
 
     def _answer(self, data: bytes, host: str) -> bytes:
         if len(data) != _RING_BYTES:
@@ -116,7 +133,7 @@ class Doorbell:
 
 
 def why_not(door: KeyedAddress, sensor: str = "") -> str:
-    """Return why the server at a door does not admit its key, with the remedy; empty if none answers or it does.
+    """Return why the server at a door does not admit its key, with the remedy; empty if none is there or it does.
 
     ``sensor`` is the name of the node's sensor, if it is a node; the server's message has it.
     """
@@ -124,17 +141,27 @@ def why_not(door: KeyedAddress, sensor: str = "") -> str:
     address = parse_address(door.locator)
     answer = _ring(address, Ring(key.session[:40], mine, key.user, sensor, platform.node()[:64]))
     if answer is None:
-        return ""
+        return _SILENT.format(address=door.locator, session=key.session) if _listens(address) else ""
     if answer.fingerprint != mine:
         theirs = _UNSAFE.sub("?", answer.session)[:40]
+        other = theirs != key.session
+        says = f"is of the session {theirs}" if other else f"has another key of the session {theirs}"
+        connect = f", or connect to {theirs}@{door.locator} if that session is yours" if other else ""
         return (
-            f"the server at {door.locator} is of the session {theirs} and does not admit the key of the session "
-            f"{key.session} ({door.origin}); invite this program there (mocapella session invite), or connect to "
-            f"{theirs}@{door.locator} if that session is yours"
+            f"the server at {door.locator} {says} and does not admit the key of the session {key.session} "
+            f"({door.origin}); invite this program there (mocapella session invite){connect}"
         )
     if not answer.known:
         return f"the server at {door.locator} was started before the key {key.user} was made; start it again"
     return ""
+
+
+def _listens(address: Address) -> bool:
+    try:
+        with socket.create_connection((address.bare_host, address.port), timeout=0.5):
+            return True
+    except OSError:
+        return False
 
 
 def _ring(address: Address, ring: Ring) -> RingAnswer | None:

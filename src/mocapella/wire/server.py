@@ -67,6 +67,7 @@ class ServerLink:
 
     Attributes:
         on_nonsense: is called with a description of each message that cannot be read.
+        on_refused: is called with a description of each program that has a wrong key.
         errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
@@ -78,15 +79,20 @@ class ServerLink:
         address = parse_address(listen)
         key = session_key(session_name(address.session))
         self._session = open_server(listen)
-        self.on_nonsense = on_nonsense
-        self._bell = Doorbell(address, key, self._on_ring)
+        self.on_nonsense = self.on_refused = on_nonsense
+        self._bell = Doorbell(
+            address,
+            key,
+            note=self._on_ring,
+            guard=lambda answer: self.errors.run("ring at the door", answer),
+        )
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
         self._serving: list[Any] = []
 
     def _on_ring(self, text: str) -> None:
-        self.on_nonsense(text)
+        self.on_refused(text)
 
     def serve(
         self,
