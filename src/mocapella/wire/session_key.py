@@ -101,6 +101,15 @@ def session_key(session: str) -> SessionKey:
         if write_private(path, _text(new), replace=False):
             return new
         text = read_private(path) or ""  # another program was faster
+    return read_session_key(text, session, path)
+
+
+def read_session_key(text: str, session: str, path: Path) -> SessionKey:
+    """Return the key of a session from the text of its file.
+
+    Raises:
+        KeyFileError: it is damaged, or of another session.
+    """
     try:
         key = decode_json(text, SessionKey)
     except InputError as error:
