@@ -124,6 +124,13 @@ def test_a_sensor_gets_a_key_of_its_own_once() -> None:
         full.with_sensor("one-more")
 
 
+def test_a_sensors_name_that_is_too_long_for_a_certificate_is_refused_in_words() -> None:
+    key = session_key("lab").with_sensor("x" * 57)
+    assert key.sensors == ("x" * 57,)
+    with pytest.raises(SettingsError, match="at most 57 letters"):
+        key.with_sensor("x" * 58)
+
+
 @pytest.mark.parametrize("name", ["../x", "a/b", "a b", "-a", "a" * 41, "ä", "a.b"])
 def test_a_session_name_that_could_be_a_path_is_refused(name: str) -> None:
     with pytest.raises(SettingsError, match="session name"):
