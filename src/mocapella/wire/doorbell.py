@@ -146,10 +146,12 @@ def why_not(door: KeyedAddress, sensor: str = "") -> str:
         theirs = _UNSAFE.sub("?", answer.session)[:40]
         other = theirs != key.session
         says = f"is of the session {theirs}" if other else f"has another key of the session {theirs}"
-        connect = f", or connect to {theirs}@{door.locator} if that session is yours" if other else ""
+        yours = (
+            f"connect to {theirs}@{door.locator} if that session is yours" if other else "start it again if it is yours"
+        )
         return (
             f"the server at {door.locator} {says} and does not admit the key of the session {key.session} "
-            f"({door.origin}); invite this program there (mocapella session invite){connect}"
+            f"({door.origin}); invite this program there (mocapella session invite), or {yours}"
         )
     if not answer.known:
         return f"the server at {door.locator} was started before the key {key.user} was made; start it again"
