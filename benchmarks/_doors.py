@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
 import random
 import zlib
@@ -92,7 +93,7 @@ class Door:
 
 def doors(folder: Path) -> list[Door]:
     """Return all doors; ``folder`` is empty, for files of the inputs."""
-    return [*_messages(), *_texts(), *_files(folder), *_memories(), _takes(folder)]
+    return [*_messages(), *_texts(), *_keys(), *_files(folder), *_memories(), _takes(folder)]
 
 
 def _of_bytes(
@@ -220,6 +221,30 @@ def _texts() -> list[Door]:
         _of_bytes("commands", [b'{"participant":7,"method":"default"}'],
                   lambda data: parse(Setup, decode_json(data, dict[str, Any])), TEXT),
         _of_bytes("replies", [b'{"ok":true,"message":"done"}'], lambda data: decode_json(data, CommandReply), TEXT),
+    ]  # fmt: skip
+
+
+def _keys() -> list[Door]:
+    from mocapella.decoding import decode_json
+    from mocapella.wire.certificates import SERVER, Certified
+    from mocapella.wire.doorbell import Ring
+    from mocapella.wire.role_key import PREFIX, RoleKey, read_code
+    from mocapella.wire.roles import READER, users_of
+    from mocapella.wire.session_key import SessionKey, read_session_key
+
+    own = Certified(b"certificate", b"private")
+    role = msgspec.msgpack.encode(RoleKey("lab", READER, "tls/192.0.2.7:7447", b"authority", own))
+    session = SessionKey("lab", own, dict.fromkeys((SERVER, *users_of(["front"])), own), ("front",))
+
+    def code(data: bytes) -> RoleKey:
+        return read_code(PREFIX + base64.urlsafe_b64encode(data).decode("ascii").rstrip("="))
+
+    return [
+        _of_bytes("pairing codes", [role], code, BYTES),
+        _of_bytes("session keys", [msgspec.json.encode(session)],
+                  lambda data: read_session_key(data.decode("latin-1"), "lab", Path("lab.json")), TEXT),
+        _of_bytes("rings", [msgspec.json.encode(Ring("lab", "0" * 16, READER))], lambda data: decode_json(data, Ring),
+                  TEXT),
     ]  # fmt: skip
 
 

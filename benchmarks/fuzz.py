@@ -38,7 +38,7 @@ _LOOK: Final = 64
 PARTS: Final = (
     "frames", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys", "camera rigs",
     "sensor layouts", "hands", "boards", "runs of takes", "bodies' builds", "colours", "questions", "answers",
-    "commands", "replies",
+    "commands", "replies", "pairing codes", "session keys", "rings",
     "study logs", "study logs, packed", "image tracks", "keypoints", "point recordings", "distances", "timestamps",
     "followed bodies", "named joints", "space alignments", "depth sidecars", "BVH", "TRC", "facing models",
     "bias models",

@@ -114,7 +114,7 @@ class Session:
         self._server = self._start_server()
 
     def _node(self, sensor: str) -> subprocess.Popen[bytes]:
-        words = ["--connect", f"tcp/127.0.0.1:{self._port}", "--sensor", sensor, "--folder", str(self._folder)]
+        words = ["--connect", f"tls/127.0.0.1:{self._port}", "--sensor", sensor, "--folder", str(self._folder)]
         return subprocess.Popen([sys.executable, "-m", "benchmarks._kill_node", *words], stdin=subprocess.DEVNULL)
 
     def _start_server(self) -> subprocess.Popen[bytes]:

@@ -48,7 +48,7 @@ def _measure(folder: Path, watched_s: float) -> tuple[dict[str, Any], float, flo
         stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     seconds = WARM_UP_S + watched_s + 2.0
-    sensors = [_sensor(f"tcp/127.0.0.1:{port}", number, seconds) for number in range(SENSORS)]
+    sensors = [_sensor(f"tls/127.0.0.1:{port}", number, seconds) for number in range(SENSORS)]
     try:
         process = psutil.Process(server.pid)
         time.sleep(WARM_UP_S)

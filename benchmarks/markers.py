@@ -276,7 +276,7 @@ def _through_processes(folder: Path, count: int) -> tuple[dict[str, Any], list[d
     )  # fmt: skip
     nodes = [
         subprocess.Popen(
-            _program("node", folder, count, "--camera", name, "--connect", f"tcp/127.0.0.1:{port}"),
+            _program("node", folder, count, "--camera", name, "--connect", f"tls/127.0.0.1:{port}"),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ONE_THREAD,
         )
         for name in ("left", "right")

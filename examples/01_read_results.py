@@ -1,4 +1,4 @@
-"""Print the position of each person's head: python examples/01_read_results.py [tcp/HOST:PORT] [SECONDS]"""
+"""Print the position of each person's head: python examples/01_read_results.py [tls/HOST:PORT] [SECONDS]"""
 
 import sys
 import time

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 # Four workers share two cores: threads within a product of small matrices would only wait for each other.
@@ -19,6 +22,12 @@ if sys.dont_write_bytecode:
     sys.dont_write_bytecode = False
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# The keys of this run's sessions, which workers and programs share, and never the user's own.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["MOCAPELLA_SESSIONS"] = tempfile.mkdtemp(prefix="mocapella-sessions-")
+    atexit.register(shutil.rmtree, os.environ["MOCAPELLA_SESSIONS"], ignore_errors=True)
+    os.environ.pop("MOCAPELLA_SESSION", None)
 
 from collections.abc import Iterator
 from functools import cache

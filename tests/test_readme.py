@@ -107,7 +107,7 @@ def test_the_commands_run_as_they_are_printed(tmp_path: Path) -> None:
                 wait_for(GO_ON[command], log, process)
             elif command in NODES:
                 running.append((command, process, log))
-                wait_for("serving tcp/", log, process)
+                wait_for("serving tls/", log, process)
             else:
                 assert process.wait(200.0) == 0, f"{command}\n{log.read_text(encoding='utf-8', errors='replace')}"
             if command == "uv run mocapella demo":

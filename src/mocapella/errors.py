@@ -10,7 +10,9 @@ MocapellaError                base class; the message says what would have worke
 ├── BusError                  an operation of the bus failed
 │   ├── AddressInUseError     another program listens at the address
 │   ├── NameTakenError        another node serves a sensor of this name
+│   ├── KeyFileError          a session's key that cannot be read, kept or used
 │   └── NoServerError         no server answers at that address
+│       └── NotAdmittedError  the server there does not admit this program
 ├── RecordingError            a take could not be started or went wrong
 │   ├── TakeExistsError       the name is in use; takes are never overwritten
 │   ├── DiskFullError         less free space than the reserve
@@ -87,8 +89,16 @@ class NameTakenError(BusError):
     """Another node serves a sensor of this name."""
 
 
+class KeyFileError(BusError):
+    """A session's key that cannot be read, kept or used; names the file and the remedy."""
+
+
 class NoServerError(BusError):
     """No server answers at the address."""
+
+
+class NotAdmittedError(NoServerError):
+    """The server at the address does not admit this program; says which key is wanted, and how to get it."""
 
 
 class RecordingError(MocapellaError):

@@ -114,7 +114,7 @@ def test_lenses_of_another_rig_times_and_a_table(
         (["c0", "camera:0"], "live cameras, nodes and videos cannot be calibrated together"),
         (["node:a", "camera:0"], "live cameras, nodes and videos cannot be calibrated together"),
         (["b=node:a"], "a node's camera keeps its name; write node:a"),
-        (["node:a", "--connect", "tcp/127.0.0.1:9"], "no server answers at tcp/127.0.0.1:9"),
+        (["node:a", "--connect", "tcp/127.0.0.1:9"], "no server answers at tls/127.0.0.1:9"),
         (["camera:x"], "write camera:0"),
         (["c0", "--frames", "some"], "write odd, even or FROM:TO:STEP"),
         (["c0", "c1", "--tolerance-ms", "3"], "has no meaning without --timestamps"),

@@ -13,7 +13,10 @@ import pytest
 import typer
 from support.programs import free_port
 
+from mocapella.cli import kernel_folder
 from mocapella.cli.doctor import doctor, examine
+from mocapella.cli.kernel_folder import folder_finding, kernel_folder_finding
+from mocapella.geometry.turn_kernels import turned
 
 Usage = namedtuple("Usage", "total used free")
 
@@ -87,3 +90,32 @@ def test_the_doctor_needs_no_package_of_cameras() -> None:
     code += "print(*(finding.what for finding in examine(1024, 1025, Path())))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "depth camera orbbec:" in done.stdout
+
+
+def test_a_folder_of_compiled_kernels_that_others_can_write_to_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "cache"
+    folder.mkdir(mode=0o700)
+    assert folder_finding(folder).verdict == "ok"
+    for open_, mode in ((folder, 0o777), (folder, 0o1777), (tmp_path, 0o777)):
+        before = open_.stat().st_mode
+        open_.chmod(mode)
+        finding = folder_finding(folder)
+        assert (finding.verdict, f"write to {open_}," in finding.found) == ("problem", True), oct(mode)
+        assert f"chmod go-w {open_}" in finding.advice
+        open_.chmod(before)
+    tmp_path.chmod(0o1777)  # as /tmp: nobody can rename what is there
+    assert folder_finding(folder).verdict == "ok"
+
+
+def test_a_group_counts_if_it_has_another_member(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    folder.chmod(0o770)
+    for shared, verdict in ((False, "ok"), (True, "problem")):
+        monkeypatch.setattr(kernel_folder, "_shared", lambda group, shared=shared: shared)
+        assert folder_finding(folder).verdict == verdict
+
+
+def test_the_doctor_looks_where_kernels_are_kept() -> None:
+    finding = kernel_folder_finding()
+    assert str(Path(turned.stats.cache_path)) in finding.found + finding.advice

@@ -59,7 +59,7 @@ def test_the_first_frame_waits_for_a_server() -> None:
 
 def test_frames_that_nobody_was_there_to_receive_are_an_error() -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
-    with NodeLink(address, "front") as link, pytest.raises(NoServerError, match=f"3 frames went nowhere.*{address}"):
+    with NodeLink(address, "front") as link, pytest.raises(NoServerError, match="3 frames went nowhere"):
         run_node(link, Source().frames, epoch=0.0, stop=threading.Event(), wait=False)
 
 

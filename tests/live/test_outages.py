@@ -295,12 +295,12 @@ def test_a_port_in_use_is_named(one_server: Served, tmp_path: Path) -> None:
     assert "--view-port" in view.stderr
 
 
-def test_another_interface_is_opened_only_with_a_warning(tmp_path: Path) -> None:
+def test_who_opens_another_interface_is_told_of_keys(tmp_path: Path) -> None:
     done = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--host", "0.0.0.0", "--set", "seconds=0.5")
     assert done.returncode == 0
-    assert "WARNING" in done.stderr
+    assert "mocapella session invite sensor" in done.stderr
     closed = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--set", "seconds=0.5")
-    assert "WARNING" not in closed.stderr
+    assert "invite" not in closed.stderr
 
 
 def test_what_a_killed_demo_has_started_ends_too(tmp_path: Path) -> None:

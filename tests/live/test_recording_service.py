@@ -16,7 +16,7 @@ import pytest
 from support.programs import wait_until
 
 from mocapella.errors import NotNowError
-from mocapella.live import record_path
+from mocapella.live import record_path, sequence_leaps
 from mocapella.live.recorder import Recorder
 from mocapella.live.recording_service import RecordingService
 from mocapella.live.session import Session
@@ -392,3 +392,62 @@ def test_a_recorder_that_fails_of_what_nobody_foresaw_says_so(
     assert any("RECORDING STOPPED" in text for text in harness.said)
     harness.service.begin(tmp_path / "b.mcap")
     assert harness.service.health().active
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_a_long_outage_the_backlog_and_the_next_live_frame_are_taken(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, restarted: bool
+) -> None:
+    """They arrive within a moment, in any order, and the numbers between them are what an hour of frames has."""
+    monkeypatch.setattr(sequence_leaps, "ALWAYS", 10)
+    an_hour_ago = time.monotonic_ns() - 3600 * 10**9
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.bus.connected = []
+    for k in (0, 1):
+        harness.recorder.frame(NODE, frame(k), an_hour_ago)
+    harness.send(61)
+    if restarted:
+        wait_until("they are stored", lambda: harness.service.health().frames == 2)
+        end = harness.kill()
+        harness.service.begin(tmp_path / "a.mcap", resume=True)
+        end()
+    wanted = harness.bus.outbox.wanted
+
+    def live_after_the_first(request: FrameRequest) -> Iterator[bytes]:
+        for data in wanted(request):
+            yield data
+            harness.record(60)
+
+    monkeypatch.setattr(harness.bus.outbox, "wanted", live_after_the_first)
+    harness.bus.connected = [NODE]
+    wait_until("all are stored", lambda: harness.service.health().frames == 61)
+    health = harness.service.finish()
+    assert (health.frames, health.lost, health.unknown) == (61, 0, ())
+    assert [text for text in harness.said if "not recorded" in text] == []
+
+
+def test_a_number_that_no_sensor_can_count_to_is_refused_wherever_it_is_said(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forged, wanted = 2**61, harness.bus.outbox.wanted
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.send(4)
+    harness.record(0, 3)
+    wait_until("the gap is mended", lambda: harness.service.health().frames == 4)
+    harness.record(forged)
+    update = harness.bus.outbox.update
+    asked: list[FrameRequest] = []
+
+    def lie(request: FrameRequest, now_ns: int) -> FrameAnswer:
+        asked.append(request)
+        update(request, now_ns)
+        return FrameAnswer(forged, forged, leaving=True)
+
+    monkeypatch.setattr(harness.bus.outbox, "update", lie)
+    monkeypatch.setattr(harness.bus.outbox, "wanted", lambda request: [*wanted(request), frame(forged + 1), frame(9)])
+    harness.service.leaving(NODE, forged)
+    wait_until("the node has answered", lambda: len(asked) > 1)
+    health = harness.service.finish()
+    assert (health.frames, health.lost) == (4, 0)
+    assert [row.after for row in health.unknown] == [3]
+    assert len([text for text in harness.said if "of front are not recorded" in text]) == 2

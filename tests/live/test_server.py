@@ -195,10 +195,7 @@ def test_bytes_that_are_no_frame_are_counted_and_told(server: Server, address: s
 
 
 def _answers(session: zenoh.Session) -> bool:
-    try:
-        return send_command(session, "status", timeout=0.5).ok
-    except NoServerError:
-        return False
+    return any(reply.ok for reply in session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
 
 
 def test_opposite_commands_are_served_in_order_and_everybody_sees_the_last(
@@ -271,6 +268,22 @@ def test_names_that_two_give_are_served_in_order(server: Server, reader: zenoh.S
         assert server._session.names == {3: "Edith"}
     finally:
         other.close()
+
+
+def test_a_take_says_who_commanded_what(server: Server, reader: zenoh.Session, tmp_path: Path) -> None:
+    """Replay does the same with it as without; a program that says nothing about itself is an operator all the same."""
+    assert send_command(reader, "record", {"name": "asked"}, program="a script").ok
+    assert send_command(reader, "name", {"person": 3, "name": "Ada"}, program="\x1b[2Ja \u202eview" + "x" * 200).ok
+    rude = reader.get(keys.of_command("name"), payload=b'{"person": 4, "name": "Eve"}', timeout=30.0)
+    assert [reply.ok is not None for reply in rude] == [True]
+    assert any(notice.startswith("recording") and "(a script of " in notice for notice in server.status().notices)
+    assert send_command(reader, "record-stop", program="a script", timeout=150.0).ok
+    commands = [one.values for one in read_take(tmp_path / "takes" / "asked.mcap").commands()]
+    named = [one for one in commands if one["verb"] == "name"]
+    assert [one["arguments"]["name"] for one in named] == ["Ada", "Eve"]
+    assert named[0]["by"].startswith("[2Ja viewxxx")
+    assert len(named[0]["by"]) == 120
+    assert "by" not in named[1]
 
 
 def test_a_condition_is_told_of_when_it_comes_and_not_each_time(server: Server) -> None:

@@ -176,12 +176,15 @@ def test_arguments_of_any_length_are_not_read(server: Server, reader: zenoh.Sess
     assert b"too long" in reply.err.payload.to_bytes()
 
 
-def test_keys_that_no_node_has_are_counted_and_named(server: Server, reader: zenoh.Session) -> None:
+def test_keys_that_no_node_has_are_counted_and_named(server: Server, address: str) -> None:
+    stranger = open_node(address)
+    wait_until("its connection", lambda: bool(list(stranger.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))))
     for k in range(100):
         key = f"mocapella/v1/live/<script>/{k}"
-        reader.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
+        stranger.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
     what = "messages with an invalid key or invalid arguments"
     wait_until("all are counted", lambda: server.status().health.turned_away.get(what) == 100)
+    stranger.close()
     assert len(server.status().notices) <= 8
     assert server.status().sensors == ()
 

@@ -116,12 +116,12 @@ def test_arguments_that_are_no_object_are_answered(server: Server, reader: zenoh
     assert not server.failed.is_set()
 
 
-@pytest.mark.parametrize("node_id", ["f" * 20, "-1", "1", 5, None])
-def test_a_node_id_that_no_node_can_have_is_not_let_in(server: Server, reader: zenoh.Session, node_id: object) -> None:
-    who = json.dumps({"sensor": "front", "node_id": node_id})
-    (reply,) = reader.get(keys.of_command("join"), payload=who, timeout=30.0)
-    assert reply.ok is not None
-    assert json.loads(reply.ok.payload.to_bytes())["accepted"] is False
+@pytest.mark.parametrize("node_id", ["f" * 20, "-1", "1", "F" * 16, "*"])
+def test_a_node_id_that_no_node_can_have_is_not_let_in(server: Server, stranger: zenoh.Session, node_id: str) -> None:
+    wait_until("its connection", lambda: bool(list(stranger.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))))
+    (reply,) = stranger.get(f"mocapella/v1/join/front/{node_id}", timeout=30.0)
+    assert reply.err is not None
+    assert b"16 hex digits" in reply.err.payload.to_bytes()
     assert server.status().sensors == ()
 
 

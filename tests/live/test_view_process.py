@@ -49,7 +49,7 @@ def expect_state(page: Page, state: str) -> None:
 
 
 def test_a_view_without_a_server_says_what_it_waits_for_and_ends_on_ctrl_c(tmp_path: Path) -> None:
-    address = f"tcp/127.0.0.1:{free_port()}"
+    address = f"tls/127.0.0.1:{free_port()}"
     with Program(tmp_path, "view", "view", "--connect", address, "--view-port", str(free_port())) as view:
         wait_until("its words", view.said(f"no server at {address} yet: start one with `mocapella serve`"), timeout=120)
         assert view.end() == 0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import BusError, SettingsError, WireError
 from mocapella.wire import keys
-from mocapella.wire.session import check_address, is_loopback
+from mocapella.wire.address import is_loopback, parse_address
 
 NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 
@@ -45,8 +45,8 @@ def test_a_sensor_name_that_could_be_more_than_a_name_is_refused(name: str) -> N
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/h:99999", "x/h:1"])
 def test_an_address_that_cannot_be_used_is_refused(address: str) -> None:
-    with pytest.raises(BusError, match=r"tcp/127\.0\.0\.1:7447"):
-        check_address(address)
+    with pytest.raises(BusError, match=r"tls/127\.0\.0\.1:7447"):
+        parse_address(address)
 
 
 def test_loopback_is_told_from_other_interfaces() -> None:
@@ -65,3 +65,15 @@ def test_a_number_is_loopback_as_the_standards_say(address: IPv4Address | IPv6Ad
 @pytest.mark.parametrize("host", ["127.evil.example", "127.0.0.1.example.org", "localhost.example.org", "127.", ""])
 def test_a_name_that_looks_like_loopback_is_none(host: str) -> None:
     assert not is_loopback(f"tcp/{host}:7447")
+
+
+@given(st.sampled_from(["tcp", "tls"]), st.ip_addresses(), st.integers(1, 65535), st.sampled_from(["", "lab-2"]))
+def test_an_address_reads_back_and_is_tls_whatever_it_says(
+    protocol: str, ip: IPv4Address | IPv6Address, port: int, session: str
+) -> None:
+    host = f"[{ip}]" if ip.version == 6 else str(ip)
+    address = parse_address(f"{session}@{protocol}/{host}:{port}" if session else f"{protocol}/{host}:{port}")
+    assert address.locator == f"tls/{host}:{port}"
+    assert (address.session, address.bare_host, address.port) == (session, str(ip), port)
+    assert address.local == ip.is_loopback
+    assert parse_address(str(address)) == address

@@ -77,6 +77,7 @@ def import_commands() -> None:
         record,
         replay,
         serve,
+        session,
         silhouettes,
         status,
         take,

@@ -35,6 +35,8 @@ app = typer.Typer(
 
     Check the installation and the devices:  **mocapella doctor**
 
+    Sensors on other machines need a key:  **mocapella session invite sensor**
+
     Ctrl-C ends every command and closes its take.
     """,
 )
@@ -65,6 +67,15 @@ colours_app = typer.Typer(
     help="""Learn the colours of markers from clicks in an image, and check the detection.
 
     Example:  mocapella calibrate colours check camera:0 --out shot.png
+    """,
+)
+session_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Let other machines and programs into a session: give them keys, or make all keys void.
+
+    Programs of yours on this machine need nothing.
+
+    Example:  mocapella session invite sensor
     """,
 )
 export_app = typer.Typer(
@@ -103,6 +114,7 @@ app.add_typer(node_app, name="node", rich_help_panel=LIVE)
 app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
 app.add_typer(take_app, name="take", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
+app.add_typer(session_app, name="session", hidden=True)  # only for several machines; serve names it
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
 app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)
 calibrate_app.add_typer(colours_app, name="colours")

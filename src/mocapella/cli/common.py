@@ -29,7 +29,7 @@ DEFAULT_PORT = 7447
 DEFAULT_VIEW_PORT = 7448
 DEFAULT_TAKES = Path("takes")
 DEFAULT_SCENE: Final = "obstacle"
-DEFAULT_ADDRESS = f"tcp/127.0.0.1:{DEFAULT_PORT}"
+DEFAULT_ADDRESS = f"tls/127.0.0.1:{DEFAULT_PORT}"
 
 _LOG: Final = logging.getLogger("mocapella.cli")
 console = Console(stderr=True, highlight=False)
@@ -104,7 +104,13 @@ def check_scene(name: str) -> str:
 
 
 Connect = Annotated[
-    str, typer.Option("--connect", metavar="ADDRESS", help="Address of the server: tcp/HOST:PORT.", show_default=True)
+    str,
+    typer.Option(
+        "--connect",
+        metavar="ADDRESS",
+        help="Address of the server: [SESSION@]tls/HOST:PORT; or a file of `mocapella session invite`.",
+        show_default=True,
+    ),
 ]
 JsonOut = Annotated[
     str | None,
@@ -256,9 +262,9 @@ def warn_if_open(what: str, host: str, port: int) -> None:
 
     ``what`` is the subject and verb of the warning, such as ``the view is``.
     """
-    from mocapella.wire.session import is_loopback
+    from mocapella.wire.address import is_loopback
 
-    if not is_loopback(f"tcp/{host}:{port}"):
+    if not is_loopback(f"tls/{host}:{port}"):
         say(f"WARNING: {what} open to everyone who can reach {host}:{port}")
 
 

@@ -93,6 +93,8 @@ def demo(
     from mocapella.live.launch import check_port_free
     from mocapella.live.server import ServerSettings
     from mocapella.live.signals import stop_on_signals
+    from mocapella.wire.address import Address
+    from mocapella.wire.session_key import session_name
 
     named_detector, named_method = chosen(context, "detector", detector), chosen(context, "method", method)
     wanted_port, wanted_view_port = chosen(context, "port", port), chosen(context, "view_port", view_port)
@@ -120,7 +122,7 @@ def demo(
     if wanted_port is not None:
         check_port_free("127.0.0.1", wanted_port, "--port")
     page_port = choose_port(wanted_view_port, DEFAULT_VIEW_PORT) if view else None
-    listen = f"tcp/127.0.0.1:{bus_port}"
+    listen = str(Address(session_name(), "127.0.0.1", bus_port))
     served = ServerSettings(listen=listen, setup=show_of.setup, method_settings=show_of.method_settings)
 
     def show(url: str) -> None:

@@ -32,6 +32,7 @@ from mocapella.cli.common import (
     console,
     write_json,
 )
+from mocapella.cli.kernel_folder import kernel_folder_finding
 from mocapella.cli.plugins import plugin_findings
 from mocapella.errors import AddressInUseError, BusError, PluginError
 from mocapella.sources.source import Finding
@@ -89,6 +90,7 @@ def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
     yield _port("bus port", port, "--port")
     yield _port("view port", view_port, "--view-port")
     yield _disk(takes)
+    yield kernel_folder_finding()
     yield _browser()
     yield _clock()
 

@@ -128,5 +128,5 @@ def serve_frames(
         if summary.served:
             say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
         else:
-            say(f"{sensor}: no server was at {connect}; it received none of {summary.published} frames")
+            say(f"{sensor}: no server was at {link.address}; it received none of {summary.published} frames")
         write_json(json, asdict(summary))

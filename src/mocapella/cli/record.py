@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from mocapella.model.session import RecordingHealth
 
+PROGRAM = "mocapella record"
 _CLOSING_S = 150.0
 """How long the end of a take may take: it waits for frames that are asked for again, and for the disk."""
 
@@ -74,7 +75,7 @@ def _record(
     """Start the take and show its progress until its end; return its health if another program ended it."""
     from mocapella.wire.reader import send_command
 
-    began = send_command(session, "record", {"name": name})
+    began = send_command(session, "record", {"name": name}, program=PROGRAM)
     if not began.ok:
         raise RecordingError(began.message)
     say(f"{began.message} (Ctrl-C ends)")
@@ -97,7 +98,7 @@ def _record(
 def _end(session: zenoh.Session) -> RecordingHealth:
     from mocapella.wire.reader import send_command
 
-    ended = send_command(session, "record-stop", timeout=_CLOSING_S)
+    ended = send_command(session, "record-stop", timeout=_CLOSING_S, program=PROGRAM)
     if not ended.ok or ended.status is None:
         raise RecordingError(ended.message)
     say(ended.message)

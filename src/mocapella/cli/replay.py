@@ -144,9 +144,13 @@ def _replay_live(
 ) -> dict[str, Any]:
     from mocapella.cli.serve import finish, live_session, start_together, wait_while
     from mocapella.live.server import ServerSettings
+    from mocapella.wire.address import Address
+    from mocapella.wire.session_key import session_name
 
     settings = ServerSettings(
-        listen=f"tcp/127.0.0.1:{port}", setup=recording.setup, method_settings=recording.method_settings
+        listen=str(Address(session_name(), "127.0.0.1", port)),
+        setup=recording.setup,
+        method_settings=recording.method_settings,
     )
     with live_session(settings, stop, view_port=view_port, track_at_once=True) as session:
         if take is not None:

@@ -40,7 +40,6 @@ from mocapella.cli.common import (
     say,
     say_if_never_tracked,
     show,
-    warn_if_open,
     write_json,
 )
 from mocapella.cli.nodes import READY
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
+    from mocapella.wire.address import Address
     from mocapella.wire.server import ServerLink
 
 
@@ -61,6 +61,10 @@ VIEW_HOST = "127.0.0.1"
 
 COMPILING = "compiling the tracking method; tracking begins by itself"
 COMPILING_STOPPED = "compiling the tracking method; then press Start"
+_INVITE = (
+    "sensors and readers on other machines need a key: `mocapella session invite sensor` here writes it, and "
+    "`mocapella session join` there takes it (port {port} must be open to them)"
+)
 BEGIN_IN_S = 1.0
 """Time from the moment when every node is ready until their sources begin, so that they can join the bus [s]."""
 
@@ -146,12 +150,14 @@ def live_session(
     from mocapella.live.server import Server
     from mocapella.live.session import Session
     from mocapella.tracker import is_compiled
+    from mocapella.wire.address import parse_address
+    from mocapella.wire.session_key import session_name
 
     if view_port is not None:
         check_port_free(VIEW_HOST, view_port, "--view-port")
-    host, _, port = settings.listen.removeprefix("tcp/").rpartition(":")
-    if link is None and ":" not in host:  # IPv6: the server says it, a little later
-        check_port_free(host, int(port), "--port")
+    address = parse_address(settings.listen)
+    if link is None:
+        _check_bus_port(address)
     Session(settings.setup, settings.method_settings, layout=settings.layout)  # refuses what cannot be used
     compiled = is_compiled(settings.setup.method)
     if track_at_once and not compiled:
@@ -178,10 +184,18 @@ def live_session(
         if view_port is None:
             shown.set()
         else:
-            arguments = ["view", "--connect", settings.listen, "--view-port", str(view_port), "--host", VIEW_HOST]
+            own = str(address._replace(session=session_name(address.session)))  # not a key that was paired
+            arguments = ["view", "--connect", own, "--view-port", str(view_port), "--host", VIEW_HOST]
             view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
+
+
+def _check_bus_port(address: Address) -> None:
+    from mocapella.live.launch import check_port_free
+
+    if ":" not in address.host:  # IPv6: the server says it, a little later
+        check_port_free(address.host, address.port, "--port")
 
 
 def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
@@ -197,6 +211,10 @@ class ServeKeys:
 
     seconds: Annotated[float | None, KeySpec("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
     view_port: Annotated[int, KeySpec("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
+    session: Annotated[
+        str | None,
+        KeySpec("Name of the session, whose key admits nodes and readers; by default MOCAPELLA_SESSION, or default."),
+    ] = None
     wait: Annotated[bool, KeySpec("Begin stopped; tracking begins with Start in the view.")] = False
     takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
@@ -305,26 +323,28 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
-    from mocapella.live.launch import check_port_free
     from mocapella.live.signals import stop_on_signals
+    from mocapella.wire.address import Address, parse_address
     from mocapella.wire.server import ServerLink
 
-    address = f"tcp/{host}:{port}"
-    if ":" not in host:  # IPv6: the link says it
-        check_port_free(host, port, "--port")
+    def read() -> tuple[ServeKeys, dict[str, Any]]:
+        return read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
+
+    named = _session_of(settings) if settings_file is None else read()[0].session
+    address = parse_address(str(Address(named or "", host, port)))
+    _check_bus_port(address)
     # It listens before the tracker is imported, which takes seconds: the nodes of a killed server connect meanwhile.
-    with stop_on_signals() as stop, closing(ServerLink(address, on_nonsense=say)) as link:
+    with stop_on_signals() as stop, closing(ServerLink(str(address), on_nonsense=say)) as link:
         from mocapella.live.server import ServerSettings
         from mocapella.model.session import Setup
         from mocapella.recording.disk import GIB
 
-        keys, method_settings = read_settings(ServeKeys, settings_file, settings, method_setting_names(method))
+        keys, method_settings = read()
         keys.check(method)
         files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
         take = None if record is None else record_file(record, keys.takes)
-        warn_if_open("sensors, results and commands are", host, port)
         server_settings = ServerSettings(
-            listen=address,
+            listen=str(address),
             takes=keys.takes,
             setup=Setup(method=method, sensors_expected=sensors),
             running=not keys.wait,
@@ -337,6 +357,8 @@ def serve(
             if take is not None:
                 say(session.server.record_to(take, resume=True))
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
+            if not address.local:
+                say(_INVITE.format(port=port))
             summary = _run_until_end(session, keys)
         write_json(json, summary)
     exit_by(summary["recording"])
@@ -407,6 +429,12 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
             raise SettingsError(f"{name}: the method {method} wants no such file; {wanted}")
         told = merged(told, load(readers[option])(paths))
     return told
+
+
+def _session_of(settings: Sequence[str] | None) -> str | None:
+    """Return the session's name of ``--set``, without importing the method's settings."""
+    named = [text.partition("=")[2] for text in settings or () if text.startswith("session=")]
+    return named[-1] if named else None
 
 
 def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:

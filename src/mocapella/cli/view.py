@@ -27,7 +27,7 @@ def view(
 
     `serve` and `demo` start a view by themselves.
 
-    Example:  mocapella view --connect tcp/127.0.0.1:7447 --view-port 7449
+    Example:  mocapella view --connect tls/127.0.0.1:7447 --view-port 7449
     """
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.view import run_view
@@ -42,7 +42,5 @@ def view(
             cloth=cloth,
             scenery=scenery,
             on_ready=lambda url: say(f"view: {url}"),
-            on_waiting=lambda address: say(
-                f"no server at {address} yet: start one with `mocapella serve`; waiting for it (Ctrl-C ends)"
-            ),
+            on_waiting=lambda reason: say(f"{reason}; waiting for it (Ctrl-C ends)"),
         )

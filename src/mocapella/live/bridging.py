@@ -68,7 +68,7 @@ def run_bridge(
     def on_disconnect(sensor: str) -> None:
         left = serving.pop(sensor, None)
         if left is not None:
-            nowhere = "" if left.membership.served.is_set() else f", which no server at {connect} received"
+            nowhere = "" if left.membership.served.is_set() else f", which no server at {left.link.address} received"
             say(f"{sensor}: its program left after {left.link.published} frames{nowhere}")
             left.close()
             unstored.extend(filter(None, [left.unstored]))

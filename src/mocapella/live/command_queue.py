@@ -27,6 +27,11 @@ class WaitingCommand:
         for answer in self.answers:
             answer(data)
 
+    @property
+    def sender(self) -> str:
+        """What the program that sent it first says about itself; empty if nothing."""
+        return str(getattr(self.answers[0], "sender", "")) if self.answers else ""
+
 
 def client_of(answer: Answer) -> str:
     """Return the name of the client that an answer goes to; empty if it gave none."""

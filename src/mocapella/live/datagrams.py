@@ -49,8 +49,8 @@ def run_datagrams(
                 sensor.close()
         unstored = [sensor.unstored for sensor in serving.values() if sensor.unstored]
         for name, report in source.report.items():
-            served = serving[name].membership.served.is_set()
-            say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}" + _nowhere(served, connect))
+            served, address = serving[name].membership.served.is_set(), serving[name].link.address
+            say(f"{name}: {_in_words(report.frames, sum(report.refused.values()))}" + _nowhere(served, address))
         if unstored:
             raise UnstoredFramesError(unstored[-1])
         return {
@@ -70,5 +70,5 @@ def _in_words(frames: int, refused: int) -> str:
     return f"{frames} frames" + (f", {refused} datagrams refused" if refused else "")
 
 
-def _nowhere(served: bool, connect: str) -> str:
-    return "" if served else f", which no server at {connect} received"
+def _nowhere(served: bool, address: str) -> str:
+    return "" if served else f", which no server at {address} received"

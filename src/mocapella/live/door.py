@@ -10,15 +10,14 @@ from typing import Any
 
 import msgspec
 
-from mocapella.errors import SettingsError, WireError
+from mocapella.errors import WireError
 from mocapella.live.command_queue import Answer, CommandQueue
 from mocapella.live.inbox import Inbox, ReceivedMessage
 from mocapella.live.recording_service import RecordingService
 from mocapella.live.sensor_registry import NodeStanding, SensorRegistry
-from mocapella.model.observations import check_sensor_name
 from mocapella.model.session import CommandReply
 from mocapella.wire.delivery import check_number
-from mocapella.wire.keys import NodeKey, parse_node_id
+from mocapella.wire.keys import NodeKey
 from mocapella.wire.node import JoinReply
 
 
@@ -70,10 +69,7 @@ class Door:
             self._inbox.forget(node)
 
     def command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
-        """Answer a join or a leave at once; pass any other command to the tracker, or refuse it if too many wait."""
-        if verb in ("join", "leave"):
-            answer(msgspec.json.encode(self._join(arguments, leaves=verb == "leave")))
-            return
+        """Pass a command to the tracker, or refuse it if too many wait."""
         refusal = self._commands.put(verb, arguments, answer)
         if refusal:
             answer(msgspec.json.encode(CommandReply(False, refusal)))
@@ -84,17 +80,23 @@ class Door:
         with self._lock:
             return self._registry.holds(node)
 
-    def _join(self, arguments: dict[str, Any], *, leaves: bool) -> JoinReply:
+    def join(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
+        """Answer a node that asks for its sensor's name, at once."""
+        answer(msgspec.json.encode(self._admit(node, arguments, None)))
+
+    def leave(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
+        """Answer a node that sends no more frames, at once."""
         try:
-            sensor = check_sensor_name(str(arguments.get("sensor"))[:80])
-            node = NodeKey(sensor, parse_node_id(str(arguments.get("node_id"))))
-            end = check_number(arguments.get("next")) if leaves else 0
-        except (SettingsError, WireError) as error:
-            return JoinReply(False, str(error))
+            reply = self._admit(node, arguments, check_number(arguments.get("next")))
+        except WireError as error:
+            reply = JoinReply(False, str(error))
+        answer(msgspec.json.encode(reply))
+
+    def _admit(self, node: NodeKey, arguments: dict[str, Any], end: int | None) -> JoinReply:
         with self._lock:
             refusal = self._registry.join(node, time.monotonic_ns())
             self._registry.set_local(node, arguments.get("machine") == platform.node())
         recording = self._recording()
-        if leaves and not refusal:
+        if end is not None and not refusal:
             recording.leaving(node, end)
         return JoinReply(not refusal, refusal, recording.active)

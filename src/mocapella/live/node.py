@@ -104,7 +104,8 @@ class Membership:
             return
         self._tries += 1
         if self._tries == _TRIES_BEFORE_NOTICE and not self.served.is_set() and not there:
-            self._say(f"{sensor}: waiting for a server at {address} (mocapella serve starts one)")
+            waiting = f"waiting for a server at {address} (mocapella serve starts one)"
+            self._say(f"{sensor}: {self._link.why_not_admitted() or waiting}")
         if there and not self._joined:
             self.served.set()
             self._say(f"{sensor}: serving {address}")
@@ -157,10 +158,8 @@ def run_node(
         stop.set()
         membership.close()
     if ended_by_itself and not membership.served.is_set():
-        raise NoServerError(
-            f"{link.node.sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
-            "start it first (mocapella serve)"
-        )
+        why = link.why_not_admitted() or f"no server was at {link.address}; start it first (mocapella serve)"
+        raise NoServerError(f"{link.node.sensor}: {link.published} frames went nowhere: {why}")
     return NodeSummary(
         sensor=link.node.sensor,
         node_id=f"{link.node.node_id:016x}",

@@ -112,7 +112,8 @@ class RecordPath:
 
     def leaving(self, node: NodeKey, end: int) -> None:
         """Note the number after the last frame of a node that leaves."""
-        self._recorder.account(node, partial(_finish, first=self._first.get(node), end=end))
+        if self._recorder.believes(node, end):
+            self._recorder.account(node, partial(_finish, first=self._first.get(node), end=end))
         self._wake.set()
 
     def finish(self, give_up_s: float | None = None) -> None:
@@ -144,7 +145,7 @@ class RecordPath:
     def _close_at(self, node: NodeKey, state: NodeState) -> threading.Event:
         ended = threading.Event()
         request = FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True)
-        self._link.request_frames(node, request, self._recorder.frame, lambda answer: None, ended.set)
+        self._link.request_frames(node, request, lambda *_: None, lambda answer: None, ended.set)
         return ended
 
     def _run(self) -> None:
@@ -168,7 +169,8 @@ class RecordPath:
             return
         contact.under_way, contact.asked_s, contact.told = True, now_s, told
         answered = partial(self._answered, node, contact, agreed=told is not None, ends=ends)
-        self._link.request_frames(node, request, self._recorder.frame, answered, partial(self._ended, contact))
+        sent_again = partial(self._recorder.sent_again, request.wanted)
+        self._link.request_frames(node, request, sent_again, answered, partial(self._ended, contact))
 
     def _request(self, state: NodeState | None, contact: _Contact, node: NodeKey) -> FrameRequest:
         first = self._first.get(node)
@@ -182,6 +184,8 @@ class RecordPath:
         return request_of(self._recorder.take_id, state, first, age_ns, 0 if busy else settled)
 
     def _answered(self, node: NodeKey, contact: _Contact, answer: FrameAnswer, *, agreed: bool, ends: bool) -> None:
+        if not self._recorder.believes(node, answer.next):
+            return
         contact.hear(answer.next, time.monotonic())
         end = answer.next if ends or answer.leaving else None
         first = None if agreed else answer.first

@@ -9,12 +9,13 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from mocapella.errors import MocapellaError, WireError
+from mocapella.live.sequence_leaps import LeapGuard
 from mocapella.model.session import RecordingHealth, SessionStatus
 from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.take import TakeInfo
@@ -81,6 +82,7 @@ class Recorder:
     ) -> None:
         self._writer = writer
         self._first = dict(first or {})
+        self._leaps = LeapGuard()
         self._say = say
         self.committed = committed
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -114,12 +116,25 @@ class Recorder:
         """Write a frame, which has this number if it was decoded before; repeated frames are stored once."""
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, sequence))
 
+    def sent_again(self, wanted: Sequence[tuple[int, int]], node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        """Write a frame that the node was asked for: its number must be in one of the ranges (first, last)."""
+        self._put(len(data), partial(self._write_frame, node, data, arrived_ns, None, wanted))
+
     def account(self, node: NodeKey, change: Callable[[NodeLedger], bool]) -> None:
         """Change a node's account, also after the recording has stopped by itself.
 
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
         self._queue.put(partial(self._writer.accounts.change, node, change))
+
+    def believes(self, node: NodeKey, after: int) -> bool:
+        """Whether a node can have sent all frames below ``after``; if not, say so once."""
+        try:
+            self._leaps.check(node, after, time.monotonic_ns())
+        except WireError as error:
+            self._refuse(node.sensor, "numbers", str(error))
+            return False
+        return True
 
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write a scene."""
@@ -141,9 +156,9 @@ class Recorder:
         """Begin the run of a new tracker."""
         self._put(0, partial(self._writer.start_run, info))
 
-    def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int) -> None:
-        """Write a command that changed the session before a step."""
-        command = {"verb": verb, "arguments": dict(arguments)}
+    def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:
+        """Write a command that changed the session before a step, and who sent it, if that is known."""
+        command = {"verb": verb, "arguments": dict(arguments)} | ({"by": by} if by else {})
         self._put(0, partial(self._writer.write_command, command, at_ns, before_step=before_step))
 
     def health(self) -> RecordingHealth:
@@ -237,16 +252,27 @@ class Recorder:
     def _publish_states(self) -> None:
         self.states = {NodeKey(*node): state_of(ledger) for node, ledger in self._writer.accounts.nodes.items()}
 
-    def _write_frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None) -> None:
-        if sequence is None:
-            try:
+    def _write_frame(
+        self,
+        node: NodeKey,
+        data: bytes,
+        arrived_ns: int,
+        sequence: int | None,
+        wanted: Sequence[tuple[int, int]] | None = None,
+    ) -> None:
+        try:
+            if sequence is None:
                 frame = decode_frame(data)
                 if frame.key[:2] != node:
                     raise WireError(f"it names another node: {frame.sensor}/{frame.node_id:016x}")
-            except WireError as error:
-                self._refuse(node.sensor, "frames", str(error))
-                return
-            sequence = frame.sequence
+                sequence = frame.sequence
+            if wanted is None:
+                self._leaps.check(node, sequence, arrived_ns)
+            elif not any(first <= sequence <= last for first, last in wanted):
+                raise WireError(f"sequence {sequence} was not asked for")
+        except WireError as error:
+            self._refuse(node.sensor, "frames", str(error))
+            return
         if sequence < self._first.get(node, 0):  # from before the take began
             return
         self._writer.write_frame(data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns)

@@ -130,13 +130,13 @@ class RecordingService:
         if record_path is not None:
             record_path.leaving(node, end)
 
-    def record_command(self, verb: str, arguments: Mapping[str, Any]) -> None:
-        """Record a command that was carried out, for the replay."""
+    def record_command(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> None:
+        """Record a command that was carried out, for the replay, and who sent it."""
         recorder = self.recorder
         if recorder is None:
             return
         if verb not in ("start", "setup", "use-rig"):
-            self._command(recorder, verb, arguments)
+            self._command(recorder, verb, arguments, by)
             return
         recorder.run(self._info())  # they make a new tracker
         if not self._session.running:
@@ -164,8 +164,8 @@ class RecordingService:
         self._health = lambda: ended
         self._say(outcome(ended))
 
-    def _command(self, recorder: Recorder, verb: str, arguments: Mapping[str, Any]) -> None:
-        recorder.command(verb, arguments, time.monotonic_ns(), self._session.next_step)
+    def _command(self, recorder: Recorder, verb: str, arguments: Mapping[str, Any], by: str = "") -> None:
+        recorder.command(verb, arguments, time.monotonic_ns(), self._session.next_step, by)
 
     def _info(self) -> TakeInfo:
         return TakeInfo(

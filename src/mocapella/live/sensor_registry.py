@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from mocapella.errors import WireError
+from mocapella.live.sequence_leaps import check_leap
 from mocapella.model.frame_types import frame_type_of, what_it_sends
 from mocapella.model.limits import MOST_REFUSED_NODES, MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
 from mocapella.model.scene import SensorPlace
@@ -190,8 +191,8 @@ class SensorRegistry:
         """Count a frame of the node that holds the name; return its capture time on the server's clock [ns].
 
         Raises:
-            WireError: its sequence number is not above the last one, by which a take identifies frames; or it is the
-                first, and there are `MOST_SENSORS` others.
+            WireError: its sequence number, by which a take identifies frames, is not above the last one, or leaps too
+                far (`check_leap`); or it is the first, and there are `MOST_SENSORS` others.
         """
         entry = self._entries[node.sensor]
         if not entry.frames and not self._make_room(arrived_ns, proven=True):
@@ -204,6 +205,7 @@ class SensorRegistry:
                     f"{type(frame).__name__}.sequence is {frame.sequence} after {last}; count the frames 0, 1, 2, …, "
                     "and take a new node id at each start"
                 )
+            check_leap(frame.sequence, last, (arrived_ns - entry.heard_ns) / 1e9)
             entry.skipped += frame.sequence - last - 1
         if entry.silent:
             self._notices.append(f'sensor "{node.sensor}" is back')

@@ -117,7 +117,8 @@ class Server:
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
         self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
-        self._link.on_nonsense, self._link.errors = self._on_nonsense, self._errors
+        self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
+        self._link.errors = self._errors
         door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
         self._recording = RecordingService(
             self._session,
@@ -127,7 +128,14 @@ class Server:
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
         )
-        self._link.serve(on_frame=door.frame, on_truth=door.truth, on_alive=door.alive, on_command=door.command)
+        self._link.serve(
+            on_frame=door.frame,
+            on_truth=door.truth,
+            on_alive=door.alive,
+            on_command=door.command,
+            on_join=door.join,
+            on_leave=door.leave,
+        )
         clocks = ClockWatch(self._link, self._registry, self._lock, self._recording, self._errors)
         loops = {
             "tracker": self._track, "housekeeping": self._housekeeping, "clocks": partial(clocks.run, self._ended)
@@ -226,8 +234,10 @@ class Server:
         try:
             if command.verb == "record-stop":
                 self._stop_recording(command.answer)
+                if command.sender:
+                    self._note_foreign(f"end of the take ({command.sender})")
                 return
-            message = self._do(command.verb, command.arguments)
+            message = self._do(command.verb, command.arguments, command.sender)
         except MocapellaError as error:
             self._note_foreign(f"{command.verb} was refused: {error}")
             self._answer(command.answer, CommandReply(False, str(error), self.status()))
@@ -235,7 +245,7 @@ class Server:
         self._watch_state()
         self._answer(command.answer, CommandReply(True, message, self.status()))
 
-    def _do(self, verb: str, arguments: dict[str, Any]) -> str:
+    def _do(self, verb: str, arguments: dict[str, Any], by: str = "") -> str:
         if verb == "status":
             return ""
         if verb == "record":
@@ -245,12 +255,12 @@ class Server:
             if verb == "start":
                 with self._lock:
                     self._registry.tracking_began()
-            self._recording.record_command(verb, arguments)
+            self._recording.record_command(verb, arguments, by)
         else:
             known = ("status", "record", "record-stop", *self._session.verbs)
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
         self._revision += 1
-        self._note(message)
+        self._note(f"{message} ({by})" if by else message)
         return message
 
     def _answer(self, answer: Answer, reply: CommandReply) -> None:
@@ -350,6 +360,7 @@ class Server:
             "sensors": self._registry.turned_away,
             "commands": self._commands.refused,
             "notices": self._notices.left_out,
+            "attempts with a key of another session": self._link.refused,
         }
         return self._health.health(self._errors.counts, turned_away, self.summary.latency_ms() or {})
 

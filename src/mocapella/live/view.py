@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from mocapella.decoding import convert
-from mocapella.errors import NoServerError
+from mocapella.errors import NoServerError, NotAdmittedError
 from mocapella.live.board_service import BoardService
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
@@ -26,9 +26,11 @@ from mocapella.supervision import Boundary
 from mocapella.tracker import METHODS, warm_up
 from mocapella.viewer import Viewer
 from mocapella.viewer.stages import Prop
+from mocapella.wire.door import find_door
 from mocapella.wire.questions import NodeAnswer, Question, ask_node
 from mocapella.wire.reader import Newest, send_command
-from mocapella.wire.session import check_address, open_reader
+from mocapella.wire.roles import READERS
+from mocapella.wire.session import open_reader
 
 RATE_HZ = 30.0
 CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
@@ -107,14 +109,15 @@ class Link:
 
     Args:
         connect: the server's address.
-        on_waiting: called once, on that thread, if no server answers at first.
+        on_waiting: called once, on that thread, with the reason if no server admits this program at first.
 
     Raises:
         BusError: the address is invalid.
     """
 
     def __init__(self, connect: str, on_waiting: Callable[[str], None]) -> None:
-        self._connect, self._on_waiting = check_address(connect), on_waiting
+        self._address = find_door(connect, READERS).locator  # what cannot be used is refused here
+        self._connect, self._on_waiting = connect, on_waiting
         self._closed = threading.Event()
         self._session: zenoh.Session | None = None
         self._newest: Newest | None = None
@@ -129,9 +132,10 @@ class Link:
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         """Send a command; if no server answers, the reply says so."""
         if self._session is None:
-            return CommandReply(False, f"no server at {self._connect}; start one with: mocapella serve")
+            return CommandReply(False, f"no server at {self._address}; start one with: mocapella serve")
         try:
-            return send_command(self._session, verb, arguments, timeout=150.0 if verb == "record-stop" else 10.0)
+            timeout = 150.0 if verb == "record-stop" else 10.0
+            return send_command(self._session, verb, arguments, timeout, program="the view")
         except NoServerError as error:
             return CommandReply(False, str(error))
 
@@ -143,7 +147,7 @@ class Link:
             WireError: the answer is invalid.
         """
         if self._session is None:
-            raise NoServerError(f"no server at {self._connect}; start one with: mocapella serve")
+            raise NoServerError(f"no server at {self._address}; start one with: mocapella serve")
         return ask_node(self._session, camera, convert(question, Question, what="question"), timeout_s)
 
     def close(self) -> None:
@@ -158,9 +162,10 @@ class Link:
         while self._session is None and not self._closed.is_set():
             try:
                 self._session = open_reader(self._connect, timeout=ATTEMPT_S)
-            except NoServerError:
+            except NoServerError as error:
                 if not notified:
-                    self._on_waiting(self._connect)
+                    nobody = f"no server at {self._address} yet: start one with `mocapella serve`"
+                    self._on_waiting(str(error) if isinstance(error, NotAdmittedError) else nobody)
                 notified = True
         if self._session is not None:
             self._newest = Newest(self._session)
@@ -175,17 +180,17 @@ def run_view(
     cloth: bool = False,
     scenery: str | None = None,
     on_ready: Callable[[str], None] = lambda url: None,
-    on_waiting: Callable[[str], None] = lambda address: None,
+    on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
     ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
     obstacles are drawn. ``on_ready`` is called with the page's URL, ``on_waiting`` with the
-    address if no server answers there yet.
+    reason if no server there admits it yet.
 
     Raises:
         AddressInUseError: the port is in use.
-        BusError: an address is invalid.
+        BusError: an address is invalid, or there is no key for it.
     """
     # viser warns if a message is queued for a browser that is just disconnecting.
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)

@@ -34,21 +34,26 @@ class FakeServer:
         obey: answers a command, given its verb and arguments; by default every command succeeds.
 
     Attributes:
-        address: such as ``tcp/127.0.0.1:40123``: what nodes and readers connect to.
+        address: such as ``tls/127.0.0.1:40123``: what nodes and readers connect to.
         frames: frames received so far, in order.
         commands: commands received so far, as (verb, arguments).
         problems: messages that could not be read.
     """
 
     def __init__(self, address: str = "", obey: Obey = lambda verb, arguments: CommandReply(True)) -> None:
-        self.address = address or f"tcp/127.0.0.1:{_free_port()}"
+        self.address = address or f"tls/127.0.0.1:{_free_port()}"
         self.frames: list[SensorFrame] = []
         self.commands: list[tuple[str, dict[str, Any]]] = []
         self.problems: list[str] = []
         self._obey, self._changed = obey, threading.Condition()
         self._link = ServerLink(self.address, on_nonsense=self.problems.append)
         self._link.serve(
-            on_frame=self._take, on_truth=lambda *_: None, on_alive=lambda *_: None, on_command=self._command
+            on_frame=self._take,
+            on_truth=lambda *_: None,
+            on_alive=lambda *_: None,
+            on_command=self._command,
+            on_join=_accept,
+            on_leave=_accept,
         )
 
     def publish(self, scene: Scene) -> None:
@@ -95,13 +100,14 @@ class FakeServer:
             self._changed.notify_all()
 
     def _command(self, verb: str, arguments: dict[str, Any], answer: Callable[[bytes], None]) -> None:
-        if verb in ("join", "leave"):
-            answer(msgspec.json.encode(JoinReply(True)))
-            return
         answer(msgspec.json.encode(self._obey(verb, arguments)))
         with self._changed:
             self.commands.append((verb, arguments))
             self._changed.notify_all()
+
+
+def _accept(_node: NodeKey, _arguments: dict[str, Any], answer: Callable[[bytes], None]) -> None:
+    answer(msgspec.json.encode(JoinReply(True)))
 
 
 def sensor_health(name: str, **changes: Any) -> SensorHealth:

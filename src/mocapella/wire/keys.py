@@ -18,6 +18,8 @@ SERVER_ALIVE = f"{_ROOT}/alive/server"
 ALL_LIVE = f"{_ROOT}/live/*/*"
 ALL_RECORD = f"{_ROOT}/record/*/*"
 ALL_TRUTH = f"{_ROOT}/truth/*/*"
+ALL_JOIN = f"{_ROOT}/join/*/*"
+ALL_LEAVE = f"{_ROOT}/leave/*/*"
 ALL_SENSORS_ALIVE = f"{_ROOT}/alive/sensor/*/*"
 ALL_COMMANDS = f"{_ROOT}/command/*"
 
@@ -33,7 +35,7 @@ class NodeKey(NamedTuple):
 
 def of_node(kind: str, node: NodeKey) -> str:
     """``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, ask,
-    alive/sensor."""
+    join, leave, alive/sensor."""
     return f"{_ROOT}/{kind}/{check_sensor_name(node.sensor)}/{node.node_id:016x}"
 
 

@@ -29,8 +29,10 @@ from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
 from mocapella.wire import keys
 from mocapella.wire.delivery import read_request
+from mocapella.wire.door import find_door, node_users
+from mocapella.wire.doorbell import why_not
 from mocapella.wire.outbox import Outbox
-from mocapella.wire.session import open_node
+from mocapella.wire.session import open_node_at
 from mocapella.wire.spool import Spool, Spooler
 
 FAREWELL_S: Final = 10.0
@@ -64,7 +66,7 @@ class NodeLink:
     """A sensor's link to the bus. A context manager: leaving it tells the server the last frame's number.
 
     Args:
-        connect: address of the server.
+        connect: address of the server, a pairing code, or a file with one.
         sensor: name of the sensor.
         history_frames: number of frames to keep in memory for a recording server.
         spool: makes the place on the disk for further frames of an open take; None drops them.
@@ -72,9 +74,14 @@ class NodeLink:
 
     Attributes:
         node: identity on the bus.
+        address: of the server.
         outbox: the frames that are kept.
         farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
         on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
+
+    Raises:
+        BusError: ``connect`` is no address.
+        KeyFileError: there is no key for it, or it is of another sensor.
     """
 
     def __init__(
@@ -87,7 +94,8 @@ class NodeLink:
         say: Callable[[str], None] = lambda text: None,
     ):
         self.node = keys.NodeKey(sensor, new_node_id())
-        self.address = connect
+        self._door = find_door(connect, node_users(sensor))
+        self.address = self._door.locator
         self.farewell_s = FAREWELL_S
         self.on_published: Callable[[int, bytes, int], None] | None = None
         self._say = say
@@ -95,7 +103,7 @@ class NodeLink:
         self.outbox = Outbox(history_frames, place)
         self._spooler = Spooler(self.outbox, place, lambda text: say(f"{sensor}: {text}"))
         self._ended = threading.Event()
-        self._session = open_node(connect)
+        self._session = open_node_at(self._door)
         self._live = self._session.declare_publisher(
             keys.of_node("live", self.node),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -160,6 +168,10 @@ class NodeLink:
             raise NameTakenError(answer.message)
         return answer is not None
 
+    def why_not_admitted(self) -> str:
+        """Return why the server at the address does not admit this node, with the remedy; empty if none says so."""
+        return why_not(self._door, self.node.sensor)
+
     def server_is_there(self) -> bool:
         """Whether a server is connected now."""
         return any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
@@ -202,14 +214,9 @@ class NodeLink:
                 answer = None  # one that is started again does not know the last number
 
     def _tell(self, verb: str, timeout: float) -> JoinReply | None:
-        """Send a command about this node; return the answer, None without a server."""
-        who = {
-            "sensor": self.node.sensor,
-            "node_id": f"{self.node.node_id:016x}",
-            "machine": platform.node(),
-            "next": self.outbox.next,
-        }
-        for reply in self._session.get(keys.of_command(verb), payload=json.dumps(who), timeout=timeout):
+        """Tell the server that this node joins or leaves; return the answer, None without a server."""
+        state = {"machine": platform.node(), "next": self.outbox.next}
+        for reply in self._session.get(keys.of_node(verb, self.node), payload=json.dumps(state), timeout=timeout):
             if reply.ok is not None:
                 with contextlib.suppress(InputError):  # of an older server, which does not know the verb
                     return decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")

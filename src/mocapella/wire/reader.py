@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import getpass
 import json
+import platform
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -109,19 +111,34 @@ class Following:
 
 
 def send_command(
-    session: zenoh.Session, verb: str, arguments: Mapping[str, Any] | None = None, timeout: float = 10.0
+    session: zenoh.Session,
+    verb: str,
+    arguments: Mapping[str, Any] | None = None,
+    timeout: float = 10.0,
+    *,
+    program: str = "a program",
 ) -> CommandReply:
     """Send a command, and wait until it is carried out or refused.
+
+    ``program`` says what sends it; a take has it with the user's and the machine's name.
 
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.
     """
-    payload, client = json.dumps(dict(arguments or {})), str(session.info.zid())
-    for reply in session.get(keys.of_command(verb), payload=payload, attachment=client, timeout=timeout):
+    payload = json.dumps(dict(arguments or {}))
+    sender = f"{session.info.zid()!s:0>32} {program} of {_user()}@{platform.node()}"
+    for reply in session.get(keys.of_command(verb), payload=payload, attachment=sender, timeout=timeout):
         answer = reply.ok if reply.ok is not None else reply.err
         if answer is not None:
             return decode_json(answer.payload.to_bytes(), CommandReply, what="reply of a server", file=verb)
-    raise NoServerError(f"no server answered the command {verb} within {timeout:g} s")
+    raise NoServerError(f"no server answered the command {verb} within {timeout:g} s; a reader's key commands nothing")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # an account without a name
+        return "?"
 
 
 def _decode_status(data: bytes) -> SessionStatus:

@@ -15,34 +15,40 @@ from mocapella.model.limits import MAX_COMMAND_BYTES
 from mocapella.model.session import CommandReply
 from mocapella.supervision import Boundary
 from mocapella.wire import keys
+from mocapella.wire.address import parse_address
 from mocapella.wire.clock import ClockProbe, read_clock
 from mocapella.wire.delivery import FrameAnswer, FrameRequest, read_answer
+from mocapella.wire.doorbell import Doorbell
 from mocapella.wire.session import open_server
+from mocapella.wire.session_key import session_key, session_name
 
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
-OnCommand = Callable[[str, dict[str, Any], Callable[[bytes], None]], None]
-"""Called with the verb, its arguments, and the function that answers it, an `Answer`."""
 OnNonsense = Callable[[str], None]
 
 REQUEST_TIMEOUT_S = 2.0
 """How long a node may take to answer a request for frames [s]."""
 _PROBES = 8
 _MAX_CLIENT = 32
-"""Bytes of a client's name that are read."""
+"""Bytes of a client's identity that are read."""
+_MOST_SENDER = 120
 
 
 class Answer:
     """Answers a command once.
 
     Attributes:
-        client: name that the client's session gives itself; empty if it gives none.
+        client: identity that the client's session gives itself; empty if it gives none.
+        sender: what the program that sent the command says about itself; empty if nothing.
     """
 
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
-        self.client = "" if query.attachment is None else query.attachment.to_bytes()[:_MAX_CLIENT].hex()
+        said = b"" if query.attachment is None else query.attachment.to_bytes()[: _MAX_CLIENT + 4 * _MOST_SENDER]
+        self.client = said[:_MAX_CLIENT].hex()
+        _, _, words = said.decode("utf-8", "replace").partition(" ")
+        self.sender = "".join(letter for letter in words if letter.isprintable())[:_MOST_SENDER]
 
     def __call__(self, data: bytes) -> None:
         """Send the answer."""
@@ -50,36 +56,70 @@ class Answer:
         self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
 
+OnCommand = Callable[[str, dict[str, Any], Answer], None]
+"""Called with the verb, its arguments, and what answers it."""
+OnMember = Callable[[keys.NodeKey, dict[str, Any], Answer], None]
+"""Called with a node that joins or leaves, its arguments, and what answers it."""
+
+
 class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
 
     Attributes:
         on_nonsense: is called with a description of each message that cannot be read.
+        on_refused: is called with a description of each program that has a wrong key.
         errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
-        AddressInUseError, BusError: as in `open_server`.
+        AddressInUseError, BusError, KeyFileError: as in `open_server`.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
         self.errors = errors or Boundary()
+        address = parse_address(listen)
+        key = session_key(session_name(address.session))
         self._session = open_server(listen)
-        self.on_nonsense = on_nonsense
+        self.on_nonsense = self.on_refused = on_nonsense
+        self._bell = Doorbell(
+            address,
+            key,
+            note=self._on_ring,
+            guard=lambda answer: self.errors.run("ring at the door", answer),
+        )
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
         self._serving: list[Any] = []
 
-    def serve(self, *, on_frame: OnFrame, on_truth: OnFrame, on_alive: OnAlive, on_command: OnCommand) -> None:
+    def _on_ring(self, text: str) -> None:
+        self.on_refused(text)
+
+    def serve(
+        self,
+        *,
+        on_frame: OnFrame,
+        on_truth: OnFrame,
+        on_alive: OnAlive,
+        on_command: OnCommand,
+        on_join: OnMember,
+        on_leave: OnMember,
+    ) -> None:
         """Receive messages of nodes and commands, and declare the server's liveliness token."""
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [
             session.declare_subscriber(keys.ALL_LIVE, self._forwarding(on_frame)),
             session.declare_subscriber(keys.ALL_TRUTH, self._forwarding(on_truth)),
             session.declare_queryable(keys.ALL_COMMANDS, self._answering(on_command)),
+            session.declare_queryable(keys.ALL_JOIN, self._admitting(on_join)),
+            session.declare_queryable(keys.ALL_LEAVE, self._admitting(on_leave)),
             liveliness.declare_subscriber(keys.ALL_SENSORS_ALIVE, self._watching(on_alive), history=True),
             liveliness.declare_token(keys.SERVER_ALIVE),
         ]
+
+    @property
+    def refused(self) -> int:
+        """Number of times that a program with a wrong key has rung."""
+        return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
         """Publish a scene; slow readers miss some."""
@@ -147,6 +187,7 @@ class ServerLink:
 
     def close(self) -> None:
         """Leave the bus, which removes the server's liveliness token."""
+        self._bell.close()
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _forwarding(self, pass_on: OnFrame) -> Callable[[zenoh.Sample], None]:
@@ -175,18 +216,40 @@ class ServerLink:
     def _answering(self, on_command: OnCommand) -> Callable[[zenoh.Query], None]:
         def callback(query: zenoh.Query) -> None:
             verb = str(query.key_expr).rpartition("/")[2]
-            if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
-                self.on_nonsense(f"command {verb}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
-                query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are too long")))
-                return
-            payload = query.payload.to_bytes() if query.payload is not None else b"{}"
-            try:
-                arguments = decode_json(payload or b"{}", dict[str, Any], what="JSON object")
-            except InputError as error:
-                self.on_nonsense(f"command {verb}: the arguments are no JSON object ({error})")
-                query.reply_err(msgspec.json.encode(CommandReply(ok=False, message="the arguments are no JSON object")))
-                return
-
-            on_command(verb, arguments, Answer(query))
+            arguments = self._arguments(query, f"command {verb}")
+            if arguments is not None:
+                on_command(verb, arguments, Answer(query))
 
         return self.errors.wrap("command of the bus", callback)
+
+    def _admitting(self, on_member: OnMember) -> Callable[[zenoh.Query], None]:
+        """Of a node that joins or leaves: the key says which, for access control protects keys, not payloads."""
+
+        def callback(query: zenoh.Query) -> None:
+            try:
+                node = keys.node_of(str(query.key_expr))
+            except WireError as error:
+                self._refuse(query, str(error))
+                return
+            arguments = self._arguments(query, node.sensor)
+            if arguments is not None:
+                on_member(node, arguments, Answer(query))
+
+        return self.errors.wrap("node of the bus", callback)
+
+    def _arguments(self, query: zenoh.Query, what: str) -> dict[str, Any] | None:
+        """Return the arguments of a query; None if they cannot be used, which is answered."""
+        if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
+            self.on_nonsense(f"{what}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
+            self._refuse(query, "the arguments are too long")
+            return None
+        payload = query.payload.to_bytes() if query.payload is not None else b"{}"
+        try:
+            return decode_json(payload or b"{}", dict[str, Any], what="JSON object")
+        except InputError as error:
+            self.on_nonsense(f"{what}: the arguments are no JSON object ({error})")
+            self._refuse(query, "the arguments are no JSON object")
+            return None
+
+    def _refuse(self, query: zenoh.Query, message: str) -> None:
+        query.reply_err(msgspec.json.encode(CommandReply(ok=False, message=message)))

@@ -1,5 +1,7 @@
 """Open zenoh sessions that connect only to given addresses: no scouting, no gossip, no shared memory.
 
+Every link is TLS, with certificates of one session on both sides (docs/decisions/0020-doors-of-the-bus.md).
+
 A server only listens, so two servers on one machine never see each other's sensors. A node is a peer that tries to
 reach its one server for ever; a reader of results is a client, to which the server forwards the nodes' messages
 (measured: a peer forwards to clients, not to other peers).
@@ -7,93 +9,96 @@ reach its one server for ever; a reader of results is a client, to which the ser
 
 from __future__ import annotations
 
-import ipaddress
 import json
 from typing import Any
 
 import zenoh
 
-from mocapella.errors import AddressInUseError, BusError, NoServerError
+from mocapella.errors import AddressInUseError, BusError, NoServerError, NotAdmittedError
+from mocapella.wire.address import DEFAULT_ADDRESS, parse_address
+from mocapella.wire.door import KeyedAddress, client_tls, find_door, node_users, server_access, server_tls
+from mocapella.wire.doorbell import why_not
+from mocapella.wire.roles import READERS
+from mocapella.wire.session_key import session_key, session_name
 
-DEFAULT_ADDRESS = "tcp/127.0.0.1:7447"
-
-
-def is_loopback(address: str) -> bool:
-    """Whether an address such as ``tcp/127.0.0.1:7447`` is reachable from this machine only.
-
-    Of host names, only ``localhost`` counts: any other, such as ``127.example.org``, may lead anywhere.
-    """
-    host = address.partition("/")[2].rpartition(":")[0]
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.removeprefix("[").removesuffix("]")).is_loopback
-    except ValueError:
-        return False
-
-
-def check_address(address: str) -> str:
-    """Return the address if it has the form ``tcp/HOST:PORT``.
-
-    Raises:
-        BusError: it has another form; shows a valid address.
-    """
-    protocol, _, rest = address.partition("/")
-    host, _, port = rest.rpartition(":")
-    if protocol not in ("tcp", "tls", "quic", "udp") or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise BusError(f"address {address!r} cannot be used; write it as {DEFAULT_ADDRESS}")
-    return address
+__all__ = ["DEFAULT_ADDRESS", "open_client_at", "open_node", "open_node_at", "open_reader", "open_server"]
 
 
 def open_server(listen: str) -> zenoh.Session:
-    """Open a session that listens.
+    """Open the session of a server, which admits those who have a key of its session.
 
     Raises:
         AddressInUseError: another program listens there.
         BusError: it cannot listen there for another reason.
+        KeyFileError: the session's key cannot be used.
     """
-    config = _config("peer", listen=[check_address(listen)])
+    address = parse_address(listen)
+    key = session_key(session_name(address.session))
+    config = _config("peer", server_tls(key), listen=[address.locator])
+    _set(config, "access_control", server_access(key))
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         if "in use" in str(error):
-            port = listen.rpartition(":")[2]
             raise AddressInUseError(
-                f"port {port} of {listen} is in use by another program; stop it, or choose another with --port"
+                f"port {address.port} of {listen} is in use by another program; stop it, or choose another with --port"
             ) from error
         raise BusError(f"cannot listen at {listen}: {_first_line(error)}") from error
 
 
-def open_node(connect: str) -> zenoh.Session:
-    """Open a session that keeps trying the server at ``connect``; return without waiting for it."""
-    config = _config("peer", connect=[check_address(connect)])
+def open_node(connect: str, sensor: str = "") -> zenoh.Session:
+    """Open a session that keeps trying the server at ``connect``; return without waiting for it.
+
+    Raises:
+        BusError: ``connect`` is no address.
+        KeyFileError: there is no key for it.
+    """
+    return open_node_at(find_door(connect, node_users(sensor)))
+
+
+def open_node_at(door: KeyedAddress) -> zenoh.Session:
+    """Open a session as `open_node` does, at an address with its key."""
+    config = _config("peer", client_tls(door.key), connect=[door.locator])
     retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
     _set(config, "connect/retry", retry)
     _set(config, "connect/timeout_ms", -1)
     _set(config, "connect/exit_on_failure", False)
-    return _open(config, connect)
+    return _open(config, door)
 
 
 def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
-    """Open a session of a program that reads results and sends commands.
+    """Open a session of a program that reads results and sends commands, as far as its key allows.
 
     Raises:
         NoServerError: no server answers at ``connect`` within ``timeout`` seconds.
+        NotAdmittedError: the server there is of another session, or does not know the key.
+        BusError: ``connect`` is no address.
+        KeyFileError: there is no key for it.
     """
-    config = _config("client", connect=[check_address(connect)])
+    return open_client_at(find_door(connect, READERS), timeout)
+
+
+def open_client_at(door: KeyedAddress, timeout: float = 3.0) -> zenoh.Session:
+    """Open a session as `open_reader` does, at an address with its key."""
+    config = _config("client", client_tls(door.key), connect=[door.locator])
     _set(config, "connect/timeout_ms", int(timeout * 1000))
     _set(config, "connect/exit_on_failure", True)
-    return _open(config, connect)
+    return _open(config, door)
 
 
-def _open(config: zenoh.Config, connect: str) -> zenoh.Session:
+def _open(config: zenoh.Config, door: KeyedAddress) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise NoServerError(f"no server answers at {connect}; start a server there (mocapella serve)") from error
+        refusal = why_not(door)
+        if refusal:
+            raise NotAdmittedError(refusal) from error
+        raise NoServerError(f"no server answers at {door.locator}; start a server there (mocapella serve)") from error
 
 
-def _config(mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None) -> zenoh.Config:
+def _config(
+    mode: str, tls: dict[str, Any], *, listen: list[str] | None = None, connect: list[str] | None = None
+) -> zenoh.Config:
     config = zenoh.Config()
     _set(config, "mode", mode)
     _set(config, "listen/endpoints", listen or [])
@@ -103,6 +108,7 @@ def _config(mode: str, *, listen: list[str] | None = None, connect: list[str] | 
     _set(config, "scouting/multicast/enabled", False)
     _set(config, "scouting/gossip/enabled", False)
     _set(config, "transport/shared_memory/enabled", False)
+    _set(config, "transport/link/tls", tls)
     _set(config, "timestamping/enabled", True)
     return config
 

@@ -1,0 +1,55 @@
+"""Refuse a frame whose sequence number leaps further than a sensor can count since its last frame.
+
+One such frame, damaged or forged, would cut its node off: all its later frames would come too late. And a take would
+report all numbers between as lost. The number of the next frame, which a node says on the record path, is checked so,
+too. Frames that are sent again are not: they were asked for by number, and after an outage they arrive in any order.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mocapella.errors import WireError
+from mocapella.wire.keys import NodeKey
+
+MOST_HZ: Final = 1000
+"""Most frames a second of any sensor."""
+ALWAYS: Final = 10_000
+"""Frames that may be skipped at any time, as by a node that sends a backlog."""
+
+
+def check_leap(sequence: int, last: int, since_s: float) -> None:
+    """Check the sequence number of a frame against the node's last one.
+
+    Args:
+        sequence: of the frame.
+        last: the highest one so far.
+        since_s: time since that arrived [s].
+
+    Raises:
+        WireError: so many frames cannot have been skipped since.
+    """
+    most = ALWAYS + int(MOST_HZ * max(0.0, since_s))
+    if sequence - last > most:
+        raise WireError(
+            f"sequence {sequence} after {last} skips more than {ALWAYS} frames, and more than {MOST_HZ} a second; "
+            "count the frames 0, 1, 2, …"
+        )
+
+
+class LeapGuard:
+    """Remembers the highest sequence number of each node, and when it arrived."""
+
+    def __init__(self) -> None:
+        self._newest: dict[NodeKey, tuple[int, int]] = {}
+
+    def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
+        """Check a number that arrived; a node's first one may be any.
+
+        Raises:
+            WireError: as in `check_leap`.
+        """
+        newest, newest_ns = self._newest.get(node, (sequence, arrived_ns))
+        check_leap(sequence, newest, (arrived_ns - newest_ns) / 1e9)
+        if sequence >= newest:
+            self._newest[node] = sequence, arrived_ns
