@@ -163,8 +163,8 @@ class ObjectPoses:
         Args:
             camera: its name in the rig.
             pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
-            sd_px: of a coordinate, a number or (points,) [px].
-            at_s: capture time of its first row, on the camera's clock [s].
+            sd_px: standard deviation of a pixel's coordinate, a number or (points,) [px].
+            at_s: capture time of the image's first row, on the camera's clock [s].
 
         Raises:
             SettingsError: there is no such camera, or another number of points.
@@ -190,7 +190,7 @@ class ObjectPoses:
         self._frames = [frame for frame in self._frames if frame.at_s >= oldest]
 
     def at(self, at_s: float) -> ObjectPose:
-        """Return the object at a time of the rig's clock, from all frames."""
+        """Predict the object to the time ``at_s`` on the rig's clock [s], from all frames."""
         s = self.settings
         lately = [count for last_s, count in self._believed.values() if at_s - last_s <= s.alone_s]
         last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
@@ -393,7 +393,7 @@ class ObjectPoses:
 
 
 def turned_over(T_camera_plane: Float64) -> Float64:
-    """Return the other pose (4, 4) of a plane with nearly the same image: its depth is reversed along the line of
+    """Return the other pose (4, 4) of a plane that has nearly the same image; its depth is reversed along the line of
     sight.
 
     With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.
