@@ -62,7 +62,7 @@ class FacingSettings:
 
 
 class FacingArrays(NamedTuple):
-    """The arrays of a `FacingMemory`, for the kernels; shapes and units are those of its fields."""
+    """The arrays of a `FacingMemory`, for the kernels, with the same shapes and units."""
 
     p: Float64
     at_s: Float64
@@ -124,9 +124,10 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """A change of the label correction: from ``at_s`` on, a sensor's labels of a person are swapped, if ``mirrored``,
-    or
-    used unchanged."""
+    """A change of the label correction of one sensor's view of a person.
+
+    From the capture time ``at_s`` on [s], the left and right labels are swapped if ``mirrored``, else used unchanged.
+    """
 
     person: int
     sensor: str

@@ -353,7 +353,7 @@ def predict(slots: Int64, at: float, zero: float, p: Float64, at_s: Float64, tab
 
     Args:
         slots: (bodies,) rows of the memory; −1 for an unknown person.
-        at: time on the common clock [s]; before a row's own time, its state is used as it is.
+        at: time on the common clock [s]; before a row's own time, its state is used unchanged.
         zero: yaw of the first bin [rad].
         p, at_s: (people, BINS), (people,) of `FacingMemory`.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.

@@ -73,7 +73,7 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     def shape_evidence(self, features: Float64) -> Float64 | None:
         """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
 
-        ``features`` (..., `FEATURES`) are those of `mocapella.fusion.facing_shape.View`. None if no shapes were learnt.
+        ``features`` (..., `FEATURES`): see `mocapella.fusion.facing_shape.View`. None if no shapes were learnt.
         """
         if self.classifier is None or self.shape is None:
             return None

@@ -114,7 +114,7 @@ def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float)
         offsets: (views, joints, 3) updated [m].
         views: (views, joints, 3) not corrected [m]; NaN where not seen.
         mean: (joints, 3) of the uncorrected views [m].
-        step: fraction of the remaining difference by which an offset changes, 0 to 1.
+        step: learning rate: fraction of its remaining difference that is added to an offset, 0 to 1.
     """
     count, joints = offsets.shape[:2]
     for j in range(joints):

@@ -75,7 +75,8 @@ class DefaultTracker:
     """Tracker of the method ``default``.
 
     Attributes:
-        joint_bias: subtracted from the views of sensors with those joints, or None; read at every frame.
+        joint_bias: bias that is subtracted from the views of sensors with the model's topology; None subtracts none. It
+            may be replaced between two frames.
     """
 
     joint_bias: JointBiasModel | None
@@ -161,7 +162,7 @@ class DefaultTracker:
         self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin from given poses, each used until the sensor's own pose is estimated better."""
+        """Begin with known poses (4, 4), by sensor; each is used until the tracker has a better estimate."""
         self._calibration.start_from(T_world_sensor)
 
     def use_layout(self, layout: SensorLayout) -> None:

@@ -25,7 +25,7 @@ class Method:
     """A tracking method.
 
     Attributes:
-        interface: of `mocapella.registry`.
+        interface: version of the descriptor's interface, see `mocapella.registry`.
         name: on the command line, in takes and in the view.
         summary: its purpose, in a line.
         settings: the frozen dataclass of its settings.
@@ -62,7 +62,7 @@ METHODS: Final = Table("mocapella.methods", Method, "tracking method")
 
 
 def methods_making(part: str) -> tuple[str, ...]:
-    """Return the names of the methods whose main part is of that type."""
+    """Return the names of the methods whose main scene parts are of a type, such as ``people``."""
     return tuple(method.name for method in METHODS.values() if method.parts[0] == part)
 
 

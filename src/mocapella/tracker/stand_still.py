@@ -145,7 +145,7 @@ class StandStillTracker:
 
 
 class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
-    """One sensor's bodies: ``ids`` (bodies,) and ``T_world_sensor`` (bodies, 4, 4)."""
+    """One sensor's calibrated bodies: tracking ``ids`` (bodies,), and each one's ``T_world_sensor`` (bodies, 4, 4)."""
 
     ids: tuple[int, ...]
     T_world_sensor: Float64
@@ -217,7 +217,7 @@ _REMEMBERED: Final = (
 
 
 def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, CalibratedBodies]:
-    """Return the calibrated bodies of each sensor, in the order of their ids."""
+    """Group the transforms (4, 4) of calibrated bodies by sensor, in the order of the tracking ids."""
     bodies: dict[str, list[int]] = {}
     for sensor, body in sorted(T_world_sensor):
         bodies.setdefault(sensor, []).append(body)
