@@ -17,7 +17,7 @@ class Camera(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         name: a sensor's name.
         size_px: (width, height) of the image that the lens describes.
-        lens: (9,) of `mocapella.geometry.lens`.
+        lens: (9,) intrinsics: focal lengths, principal point and distortion, see `mocapella.geometry.lens`.
         readout_s: rolling-shutter time from the first row to the last; 0 for a global shutter [s].
     """
 

@@ -73,7 +73,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
-    """Return a rig as TOML."""
+    """Encode a rig as TOML."""
     import tomli_w
 
     cameras = {name: _table(placed) for name, placed in rig.cameras.items()}
