@@ -17,16 +17,16 @@ from mocapella.model.topology import topology
 Float64 = NDArray[np.float64]
 
 SLIDE_OVER: Final = 0.1
-"""[s]."""
+"""Interval over which the speed of an ankle is measured [s]."""
 HEADING_OVER: Final = 0.2
-"""Centred on the frame [s]."""
+"""Interval, centred on the frame, over which the heading is measured [s]."""
 MOVING: Final = 0.5
 """Smallest speed of a moving person [m/s]."""
 REVERSED_BY: Final = np.radians(120.0)
 REVERSED_WITHIN: Final = 0.4
-"""[s]."""
+"""Longest duration of a turn that counts as a reversal [s]."""
 COLLAPSED: Final = 0.6
-"""Of the median shoulder width."""
+"""A narrower shoulder width, as a fraction of the median width, counts as collapsed."""
 _LAG_STEPS = 12
 """Number of steps of 1/60 s: a velocity over that time does not depend on the interpolation between frames."""
 _KINECT = topology("kinect_v2")
@@ -39,7 +39,7 @@ _HORIZONTAL = [0, 2]
 
 
 def facing_yaw(positions: Float64) -> Float64:
-    """Return the facing (...,) [rad] of skeletons (..., joints, 3), from shoulders and hips; 0 = +z, π/2 = +x."""
+    """Return the yaw (...,) of skeletons (..., joints, 3), from shoulders and hips [rad]; 0 = +z, π/2 = +x."""
     across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 
@@ -90,7 +90,7 @@ def facing_away(positions: Float64, towards: Float64) -> float:
 
     Args:
         positions: (frames, joints, 3) [m].
-        towards: (3,) [m].
+        towards: (3,) the point, in the same frame [m].
     """
     yaw = facing_yaw(positions)
     sight = towards - positions[:, _ROOT]
@@ -103,7 +103,7 @@ def yaw_reversals(positions: Float64, at_s: Float64) -> int:
 
 
 def reversals(yaw: Float64, at_s: Float64) -> int:
-    """Count the `yaw_reversals` of a facing (frames,) [rad]."""
+    """Count reversals, as `yaw_reversals`, of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s]."""
     count, start = 0, 0
     for i in range(1, len(yaw)):
         while at_s[i] - at_s[start] > REVERSED_WITHIN:
@@ -150,6 +150,14 @@ def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
 
 
 def rising(at_s: Float64, *values: Float64) -> Sequence[Float64]:
-    """Sort samples by time and drop repeated times; return the times and each of ``values``."""
+    """Sort samples by time and drop repeated times.
+
+    Args:
+        at_s: (frames,) times [s].
+        values: arrays (frames, ...) of samples.
+
+    Returns:
+        The strictly rising times, and each of ``values`` in the same order.
+    """
     _, first = np.unique(at_s, return_index=True)
     return (at_s[first], *(value[first] for value in values))

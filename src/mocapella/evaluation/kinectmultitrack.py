@@ -67,16 +67,24 @@ class Output(Protocol):
         """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Return both views of each pair under a scoring: one of `PROTOCOLS`, or a task's name."""
+        """Return both views of each pair under a scoring, which is a key of `PROTOCOLS` or a task's name."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return times (pairs,) [s] and fused skeletons (pairs, joints, 3), reference camera space [m]; NaN if none."""
+        """Return the fused skeletons at the pairs.
+
+        Returns:
+            Times (pairs,) since the file's first frame [s], and skeletons (pairs, joints, 3) in the reference sensor's
+            camera space [m]; NaN if there is none.
+        """
 
     def yaw(self) -> float:
         """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return the position (3,) of SpineBase by person at a time, reference camera space [m]."""
+        """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
+
+        ``at_s`` is the time since the file's first frame [s].
+        """
 
 
 class AsLogged:
@@ -235,11 +243,16 @@ class Tally:
         self.interactions[session.name] = {**identity_figures(frames), "people": by_person}
 
     def counts(self) -> dict[tuple[str, str], Count]:
-        """Numbers of scored pairs and joints, by scoring and placement."""
+        """Return the numbers of scored pairs and joints, by scoring and placement."""
         return {key: count(scored) for key, scored in self.scored.items()}
 
     def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
-        """Return the method's results for the JSON of docs/evaluation.md."""
+        """Return the method's results for the JSON of docs/evaluation.md.
+
+        Args:
+            scored: description of the scored rows.
+            as_logged: numbers of pairs and joints of the logged rows, by scoring and placement.
+        """
         tasks: dict[str, dict[str, Any]] = {}
         for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
             tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
@@ -252,7 +265,7 @@ class Tally:
         }
 
     def fused_json(self) -> dict[str, Any]:
-        """The fused skeleton's figures by placement and over all sessions."""
+        """Return the fused skeleton's figures by placement and over all sessions."""
         everything = {"all": [one for some in self.fused.values() for one in some], **self.fused}
         return {placement: _means(sessions) for placement, sessions in everything.items() if sessions}
 
@@ -358,7 +371,7 @@ def evaluate(
     """Score methods on the study logs of a folder.
 
     Args:
-        folder: with the logs.
+        folder: folder of the study logs.
         methods: keys of `mocapella.tracker.METHODS`.
         participants: numbers of the participants whose logs are scored; None for all.
         on_step: called with the current step, in words.

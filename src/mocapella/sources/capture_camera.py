@@ -19,9 +19,9 @@ from mocapella.sources.picture_source import Picture, SourceState
 
 OPEN_TIMEOUT_S: Final = 5.0
 READ_TIMEOUT_S: Final = 3.0
-"""Timeout for the next frame of a stream."""
+"""Timeout for the next frame of a stream [s]."""
 NEWEST_S: Final = 0.5
-"""Greatest plausible age of a driver's time stamp; an older one belongs to another clock."""
+"""Greatest plausible age of a driver's time stamp; an older one belongs to another clock [s]."""
 _FROM_GRAB: Final = "the monotonic clock, when a frame was there"
 _FROM_DRIVER: Final = "the driver's stamps on the monotonic clock"
 
@@ -121,7 +121,7 @@ class CaptureCamera:
 
 
 def camera_number(path: str) -> int | None:
-    """Number of ``/dev/video0`` and of links to such devices; None for any other path."""
+    """Return the camera number of ``/dev/video0`` or of a link to such a device; None for any other path."""
     if not path.startswith("/dev/"):
         return None
     match = re.fullmatch(r"/dev/video(\d+)", str(Path(path).resolve()))

@@ -15,7 +15,7 @@ class PacedDepth:
     """A recording of depth images as an image source. Unreadable images are skipped.
 
     Args:
-        recording: its first image is due at `begin`.
+        recording: the recording; its first image is due at `begin`.
         loop: whether it repeats.
         clock: the monotonic clock, in seconds.
 

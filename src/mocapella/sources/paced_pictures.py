@@ -21,7 +21,7 @@ from mocapella.sources.video import IMAGES, open_video, read_image
 UInt8 = NDArray[np.uint8]
 
 USUAL_FPS: Final = 30.0
-"""Frame rate assumed for a folder of images, and for a video that states none."""
+"""Frame rate assumed for a folder of images, and for a video that states none [Hz]."""
 
 
 class PacedPictures:
@@ -31,8 +31,8 @@ class PacedPictures:
     these rise; otherwise a frame follows the last one after one period of the frame rate.
 
     Args:
-        path: of the video, image or folder.
-        fps: frame rate; None uses the video's own times, and `USUAL_FPS` for a folder.
+        path: path of the video, image or folder.
+        fps: frame rate [Hz]; None uses the video's own times, and `USUAL_FPS` for a folder.
         loop: whether it repeats.
         rate_option: the command's option for ``fps``, named in the note on a video that states no rate.
         clock: the monotonic clock, in seconds.

@@ -21,15 +21,15 @@ from mocapella.sources.picture_source import Picture, SourceState
 UInt16 = NDArray[np.uint16]
 
 LOST_S: Final = 2.0
-"""Time without an image after which a camera is lost."""
+"""Time without an image after which a camera is lost [s]."""
 WAIT_S: Final = 0.1
-"""Longest wait in the package at a time, so that a stop is noticed."""
+"""Longest wait in the package at a time, so that a stop is noticed [s]."""
 JUMP_S: Final = 0.5
-"""Deviation of a time stamp from the monotonic clock that sets a new clock offset."""
+"""Deviation of a time stamp from the monotonic clock that sets a new clock offset [s]."""
 
 
 class Stamped(NamedTuple):
-    """An image (height, width) and its capture time on the device's clock [s]; None if the device gives none."""
+    """A depth image (height, width) in the device's unit, and its capture time on the device's clock [s], if known."""
 
     depth: UInt16
     at_s: float | None
@@ -177,6 +177,6 @@ class DepthDevice(ABC):
 
 
 def none_there(name: str, count: int) -> InputError:
-    """Error that there is no such camera, with the number of those connected."""
+    """Return the error that there is no camera ``name``; its message gives the number of connected cameras."""
     there = f"{count} of them {'is' if count == 1 else 'are'} here, from 0" if count else "none is here; plug one in"
     return InputError("there is no such camera", file=name, fix=there)
