@@ -40,7 +40,7 @@ class RenderedCamera(RenderedSource):
         return SourceState(self.camera.size_px, self.camera.fps)
 
     def profile(self) -> ColourProfile:
-        """Colour profile learnt from images of the hand with all markers marked."""
+        """Return a colour profile that is learnt from images of the hand with all markers marked."""
         return pointed_at(self.scene, self.camera.name)
 
     def render(self, at_s: float) -> Image:

@@ -34,7 +34,7 @@ class RenderedScene(Protocol):
         ...
 
     def at(self, at_s: float) -> Shot:
-        """Render the image of an instant [s], with its ground truth."""
+        """Render the image at a time since the scene's start [s], with its ground truth."""
         ...
 
 
@@ -42,7 +42,7 @@ class RenderedDepth(RenderedSource):
     """A rendered scene as an image source.
 
     Args:
-        scene: seen by its camera.
+        scene: the scene, with its camera.
         name: as the user wrote it.
         options: the user's parameters; a lens and a unit replace the scene's, even if they are wrong.
         clock: the monotonic clock, in seconds.
@@ -75,7 +75,7 @@ class RenderedRecording:
     """One period of a scene as a recording: a `mocapella.sources.depth_files.DepthRecording`.
 
     Args:
-        scene, name, options: as for `RenderedDepth`.
+        scene, name, options: as in `RenderedDepth`.
     """
 
     def __init__(self, scene: RenderedScene, name: str, options: DepthOptions | None = None) -> None:
@@ -93,7 +93,12 @@ class RenderedRecording:
 
 
 def open_rendered(which: str, name: str, options: DepthOptions | None = None) -> RenderedDepth:
-    """Make the source of NAME, NAME/SEED or NAME/SEED/SENSOR.
+    """Return the image source of a simulated depth camera.
+
+    Args:
+        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR.
+        name: name of the source, as the user wrote it.
+        options: the user's parameters of the camera.
 
     Raises:
         SettingsError: unknown scene or sensor, or the seed is not a number.
@@ -102,10 +107,10 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
 
 
 def rendered_scene(which: str, name: str) -> RenderedScene:
-    """Load the scene of NAME, NAME/SEED or NAME/SEED/SENSOR: of people if it begins with `ROOM`, else of arms.
+    """Load a scene of people if ``which`` begins with `ROOM`, else of arms; arguments as in `open_rendered`.
 
     Raises:
-        SettingsError: as for `open_rendered`.
+        SettingsError: as in `open_rendered`.
     """
     scene, _, rest = which.partition("/")
     seed, _, sensor = rest.partition("/")

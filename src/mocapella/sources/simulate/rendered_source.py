@@ -19,8 +19,8 @@ class RenderedSource(ABC):
 
     Args:
         name: as the user wrote it.
-        fps: frame rate.
-        phase_s: due time of the first image.
+        fps: frame rate [Hz].
+        phase_s: due time of the first image, on the scene's clock [s].
         clock: the monotonic clock, in seconds.
     """
 
@@ -35,7 +35,7 @@ class RenderedSource(ABC):
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
-        """Render the image of an instant [s]."""
+        """Render the image at a time on the scene's clock [s]."""
 
     def restart(self) -> None:
         """Render once, so that kernels are compiled before real time starts, and begin with the first image."""

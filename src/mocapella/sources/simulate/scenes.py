@@ -63,7 +63,7 @@ def load_scene(
         topology: of the frames, such as ``kinect_v1``.
         bvh: a BVH file whose motion replaces one person's scenario.
         bvh_person: number of that person, from 1.
-        bvh_metres_per_unit: the file's unit; None scales it to the person's stature.
+        bvh_metres_per_unit: the file's unit [m]; None scales its motion to the person's stature.
 
     Raises:
         SettingsError: an unknown scene or topology, or a number out of range.
