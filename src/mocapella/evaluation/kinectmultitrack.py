@@ -109,7 +109,7 @@ class AsLogged:
         return _from_front(self.session, _logged_turn(self.session.log))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """See `Output`."""
+        """Return people's positions at a time; see `Output`."""
         return people_as_logged(self.session, at_s)
 
 
@@ -117,7 +117,7 @@ class OneSensor(AsLogged):
     """The front sensor's rows alone: a baseline for the fused skeleton."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`."""
+        """Return the fused skeletons at the pairs; see `Output`."""
         sensors = self.session.replay.sensors
         front = sensors.index(FRONT) if FRONT in sensors else 0
         rows = pairs.rows[self.session.sensor[pairs.rows] == front]
@@ -153,7 +153,7 @@ class AsRun:
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """See `Output`."""
+        """Return both views of each pair; see `Output`."""
         run, frames = self._run, self.session.frames
         if scoring == "walk-cold":
             assert self._cold is not None
@@ -176,7 +176,7 @@ class AsRun:
         return session.at_s[pairs.rows].max(axis=1), out
 
     def yaw(self) -> float:
-        """See `Output`."""
+        """Return the yaw between the two sensors [rad]; see `Output`."""
         walk = self.session.pairs.where(self.session.pairs.task == WALK)
         known = int(known_before(self.session.frames, walk, frozen=True)[0])
         T_reference_second = self._run.T_reference_sensor[known, 1]
@@ -184,7 +184,7 @@ class AsRun:
         return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """See `Output`."""
+        """Return people's positions at a time; see `Output`."""
         return people_of_run(self._run, at_s)
 
 

@@ -59,7 +59,7 @@ class CaptureCamera:
         self._number, self._last_ns = 0, 0
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.close()
         capture = self._opened()
         if not capture.isOpened():
@@ -97,7 +97,7 @@ class CaptureCamera:
         return Picture(np.asarray(image, dtype=np.uint8), self._last_ns, number, ready_s, ready_s - came_s)
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None

@@ -133,7 +133,7 @@ class ArmsTracker:
         return SensorLayout(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._tracks).items() if name != "settings"},
@@ -143,7 +143,7 @@ class ArmsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, tracks, calibration = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._tracks, tracks)

@@ -138,7 +138,7 @@ class DefaultTracker:
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.state())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
@@ -146,7 +146,7 @@ class DefaultTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._arrivals, arrivals)
@@ -166,12 +166,12 @@ class DefaultTracker:
         self._calibration.start_from(T_world_sensor)
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """See `KeepsLayout`."""
+        """Restart from a layout of an earlier session; see `KeepsLayout`."""
         self.reset()
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """See `KeepsLayout`."""
+        """Return the estimated layout, None if not known yet; see `KeepsLayout`."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:

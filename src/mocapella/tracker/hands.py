@@ -186,7 +186,7 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._rays).items() if name not in _RAYS_MADE_OF},
@@ -200,7 +200,7 @@ class HandsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._rays, rays)

@@ -89,13 +89,13 @@ class StandStillTracker:
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([own, *map(vars, self._stages())], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, *stages = unpack(data, _REMEMBERED)
         for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
             set_memory(part, memory)

@@ -88,7 +88,7 @@ class DepthDevice(ABC):
         return (RuntimeError, OSError)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`.
+        """Open the source and return its state; see `PictureSource.open`.
 
         Raises:
             SettingsError: no package is installed.
@@ -136,7 +136,7 @@ class DepthDevice(ABC):
         return None
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         if self._open:
             self._open = False
             self._stop_quietly(self._package)

@@ -275,7 +275,7 @@ def view_axes(toward: Float64) -> Float64:
 
 
 def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
-    """Return bodies (..., 25, 3), y up, with the joints `TURNED` rotated about the vertical through SpineMid.
+    """Return bodies (..., 25, 3), y up, rotated about the vertical through SpineMid.
 
     ``turn`` (...,) are the angles [rad].
     """

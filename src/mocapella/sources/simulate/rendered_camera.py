@@ -35,7 +35,7 @@ class RenderedCamera(RenderedSource):
         super().__init__(name, self.camera.fps, self.camera.phase_s, clock=clock)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.restart()
         return SourceState(self.camera.size_px, self.camera.fps)
 
@@ -44,5 +44,5 @@ class RenderedCamera(RenderedSource):
         return pointed_at(self.scene, self.camera.name)
 
     def render(self, at_s: float) -> Image:
-        """As `RenderedSource.render`."""
+        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
         return self.scene.at(self.camera.name, at_s).image

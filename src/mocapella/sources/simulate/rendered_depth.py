@@ -61,12 +61,12 @@ class RenderedDepth(RenderedSource):
         super().__init__(name, self.fps, clock=clock)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.restart()
         return _state(self.scene, self.options, self.fps)
 
     def render(self, at_s: float) -> Image:
-        """As `RenderedSource.render`."""
+        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
         image: Image = self.scene.at(at_s).depth
         return image
 

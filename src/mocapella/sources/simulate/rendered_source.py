@@ -43,11 +43,11 @@ class RenderedSource(ABC):
         self._turn = 0
 
     def begin(self, zero_s: float) -> None:
-        """As `PictureSource.begin`."""
+        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`."""
+        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
         now_s = max(0.0, self._clock() - self._zero_s)
         self._turn = max(self._turn, math.ceil((now_s - self._phase_s) * self._fps))
         at_s = self._phase_s + self._turn / self._fps
