@@ -208,8 +208,8 @@ class FacingFigures(msgspec.Struct, frozen=True):
         sessions: number of sessions.
         against_motion_percent: share of Walk's frames faster than `MOVING` that are more than 90° off the heading.
         reversals_per_min: number of reversals per minute of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
-        backward_kept_percent: of Walk's frames with backward motion (reference facing farther than `BACKWARD` from the
-            heading), the share with an estimate that is also more than 90° off the heading.
+        backward_kept_percent: share of Walk's frames with backward motion (reference facing farther than `BACKWARD`
+            from the heading) in which the estimate is also more than 90° off the heading.
         steps_wrong_percent, stationary_wrong_percent: share of frames more than 90° off the direction of the front
             sensor.
         walk_differs_percent: share of Walk's frames that are more than 90° off the reference.

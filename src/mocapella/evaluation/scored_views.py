@@ -90,7 +90,7 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
 
 
 def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
-    """Return the views of `views_of` before any bias is added, and the estimates that apply to them."""
+    """Return the views of `views_of` before any bias is added, and the estimates that apply; arguments as there."""
     sensor = session.sensor[pairs.rows]
     swapped = np.array(
         [

@@ -71,7 +71,10 @@ def _design(alpha: Float64, toward: Float64, mirror: bool) -> Float64:
 
 
 def unexplained(view: LabelledViews, bias: Float64) -> Float64:
-    """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m]."""
+    """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m].
+
+    ``bias`` (25, `BIAS_BINS`, 3) is the result of `fit_bias` [m].
+    """
     X = _design(view.alpha, view.raw.toward, mirror=False)
     explained = np.einsum("nij,kj->nki", X, bias.reshape(len(bias), -1))
     return np.asarray(view.positions[:, 0] - view.positions[:, 1] - explained)

@@ -69,8 +69,8 @@ class StudySession:
         replay: the sensors' frames, reconstructed from the log.
         participant: Study_Id.
         placement: name of the sensors' placement, as in the thesis' tables.
-        pairs: all pairs.
-        frames: all frames.
+        pairs: all pairs of rows.
+        frames: all frames of the replay.
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
         sensor: (rows,) index in ``replay.sensors``.
         at_s: (rows,) capture time of the row's frame, from the file's first frame [s].

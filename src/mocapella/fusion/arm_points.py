@@ -124,7 +124,9 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
 
 
 def fuse_poses(T: Float64, weights: Float64) -> Float64 | None:
-    """Return the weighted mean (4, 4) of the views' palm poses; None without a view that has one.
+    """Return the weighted mean (4, 4) of the views' palm poses ``T`` (views, 4, 4); None if no view has a pose.
+
+    A view's weight is the information of its wrist and knuckles in ``weights`` (views, n) of `FusedPoints`.
 
     The rotation is the nearest one to the weighted mean of the matrices (the chordal mean: R. Hartley et al., "Rotation
     Averaging", International Journal of Computer Vision 103 (2013), section 5.3).

@@ -78,7 +78,7 @@ class FacingTables(NamedTuple):
             `mocapella.fusion.facing_kernels.TABLE_ROWS`.
         across: (pairs, 2) left and right joints that give the yaw, in the order of preference.
         joints: (1 + terms, 2) the head and the SpineBase; then feature and joint of each term of the features' sums.
-        weights: (terms,) of the joints in the sums; empty if the model has no shapes for the topology.
+        weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
         classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
             largest standardised value of a feature.
     """
@@ -207,8 +207,8 @@ class FacingFilter:
         """Process a sensor's frame.
 
         Args:
-            sensor: its name.
-            people: (bodies,) their persons, each once.
+            sensor: name of the sensor.
+            people: (bodies,) id of each body's person; each person at most once.
             positions: (bodies, joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
             toward_sensor: (bodies,) yaw from the person to the sensor [rad]; NaN where unknown.
             at_s: capture time on the common clock [s]; for a person it never decreases: an earlier one counts as the

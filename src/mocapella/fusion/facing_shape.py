@@ -134,7 +134,7 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     def score(self, features: Float64) -> tuple[Float64, Float64]:
         """Return the log-odds of facing the sensor (...,), and the visible fraction of the shape (...,), 0 to 1.
 
-        A missing feature counts as its mean.
+        ``features`` (..., `FEATURES`): see `View`. A missing feature counts as its mean.
         """
         design, seen = design_matrix(features, self.mean, self.spread)
         return np.asarray(design @ self.weights), seen

@@ -128,8 +128,8 @@ def posteriors(
     """Estimate the probabilities (frames, BINS) of the facing in each frame of each sequence.
 
     Args:
-        sequences: of any people.
-        model, settings: of the `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
+        sequences: observations of any people.
+        model, settings: as in `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
         smooth: whether to use later frames as well.
         known_within_deg: standard deviation of known facings [deg]; None does not use them.
     """
@@ -173,7 +173,7 @@ def train(
     """Learn a model; the same sequences give the same model.
 
     Args:
-        sequences: of some people; in some of them a part of the facings must be known.
+        sequences: observations of some people; in some of them a part of the facings must be known.
         topology: name of the topology of the joints.
         settings: weights with which the model will be used.
         training: parameters of the training.

@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def terms_of(alpha: float, distance_m: float, ahead_m_s: float, left_m_s: float) -> Float64:
-    """Return the regressors (TERMS,) of the joint bias of one view; see `mocapella.fusion.joint_bias.terms`."""
+    """Return the regressors (TERMS,) of one view; arguments as in `mocapella.fusion.joint_bias.terms`."""
     out = np.empty(TERMS)
     for h in range(HARMONICS):
         out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)

@@ -69,7 +69,7 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
     """Learn the weights (TERMS, joints, 3) of a `mocapella.fusion.joint_bias.JointBiasModel` [m].
 
     Args:
-        sessions: of some people; the first view of each is the reference sensor's.
+        sessions: views of some people; the first view of each is the reference sensor's.
         tree: topology of the joints.
         settings: the settings.
 

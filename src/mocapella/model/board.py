@@ -86,7 +86,7 @@ class BoardView(msgspec.Struct, frozen=True, eq=False):
         camera: name of the camera.
         frame: number of the image in its video, from 0.
         size_px: (width, height) of the image.
-        ids: (n,) of the detected corners, ascending.
+        ids: (n,) ids of the detected corners, ascending.
         corners_px: (n, 2) [px], refined; (0, 0) is the centre of the first pixel.
         edge_px: median width of the edges at the corners [px]: large if the image is blurred; NaN
             where that was not measured.

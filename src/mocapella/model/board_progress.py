@@ -13,7 +13,7 @@ class CameraProgress(msgspec.Struct, frozen=True):
     """One camera's progress.
 
     Attributes:
-        name: of the camera.
+        name: name of the camera.
         views: number of kept views of the board.
         fields: (rows, columns) number of corners detected so far in each cell of a grid over the image.
         size_px: (width, height) of its image; None before the first.

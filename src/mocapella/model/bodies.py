@@ -22,7 +22,7 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
     """The tracked bodies of a frame, in the order of their ids.
 
     Attributes:
-        sensor: its name.
+        sensor: name of the sensor.
         topology: names and order of the joints.
         ids: (bodies,) tracking ids, ascending.
         positions: (bodies, joints, 3) float64, camera space [m]; NaN where not tracked.

@@ -39,7 +39,7 @@ class Lengths:
         shank, thigh: from joint to joint.
         trunk: from the midpoint of the hips to the midpoint of the shoulders.
         head: from the midpoint of the shoulders to the top of the head.
-        shoulder_width, hip_width: between the joints' centres.
+        shoulder_width, hip_width: distances between the centres of left and right joint.
         upper_arm, forearm: from joint to joint.
         hand: from the wrist to the fingertips.
         foot: from heel to toes.

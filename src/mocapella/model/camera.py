@@ -33,8 +33,8 @@ class PlacedCamera(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         camera: size and lens.
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
-        covariance: (6, 6) of a small motion of the camera in its own frame, translation then rotation, [m] and [rad];
-            NaN if unknown.
+        covariance: (6, 6) covariance of a small motion of the camera in its own frame, translation [m] then rotation
+            [rad]; NaN if unknown.
         clock_s: clock offset: the camera's time minus the rig's, for one instant [s].
     """
 
@@ -48,7 +48,7 @@ class CameraRig(msgspec.Struct, frozen=True, eq=False):
     """Cameras with poses in one world frame.
 
     Attributes:
-        cameras: by name.
+        cameras: the cameras, by name.
     """
 
     cameras: Mapping[str, PlacedCamera]

@@ -124,7 +124,7 @@ def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_br
 
 
 def smooth(x: Float64, start: float, end: float) -> Float64:
-    """Return a smooth step from 0 before the start to 1 after the end."""
+    """Return a smooth step (...,) of x (...,), from 0 where x is below ``start`` to 1 where it is above ``end``."""
     u = np.clip((x - start) / (end - start), 0.0, 1.0)
     return np.asarray(u * u * (3.0 - 2.0 * u))
 

@@ -66,7 +66,9 @@ def marker_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> MarkerFrame:
-    """Make a `MarkerFrame` of array-likes; scalars apply to all visible markers. ``time_ns`` is on the camera's clock.
+    """Make a `MarkerFrame` of array-likes; scalars apply to all visible markers.
+
+    The arguments have the meaning, shapes and units of the fields of `MarkerFrame`.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.

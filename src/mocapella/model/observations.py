@@ -67,8 +67,8 @@ class BodyFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         topology: names and order of the joints.
         depth_size_px: (width, height) of the sensor's depth image; (0, 0) if it has none.
-        tilt: of the sensor, upwards positive [rad].
-        height: of the sensor above the floor [m]; 0 if unknown.
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m]; 0 if unknown.
         tracking_ids: (bodies,) uint64, the sensor's own ids, which change after a loss.
         tracked: (bodies,) bool, whether the sensor tracks the body.
         clipped_edges: (bodies,) uint8, `Edge` bits.
@@ -121,7 +121,9 @@ def body_frame(
     tilt: float = 0.0,
     height: float = 0.0,
 ) -> BodyFrame:
-    """Make a `BodyFrame` of array-likes, with its shapes and units; missing arrays get defaults, shapes are checked.
+    """Make a `BodyFrame` of array-likes; missing arrays get defaults, shapes are checked.
+
+    The arguments have the meaning, shapes and units of the fields of `BodyFrame`.
 
     Without ``states``, joints with finite coordinates are tracked and others are not. Coordinates of joints that are
     not tracked become NaN.

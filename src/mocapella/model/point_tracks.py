@@ -18,7 +18,7 @@ class ImageTracks(msgspec.Struct, frozen=True, eq=False):
     """Image positions of named points, by frame and camera.
 
     Attributes:
-        cameras, points: their names.
+        cameras, points: names of the cameras and of the points.
         frames: (frames,) numbers of the frames in the file, ascending.
         at_s: (frames, cameras) capture times, on each camera's own clock [s]; NaN if not in the file.
         pixels: (frames, cameras, points, 2) x, y [px]; NaN where not seen.
@@ -39,7 +39,7 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
     """World positions of named points, by frame.
 
     Attributes:
-        points: their names.
+        points: names of the points.
         frames: (frames,) numbers of the frames.
         at_s: (frames,) capture times, on the rig's clock [s]; NaN if unknown.
         positions: (frames, points, 3) in the world [m]; NaN where not known.

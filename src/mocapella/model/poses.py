@@ -64,7 +64,7 @@ def pose_frame(
 ) -> PoseFrame:
     """Make a `PoseFrame` of array-likes; bodies with values that are not finite are not tracked.
 
-    Quaternions are normalised.
+    The arguments have the meaning, shapes and units of the fields of `PoseFrame`. Quaternions are normalised.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.

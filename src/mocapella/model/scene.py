@@ -55,8 +55,8 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
         sensor: name of the sensor.
         tracking_id: the sensor's id of the body.
         time_ns: capture time, on the sensor's own clock.
-        tilt: of the sensor, upwards positive [rad].
-        height: of the sensor above the floor [m].
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m].
         T_world_sensor: (4, 4), from the sensor's camera space to the world of this person.
         positions: (joints, 3), world [m], with the sensor's own labels; NaN where not tracked.
         states: (joints,), `JointState`.
@@ -112,11 +112,11 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     """A sensor's pose and its uncertainty.
 
     Attributes:
-        sensor: its name.
-        T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
+        sensor: name of the sensor.
+        T_world_sensor: (4, 4), from the sensor's camera space to the world; None where not known yet.
         position_sd: standard deviation of a point at people's positions [m]; NaN if unknown.
         rotation_sd: standard deviation of the rotation [rad]; NaN if unknown.
-        quality: of the pose, in words.
+        quality: quality of the pose, in words.
         problem: why its views are not used, or what to do; empty if there is no problem.
     """
 
@@ -275,7 +275,7 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
             predicted, or of a lost body; not tracked = the tracker does not search for the body yet.
         lost: whether the person is absent, because not yet arrived or gone; the pose is then the initial one, or the
             last one seen.
-        views: in the order of the rig's cameras.
+        views: the body in each camera's image, in the order of the rig's cameras.
         person: id of the body's `Person`; -1 if unassigned.
     """
 
@@ -300,7 +300,7 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         step: number of the scene, from 0 with each new tracker.
         at_ns: capture time of the frame on the common clock.
         sensor, node_id, sequence: identity of the frame (`SensorFrame`).
-        topology: of all skeletons in the scene.
+        topology: topology of all skeletons in the scene.
         state: state of the tracker.
         parts: the parts, by the name of their type (`mocapella.model.part_types`), each in the order of ids or names.
         sensors: poses of the sensors, in the order of names; empty if the method does not estimate them.

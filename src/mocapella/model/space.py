@@ -62,7 +62,7 @@ class SpaceAlignment:
 
 
 def rows_of(T: Float64) -> tuple[_Row, _Row, _Row]:
-    """Return the upper three rows of a transform (4, 4)."""
+    """Return the upper three rows of a transform T (4, 4), as nested tuples."""
     first, second, third = (tuple(map(float, row)) for row in T[:3])
     return first, second, third  # type: ignore[return-value]
 

@@ -35,7 +35,7 @@ class CaptureCamera:
 
     Args:
         target: number of the camera, or address of the stream.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         wishes: requested settings; a stream's controls are not set.
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the monotonic clock, in seconds.

@@ -72,11 +72,11 @@ def one_picture(
     """Read one image of a source without waiting for real time; return it and the source's state.
 
     Args:
-        text, wishes, seed: as for `open_pictures`.
+        text, wishes, seed: as in `open_pictures`.
         frame: number of the image, from 0; None is the first of a video and the `SETTLED`-th of a camera.
 
     Raises:
-        SettingsError: as for `open_pictures`.
+        SettingsError: as in `open_pictures`.
         InputError: the source cannot be opened, or has no such image.
     """
     source = open_pictures(text, wishes, seed=seed)

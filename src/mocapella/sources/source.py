@@ -32,7 +32,7 @@ class Source:
     Attributes:
         interface: version of the descriptor's interface, see `mocapella.registry`.
         name: the verb after ``mocapella node``.
-        summary: its purpose, in one line.
+        summary: purpose of the source, in one line.
         frame_types: names of the frame types that it sends; empty for all that are installed.
         command: ``module:function`` of its typer command. The module is imported when the verb runs.
         looks: ``module:function`` that returns `Finding` values for `mocapella doctor`, such as which devices are

@@ -39,7 +39,7 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         problem: why the frame cannot be used; empty if it can.
-        sensor: its name.
+        sensor: name of the sensor.
         node_changed: whether another process serves this sensor now, so that old tracking ids are invalid.
         newest: newest frames of all sensors that are not silent, by name, in the order of names.
     """

@@ -45,8 +45,8 @@ class BodiesFitter:
         """Begin to track a body from an approximate pose, without motion.
 
         Args:
-            name: of the body.
-            pose: its approximate pose.
+            name: name of the body.
+            pose: approximate pose of the body.
             time_ns: time of the pose, on the common clock.
 
         Raises:

@@ -49,7 +49,7 @@ class LimbRecovery:
 
     Args:
         body: the body whose limbs are checked.
-        settings: of the search.
+        settings: settings of the search.
     """
 
     def __init__(self, body: SilhouetteBody, settings: LimbSearchSettings) -> None:

@@ -169,10 +169,10 @@ class People:
         """Return corrections of the sensor's joint bias for a frame's bodies, from the people's present state.
 
         Args:
-            model: of the same joints.
+            model: joint bias of the same topology.
             bodies: the sensor's bodies.
             rows: (bodies,) row of each body's person in the previous frames; −1 for none.
-            T: (4, 4) from its camera space to the space of the people.
+            T: (4, 4) from the sensor's camera space to the space of the people.
             at_s: the newest capture time so far, on the common clock [s].
 
         Returns:
@@ -192,7 +192,7 @@ class People:
         """Process one frame.
 
         Args:
-            frame: its bodies, each assigned to a person.
+            frame: the frame's bodies, each assigned to a person.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
         """
         s, kernels, rows, column = self.settings, _kernels(), frame.rows, self._column(frame.sensor)
@@ -264,7 +264,7 @@ class People:
         _kernels().move_views(column, np.ascontiguousarray(T_new_old), self.mirror, self.memory.views)
 
     def level(self, R_level: Float64) -> None:
-        """Set the rotation (3, 3) from the space of the people to one with y up."""
+        """Set the rotation ``R_level`` (3, 3) from the space of the people to one with y up."""
         turned = R_level @ self.R_level.T
         if self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))

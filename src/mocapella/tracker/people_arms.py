@@ -123,7 +123,7 @@ class PeopleArms:
 
         Args:
             people: the tracked people.
-            topology: of their skeletons; without one the arms have no persons.
+            topology: topology of the people's skeletons; without one the arms have no persons.
             now_s: the scene's time on the server's clock [s].
         """
         self._tracks.advance(now_s)

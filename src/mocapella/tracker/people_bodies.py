@@ -110,7 +110,7 @@ class PeopleBodies:
         Args:
             arrival: a camera's frame with an image.
             people: the tracked people, for the pose of the rig.
-            topology: of their skeletons.
+            topology: topology of the people's skeletons.
         """
         if self._tracker is None:
             return NOT_CONFIGURED

@@ -70,7 +70,7 @@ def scene_at(
         step: number of the scene, from 0.
         state: state of the tracker.
         parts: the scene's parts, by the name of their type.
-        topology: of the skeletons; may be omitted if there are none.
+        topology: topology of the skeletons; may be omitted if there are none.
         sensors: poses of the sensors.
     """
     frame = arrival.frame

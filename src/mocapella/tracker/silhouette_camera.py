@@ -137,7 +137,10 @@ class SilhouetteCamera:
         return seen is not None
 
     def unlike(self, image: UInt8) -> float:
-        """Return the fraction of the background that has changed, 0 to 1; NaN where the background is unknown."""
+        """Return the fraction of the background that has changed in an image, 0 to 1; NaN if the background is unknown.
+
+        ``image`` (height, width) or (height, width, 3) uint8.
+        """
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:

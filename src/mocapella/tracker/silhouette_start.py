@@ -75,9 +75,9 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
     """Triangulate joints (3,) [m] from 2D points, by the names of a body's landmarks; without those not found.
 
     Args:
-        tracks: named as in OpenPose, or as a body's landmarks.
-        rig: of their cameras.
-        frame: index, from 0.
+        tracks: 2D points, named as in OpenPose, or as a body's landmarks.
+        rig: the cameras' intrinsics and poses.
+        frame: index of the frame to use, from 0.
 
     Raises:
         InputError: a camera that the rig does not have, no such frame, or unknown names.

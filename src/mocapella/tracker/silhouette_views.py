@@ -37,10 +37,10 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
     """All bodies in one frame.
 
     Attributes:
-        number: of the frame, if all cameras' frames have the same, as in files; otherwise a counter.
+        number: number of the frame, if all cameras' frames have the same number, as in files; otherwise a counter.
         time_ns: capture time, on the common clock.
         images: (height, width, 3) BGR by camera; a camera without a usable image is missing.
-        bodies: by name.
+        bodies: the fitted bodies, by name.
     """
 
     number: int

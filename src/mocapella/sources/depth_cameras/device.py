@@ -43,7 +43,7 @@ class DepthDevice(ABC):
 
     Args:
         which: number of the camera, or its serial number; empty is the first.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         options: the user's parameters; they take precedence over the device's.
         package: the driver's package; imported if None.
         clock: the monotonic clock, in seconds.

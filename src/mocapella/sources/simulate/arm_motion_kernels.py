@@ -186,7 +186,7 @@ def _residuals(
 
 @njit(cache=True)
 def squared(r: Float64) -> float:
-    """Return the sum of squares."""
+    """Return the sum of squares of r (n,)."""
     total = 0.0
     for i in range(len(r)):
         total += r[i] * r[i]

@@ -208,7 +208,7 @@ class DepthScene:
     """A scene seen by one camera; made by `load_depth_scene`.
 
     Attributes:
-        name, seed: of the scene.
+        name, seed: name and random seed of the scene.
         sensor: the camera.
         settings: description of the scene.
         period_s: period of everything except the noise.

@@ -19,7 +19,7 @@ class RenderedCamera(RenderedSource):
     Args:
         scene: the scene.
         camera: name of one of its cameras.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         clock: the monotonic clock, in seconds.
 
     Raises:

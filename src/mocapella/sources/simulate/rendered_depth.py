@@ -43,7 +43,7 @@ class RenderedDepth(RenderedSource):
 
     Args:
         scene: the scene, with its camera.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         options: the user's parameters; a lens and a unit replace the scene's, even if they are wrong.
         clock: the monotonic clock, in seconds.
     """

@@ -18,7 +18,7 @@ class RenderedSource(ABC):
     Its clock is the scene's, from 1 ns. Images are skipped if there is no time to render them. It does not end.
 
     Args:
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         fps: frame rate [Hz].
         phase_s: due time of the first image, on the scene's clock [s].
         clock: the monotonic clock, in seconds.
