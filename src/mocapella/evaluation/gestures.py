@@ -53,7 +53,7 @@ class GestureScores:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Return the shares of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
+        """Return the fractions of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
 
         def part(some: int, of_all: int) -> float:
             return round(some / of_all, 4) if of_all else float("nan")

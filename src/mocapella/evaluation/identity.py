@@ -31,8 +31,8 @@ class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
     """True and found people of one frame.
 
     Attributes:
-        true_ids: (true people,) ids.
-        found_ids: (found people,) ids.
+        true_ids: (true people,) ids of the true people.
+        found_ids: (found people,) ids that the tracker gave.
         similarity: (true people, found people) similarity of each pair, from 0 to 1.
     """
 

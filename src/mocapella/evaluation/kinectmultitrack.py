@@ -96,16 +96,16 @@ class AsLogged:
         self.session = session
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """See `Output`; every protocol has the same rows."""
+        """Return both views of each pair, the logged rows; they are equal for every scoring. See `Output`."""
         return logged_views(self.session, pairs)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`: the thesis' average skeleton."""
+        """Return the thesis' average skeletons at the pairs; see `Output`."""
         rows = self.session.log.positions[pairs.rows].astype(np.float64)
         return self.session.at_s[pairs.rows].max(axis=1), rows.mean(axis=1)
 
     def yaw(self) -> float:
-        """See `Output`: the difference of the two shoulder angles."""
+        """Return the yaw between the two sensors, from the two shoulder angles [rad]; see `Output`."""
         return _from_front(self.session, _logged_turn(self.session.log))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
@@ -164,7 +164,7 @@ class AsRun:
         return views_of(self.session, run, pairs, known_before(frames, pairs, frozen=frozen), labels)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`: from the newest scene once both of the pair's frames have arrived."""
+        """Return the skeletons of the newest scene when both of a pair's frames have arrived; see `Output`."""
         session, run = self.session, self._run
         after = session.frames.of_row[pairs.rows].max(axis=1)
         out = np.full((len(pairs), *session.raw.shape[1:]), np.nan)

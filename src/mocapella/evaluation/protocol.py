@@ -48,10 +48,10 @@ class ScoredTracker(Protocol):
         """The joint bias, None without one; the scoring reads it once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Start from a sensor layout, known before the first frame; a method may ignore it."""
+        """Start from sensor poses (4, 4), by sensor, known before the first frame; a method may ignore them."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """See `mocapella.tracker.Tracker`."""
+        """Process one frame and return the scene; see `mocapella.tracker.protocol.Tracker`."""
 
     def sensor_views(self) -> SensorViews:
         """Return the present estimates of the sensors' poses, clock offsets and label swaps."""

@@ -157,7 +157,8 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
     """Arguments of the joint bias for each view, see `mocapella.evaluation.protocol.JointBias`.
 
     Attributes:
-        facing: (pairs, 2) yaw of the fused person relative to each line of sight [rad]; NaN without a fused person.
+        facing: (pairs, 2) yaw of the fused person, from the direction towards each sensor [rad]; NaN without a fused
+            person.
         position: (pairs, 2, 3) of the fused SpineBase, in each sensor's camera space [m].
         velocity: (pairs, 2, 3) velocity of that joint, in the same space [m/s].
     """

@@ -166,7 +166,7 @@ def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
 
 
 def score(found: Movement, true: Movement) -> MovementScore:
-    """Compare two movements with the same number of frames.
+    """Compute the errors of an estimated movement against the true one, with the same number of frames.
 
     Raises:
         EvaluationError: the numbers differ, or are below three.

@@ -30,7 +30,7 @@ class ArmFusionSettings:
     Attributes:
         least_sd_m: lower bound of the standard deviation of a point's coordinate [m].
         unsaid_sd_m: standard deviation of a coordinate for a view that gives none [m].
-        gate_m: two views agree about a point within this distance …
+        gate_m: two views agree about a point within this distance [m] …
         gate_sds: … plus this many standard deviations of their difference.
         far_m: upper bound of the whole distance within which they agree [m].
     """

@@ -76,8 +76,9 @@ class FacingTables(NamedTuple):
     Attributes:
         tables: (rows, BINS) log-likelihoods of yaw, shape and motion, and the waves of the turning; see
             `mocapella.fusion.facing_kernels.TABLE_ROWS`.
-        across: (pairs, 2) left and right joints that give the yaw, in the order of preference.
-        joints: (1 + terms, 2) the head and the SpineBase; then feature and joint of each term of the features' sums.
+        across: (pairs, 2) indices of left and right joints that give the yaw, in the order of preference.
+        joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
+            features' sums.
         weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
         classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
             largest standardised value of a feature.

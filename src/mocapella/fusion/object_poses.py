@@ -75,18 +75,18 @@ class ObjectPoseSettings:
         turn_density: power spectral density of the white-noise angular acceleration about an axis [rad²/s³].
         manoeuvre: factor of both densities that is tried if a frame does not fit; then its square.
         speed_sd: standard deviation of a new object's speed along an axis [m/s].
-        turn_sd: standard deviation of its angular speed about an axis [rad/s].
+        turn_sd: standard deviation of a new object's angular speed about an axis [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
         keep_s: a frame that is older than the newest one by more than this is dropped [s].
         together_s: largest time between the frames that initialise an object [s].
         image_speed_px: assumed speed of a marker in an image; the standard deviation of the older frames' pixels grows
             by it with time [px/s].
         undecided_cost: largest difference of cost of two poses that are tracked.
-        alone_s: with too few markers for this long, it is inferred [s].
-        forget_after_s: unseen for this long, it is lost [s].
-        tracked_sd_m, tracked_sd_rad: it is inferred if the standard deviation of its position along an axis [m], or of
-            its rotation about an axis [rad], is larger.
-        largest_sd_m: it is lost if the standard deviation of its position along an axis is larger [m].
+        alone_s: an object with too few visible markers for this long is inferred [s].
+        forget_after_s: an object unseen for this long is lost [s].
+        tracked_sd_m: an object is inferred if the standard deviation of its position along an axis is larger [m].
+        tracked_sd_rad: an object is inferred if the standard deviation of its rotation about an axis is larger [rad].
+        largest_sd_m: an object is lost if the standard deviation of its position along an axis is larger [m].
     """
 
     acceleration_density: float = 0.3

@@ -33,7 +33,8 @@ class PairDepthSettings:
 
     Attributes:
         method: one of `METHODS`.
-        k_cm, z: factor and exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
+        k_cm: factor of the depth for ``parallel-fitted``, see `PowerLaw` [cm].
+        z: exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
         sd_px: standard deviation of a pixel's coordinate [px].
         gate_sd: largest disagreement of the cameras, in standard deviations.
     """

@@ -57,7 +57,7 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         k: index of the camera.
         u, v: the pixel [px].
-        variance: of a pixel's coordinate [px²].
+        variance: variance of the pixel's coordinates [px²].
         gate2: largest squared Mahalanobis distance of the innovation.
     """
     du, dv, ax, ay, az, bx, by, bz = linearised(views, k, x[0], x[1], x[2], u, v)

@@ -82,7 +82,7 @@ class CaptureCamera:
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None if the camera gave no frame."""
+        """Wait for the next image; None if the camera gave no frame. See `PictureSource.read`."""
         if self._capture is None or not self._capture.grab():
             return None
         came_s = self._clock()

@@ -73,7 +73,7 @@ class DepthSidecar:
     Attributes:
         unit_m: length of a unit of the images [m].
         raw: ``kinect-raw`` if the images are a Kinect v1's disparities; empty if they are depths.
-        lens: [F, CX, CY], [FX, FY, CX, CY], or the latter and K1, K2, P1, P2, K3 [px; distortion without a unit].
+        lens: F, CX, CY, or FX, FY, CX, CY [px], or these four and the distortion K1, K2, P1, P2, K3.
         fps: frame rate [Hz].
     """
 
@@ -121,7 +121,7 @@ class DepthFiles:
         self.state = SourceState((width, height), self.fps, unit_m=unit_m, lens=lens)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`; a damaged or truncated file is yielded without an image, with the problem.
+        """Yield all images, from the first; a damaged or truncated file is yielded without an image, with the problem.
 
         Raises:
             InputError: a file is not a 16-bit image, has another size than the first, or has values above a Kinect's

@@ -148,7 +148,7 @@ class LiveSet:
         return {"dropped": self.dropped}
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """As `until`, without an end."""
+        """Yield frames as `until`, without an end."""
         return self.until(threading.Event())
 
     def until(

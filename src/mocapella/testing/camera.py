@@ -47,7 +47,7 @@ class FakeCamera:
         self._state, self._image = state, image or self._numbered
 
     def open(self) -> SourceState:
-        """Return the state.
+        """Open the camera and return its state.
 
         Raises:
             InputError: the plug is pulled.

@@ -54,7 +54,7 @@ class Walker:
     size: float = 0.8
 
     def at(self, t: float) -> Float64:
-        """Return the joints at a time [s]: (25, 3) of the topology ``kinect_v2`` in the world, y up, floor at 0 [m]."""
+        """Return the joints (25, 3) of the topology ``kinect_v2`` at a true time [s], world, y up, floor at 0 [m]."""
         a = self.phase + self.speed / self.size * t / 1.5
         x, z = self.size * np.sin(a), self.size * np.sin(2 * a) / 2
         heading = np.arctan2(np.cos(a), np.cos(2 * a)) if self.speed else np.pi

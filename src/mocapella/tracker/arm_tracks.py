@@ -58,8 +58,8 @@ class ArmTracksSettings:
         shown_for_s: an unseen arm is reported, as inferred, for this long [s].
         keep_s: an unseen arm keeps its id if it reappears within this time [s].
         coast_s: the motion of an unseen arm is extrapolated for this long [s].
-        one_m, one_s: two arms that no camera sees together are merged if their palms are nearer than this [m] for this
-            long [s].
+        one_m: two arms that no camera sees together are merged if their palms stay nearer than this [m].
+        one_s: time for which the palms must stay so near [s].
         gesture_margin: another gesture replaces the present one if its confidence is higher by this, 0 to 1.
     """
 

@@ -53,7 +53,7 @@ class FrameSyncSettings:
     """Assumptions before the first frame.
 
     Attributes:
-        period_s: the cameras' period, until their frames show it [s].
+        period_s: frame period of the cameras, used until their frames show it [s].
         silent_after_s: a camera without a frame for this long is not waited for [s].
     """
 

@@ -81,7 +81,7 @@ class EmptyRoomLearning:
 
 
 def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
-    """Return messages about the ``cameras`` that are not among the ``known`` ones, whose empty room was learnt."""
+    """Return messages about ``cameras`` whose empty room was not learnt; ``known`` contains the others."""
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []

@@ -117,7 +117,7 @@ class DepthDevice(ABC):
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None if the camera is lost."""
+        """Wait for the next image; None if the camera is lost. See `PictureSource.read`."""
         if not self._open:
             return None
         lost_s = self._clock() + LOST_S

@@ -127,7 +127,7 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
         left: whether it is a left arm.
         points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
             landmark, see `arm_mesh`.
-        shoulder: (3,) [m].
+        shoulder: (3,) position of the shoulder [m].
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
         T_camera_palm: (4, 4) pose of the palm.
         seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the

@@ -148,7 +148,7 @@ class Clothes:
 
     Attributes:
         parts: (faces,) index of each face's zone.
-        zones: (parts, 21), spots: (n, 5), materials: (m, 10); see `body_paint_kernels.bake`.
+        zones, spots, materials: (zones, 21), (n, 5), (m, 10), see `body_paint_kernels.bake`.
     """
 
     parts: NDArray[np.int32]

@@ -86,7 +86,7 @@ class RenderedRecording:
         self.count = max(math.floor(scene.period_s * fps), 1)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`."""
+        """Yield the images of one period, from the first; see `DepthRecording.images`."""
         for number in range(self.count):
             at_s = number / self.fps
             yield RecordedDepth(f"{self.name}/{number}", round(at_s * NS_PER_S) + 1, self.scene.at(at_s).depth)
