@@ -43,9 +43,10 @@ class FacingSettings:
         shape_weight: weight of the log-likelihood of the body's shape.
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
             misjudged.
-        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this.
+        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this
+            [deg].
         mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
-            the direction to the sensor.
+            the direction to the sensor [deg].
     """
 
     yaw_weight: float = 0.1

@@ -42,7 +42,8 @@ class FusionSettings:
     """Reliability of views.
 
     Attributes:
-        sd_m: standard deviation of a tracked joint's coordinate at 2 m [m]; it grows with the square of the distance.
+        sd_m: standard deviation of a tracked joint's coordinate at a distance of 2 m; it grows with the square of the
+            distance [m].
         inferred_factor: factor of the standard deviation of an inferred joint.
         clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image.
         degrees_of_freedom: degrees of freedom of the Student-t weight of a view; infinity disables it.
