@@ -33,17 +33,17 @@ class ArmScores:
 
     Attributes:
         frames: number of true arms in the images, summed over frames.
-        followed: number of these that are matched to a detected arm.
+        followed: number of these arms that are matched to a detected arm.
         tips: errors of visible fingertips that the detector measured [m].
-        inferred: number of visible fingertips that it did not measure.
+        inferred: number of visible fingertips that the detector did not measure.
         named: number of visible fingertips whose nearest detected tip, or one near enough, has the right name.
         visible: number of visible fingertips.
         occluded, occluded_found: number of visible fingertips in front of the palm or of other digits, and number of
             these that are detected.
-        hidden: errors of fingertips without pixels [m].
-        wrist, palm, elbow: errors [m].
-        sided: number of frames with the right side, left or right.
-        lost: longest run of frames without the arm, after its first detection.
+        hidden: errors of fingertips without pixels in the image [m].
+        wrist, palm, elbow: errors of these joints [m].
+        sided: number of frames in which the arm's side is correct.
+        lost: length of the longest run of frames without the arm, after its first detection.
     """
 
     frames: int = 0
@@ -62,7 +62,7 @@ class ArmScores:
     lost: int = 0
 
     def add(self, other: ArmScores) -> None:
-        """Add another score; the longest loss is the larger one."""
+        """Add another score to this one, in place; the longest loss is the longer of both."""
         for name in ("frames", "followed", "inferred", "named", "visible", "occluded", "occluded_found", "sided"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("tips", "hidden", "wrist", "palm", "elbow"):
@@ -168,7 +168,13 @@ def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:
 
 
 def jitter(detector: ArmDetector, shots: Iterable[DepthShot], *, settle: int = 15) -> Mapping[str, float]:
-    """Return by joint the root mean square motion of a still arm about its mean [m], after ``settle`` frames."""
+    """Return the root mean square motion of a still arm's joints about their mean [m], by joint.
+
+    Args:
+        detector: the detector.
+        shots: simulated depth images of a still arm, in the order of their times.
+        settle: number of first frames that are not counted.
+    """
     from mocapella.model.arms import ARM_JOINT_NAMES
 
     rows: list[Any] = []

@@ -45,12 +45,15 @@ class BiasSession(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def participant(self) -> int:
-        """Study_Id."""
+        """Number of the participant: the log's Study_Id."""
         return self.study.participant
 
 
 def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker]:
-    """Return a factory of the method `default` with this bias instead of the shipped one."""
+    """Return a factory of trackers of the method `default`, with this bias instead of the shipped one.
+
+    The factory's argument is the number of sensors; a ``model`` of None subtracts no bias.
+    """
 
     def make(sensors: int) -> DefaultTracker:
         tracker = DefaultTracker(DefaultSettings(joint_bias="none"), sensors_expected=sensors)
@@ -120,7 +123,7 @@ def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
 
 
 def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBiasModel:
-    """Train a model on all sessions, and one without each fold of participants."""
+    """Train a model on all sessions, with weights learnt without each fold of participants, for cross-validation."""
     without = [
         LeftOut(tuple(sorted(fold)), train([s.views for s in sessions if s.participant not in fold], TOPOLOGY))
         for fold in folds

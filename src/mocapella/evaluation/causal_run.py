@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 MAX_TIME_OFFSET = 1.0
 """Largest clock offset between two sensors of ordered arrivals [s]."""
 TO_FIND_IT = 1.0
-"""[m]."""
+"""Path length that the estimated motions between sensors may take at first without counting as wandering [m]."""
 LONGEST_STEP = 1.0
 """A longer gap between two frames is a pause of the log, and does not count as time [s]."""
 _PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
@@ -29,7 +29,13 @@ _PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
 
 
 class PersonThen(msgspec.Struct, frozen=True, eq=False):
-    """A person of a scene: id, the fused views, and the fused skeleton (joints, 3), reference camera space [m]."""
+    """A person of a scene.
+
+    Attributes:
+        id: the person's id.
+        keys: sensor and tracking id of the fused views.
+        positions: (joints, 3) fused skeleton, in the reference sensor's camera space [m].
+    """
 
     id: int
     keys: frozenset[BodyKey]
@@ -40,12 +46,13 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
     """A method's estimates: entry k is from *before* arrival k, so entry 0 is the initial one.
 
     Attributes:
-        sensors: names, the reference sensor first.
-        T_reference_sensor: (arrivals + 1, sensors, 4, 4); NaN where unknown.
+        sensors: names of the sensors, the reference sensor first.
+        T_reference_sensor: (arrivals + 1, sensors, 4, 4) from each sensor's camera space to the reference sensor's; NaN
+            where unknown.
         time_offset_s: (arrivals + 1, sensors) clock offsets [s]; NaN if not estimated.
         swapped: (arrivals + 1,) views with swapped labels.
         people: (arrivals,) people of each scene.
-        at_ns: (arrivals,) capture times.
+        at_ns: (arrivals,) capture times, on the common clock.
         joint_bias: the method's bias, which it declares before the first frame; None without one.
         wander_m_per_min: path length of a point at people's positions under the changing estimates of the motions
             between sensors, per minute, less the `TO_FIND_IT` metres allowed for the initial estimation.
@@ -71,9 +78,10 @@ def run_causally(
 
     Args:
         make: creates a tracker for a number of sensors.
-        sensors: names, the reference sensor first.
-        arrivals: in their order.
-        layout: T_world_sensor (4, 4) by sensor, known before the first frame: the calibration in the study log.
+        sensors: names of the sensors, the reference sensor first.
+        arrivals: the frames, in the order of their arrival.
+        layout: poses T_world_sensor (4, 4) that are known before the first frame, by sensor: the calibration in the
+            study log.
 
     Raises:
         EvaluationError: a motion is not rigid, or a value is invalid.

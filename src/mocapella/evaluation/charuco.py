@@ -31,7 +31,7 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
         folder: contains ``charuco.toml``; ``calibration/extrinsic/*.mp4``, one synchronised video per camera; and
             ``camera_array.toml``, a reference calibration, which is scored as well.
         tell: called with the current step, in words.
-        step: stride in the odd and in the even frames, for a quick check.
+        step: only every ``step``-th of the odd and of the even frames is used, for a quick check.
 
     Returns:
         JSON-like: ``calibration``; ``scored`` for this calibration and the reference; and the targets that are met.

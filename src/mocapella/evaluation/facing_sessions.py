@@ -32,7 +32,7 @@ Int64 = NDArray[np.int64]
 TOPOLOGY: Final = topology("kinect_v2")
 TASK_NAMES: Final = ("stationary", "steps", "walk")
 TASKS: Final = tuple(SCENARIOS[name] for name in TASK_NAMES)
-"""In the first two, people face the front sensor throughout."""
+"""Scenario_Id of the tasks that are used; in the first two, people face the front sensor throughout."""
 FRONT: Final = "front"
 VELOCITY_OVER: Final = 0.25
 """Interval of a velocity, into the past [s]."""
@@ -71,10 +71,11 @@ class AlignedViews(msgspec.Struct, frozen=True, eq=False):
     """Both sensors' views of one person in Stationary, Steps and Walk; the world is the reference's camera space.
 
     Attributes:
-        at_s: (frames, 2) when each was captured, from the file's first frame; the first column strictly rising [s].
+        at_s: (frames, 2) capture time of each view since the file's first frame, strictly rising in the first column
+            [s].
         task: (frames,) Scenario_Id.
         positions: (frames, 2, joints, 3) with the sensors' labels, the reference sensor first [m].
-        logged: the same, as in the log.
+        logged: (frames, 2, joints, 3) positions as logged, with the second sensor's transformed by the thesis [m].
         places: (2, 3) positions of the sensors [m].
         toward: (frames, 2) yaw from the person to each sensor [rad].
     """
@@ -197,7 +198,7 @@ class OfParticipant(Protocol):
 
     @property
     def participant(self) -> int:
-        """Study_Id."""
+        """Number of the participant: the log's Study_Id."""
 
 
 class FacingFigures(msgspec.Struct, frozen=True):
@@ -206,9 +207,9 @@ class FacingFigures(msgspec.Struct, frozen=True):
     Attributes:
         sessions: number of sessions.
         against_motion_percent: share of Walk's frames faster than `MOVING` that are more than 90° off the heading.
-        reversals_per_min: of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
-        backward_kept_percent: of Walk's frames with backward motion (reference facing farther than `BACKWARD` from the
-            heading), the share with an estimate that is also more than 90° off the heading.
+        reversals_per_min: number of reversals per minute of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
+        backward_kept_percent: share of Walk's frames with backward motion (reference facing farther than `BACKWARD`
+            from the heading) in which the estimate is also more than 90° off the heading.
         steps_wrong_percent, stationary_wrong_percent: share of frames more than 90° off the direction of the front
             sensor.
         walk_differs_percent: share of Walk's frames that are more than 90° off the reference.
@@ -229,9 +230,9 @@ def figures(
     """Score facings.
 
     Args:
-        sessions: of any participants.
+        sessions: sessions of any participants.
         estimates: facings (frames,) of each session [rad].
-        references: facings of `reference_facings`, in the same form.
+        references: facings (frames,) of each session by `reference_facings` [rad].
     """
     total = np.zeros((2, 6))  # rows: count and total; columns: in the order of `FacingFigures`
     for session, yaw, reference in zip(sessions, estimates, references, strict=True):
@@ -263,9 +264,9 @@ def _is_off(yaw: Float64, other: Float64, by: float = np.pi / 2) -> NDArray[np.b
 
 
 def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> list[Float64]:
-    """Estimate reference facings (frames,) without ground truth: from past and future yaws and shapes, not motion.
+    """Estimate reference facings (frames,) of each session [rad], from past and future yaws and shapes.
 
-    Because motion is not used, they can show who really walked backward.
+    There is no ground truth. Because motion is not used, these facings show whether a person really walked backward.
     """
     return _yaws(sessions, model, FacingSettings(motion_weight=0.0), smooth=True)
 
@@ -283,10 +284,10 @@ def left_out(
     """Cross-validate the facing model: score each fold with a model trained on the other participants.
 
     Args:
-        sessions: of at least as many participants as folds.
-        folds: 2 or more.
-        reference: trained on all, for `reference_facings`.
-        settings: as the model will be used.
+        sessions: sessions of at least as many participants as folds.
+        folds: number of folds, 2 or more.
+        reference: model trained on all participants, for `reference_facings`.
+        settings: settings with which the model will be used.
 
     Returns:
         Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` is the shipped model.
@@ -317,7 +318,7 @@ def left_out(
 
 
 def split(sessions: Iterable[OfParticipant], folds: int) -> list[set[int]]:
-    """Divide the participants into folds: every n-th of them.
+    """Divide the participants into ``folds`` sets of their numbers, each with every n-th participant.
 
     Raises:
         SettingsError: there are fewer participants than folds.

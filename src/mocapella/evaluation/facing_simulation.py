@@ -30,10 +30,10 @@ class SimulatedFigures(msgspec.Struct, frozen=True):
 
     Attributes:
         bodies: number of bodies.
-        wrong_as_reported_percent: share with left and right swapped by the sensor.
-        wrong_percent: share with left and right swapped after the correction.
-        facing_wrong_percent: share with a facing more than 90° off.
-        off_deg: median error of the facing.
+        wrong_as_reported_percent: share of bodies with left and right swapped by the sensor [%].
+        wrong_percent: share of bodies with left and right swapped after the correction [%].
+        facing_wrong_percent: share of bodies with a facing more than 90° off [%].
+        off_deg: median error of the facing [deg].
     """
 
     bodies: int
@@ -47,9 +47,9 @@ def simulated_figures(room: Room, facings: FacingFilter, seconds: float) -> Simu
     """Run a filter on all frames of a room's sensors from its beginning.
 
     Args:
-        room: any.
-        facings: a new one, for the room's topology.
-        seconds: of room time.
+        room: the simulated room.
+        facings: a new filter, for the room's topology.
+        seconds: duration of the simulation [s].
     """
     sensors = [SimulatedSensor(room, name) for name in room.sensor_names]
     T_world_sensor = {sensor.name: sensor.T_world_sensor for sensor in sensors}

@@ -17,16 +17,16 @@ from mocapella.model.topology import topology
 Float64 = NDArray[np.float64]
 
 SLIDE_OVER: Final = 0.1
-"""[s]."""
+"""Interval over which the speed of an ankle is measured [s]."""
 HEADING_OVER: Final = 0.2
-"""Centred on the frame [s]."""
+"""Interval, centred on the frame, over which the heading is measured [s]."""
 MOVING: Final = 0.5
 """Smallest speed of a moving person [m/s]."""
 REVERSED_BY: Final = np.radians(120.0)
 REVERSED_WITHIN: Final = 0.4
-"""[s]."""
+"""Longest duration of a turn that counts as a reversal [s]."""
 COLLAPSED: Final = 0.6
-"""Of the median shoulder width."""
+"""A narrower shoulder width, as a fraction of the median width, counts as collapsed."""
 _LAG_STEPS = 12
 """Number of steps of 1/60 s: a velocity over that time does not depend on the interpolation between frames."""
 _KINECT = topology("kinect_v2")
@@ -39,25 +39,33 @@ _HORIZONTAL = [0, 2]
 
 
 def facing_yaw(positions: Float64) -> Float64:
-    """Return the facing (...,) [rad] of skeletons (..., joints, 3), from shoulders and hips; 0 = +z, π/2 = +x."""
+    """Return the yaw (...,) of skeletons (..., joints, 3), from shoulders and hips [rad]; 0 = +z, π/2 = +x."""
     across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 
 
 def bone_length_variation(positions: Float64) -> float:
-    """Return the coefficient of variation of the bones' lengths, mean over the bones."""
+    """Return the coefficient of variation over time of the bones' lengths, mean over the bones.
+
+    ``positions`` (frames, joints, 3) [m].
+    """
     lengths = np.linalg.norm(positions[:, _PARENTS] - positions[:, _CHILDREN], axis=-1)
     return float((np.nanstd(lengths, axis=0) / np.nanmean(lengths, axis=0)).mean())
 
 
 def jitter(positions: Float64) -> float:
-    """Return the root mean square second difference of the joints from row to row [m]."""
+    """Return the root mean square second difference of joints ``positions`` (frames, joints, 3) over frames [m]."""
     second = positions[2:] - 2 * positions[1:-1] + positions[:-2]
     return float(np.sqrt(np.nanmean((second**2).sum(axis=-1))))
 
 
 def foot_slide(positions: Float64, at_s: Float64) -> float:
-    """Return the mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s]."""
+    """Return the mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s].
+
+    Args:
+        positions: (frames, joints, 3), y up [m].
+        at_s: (frames,) times, strictly rising [s].
+    """
     now = at_s >= at_s[0] + SLIDE_OVER
     speeds = [
         np.linalg.norm(
@@ -69,13 +77,21 @@ def foot_slide(positions: Float64, at_s: Float64) -> float:
 
 
 def shoulder_collapse(positions: Float64) -> float:
-    """Return the share of frames with shoulders closer than `COLLAPSED` times their median distance."""
+    """Return the fraction of frames with shoulders closer than `COLLAPSED` times their median distance, 0 to 1.
+
+    ``positions`` (frames, joints, 3) [m].
+    """
     width = np.linalg.norm(positions[:, _LEFT[0]] - positions[:, _RIGHT[0]], axis=-1)
     return float((width < COLLAPSED * np.nanmedian(width)).mean())
 
 
 def facing_against_motion(positions: Float64, at_s: Float64) -> float:
-    """Return the share of frames faster than `MOVING` with a facing more than 90° off the heading."""
+    """Return the fraction of the frames faster than `MOVING` with a facing more than 90° off the heading, 0 to 1.
+
+    Args:
+        positions: (frames, joints, 3), y up [m].
+        at_s: (frames,) times, strictly rising [s].
+    """
     half = HEADING_OVER / 2
     root = positions[:, _ROOT]
     velocity = (_at(at_s + half, at_s, root) - _at(at_s - half, at_s, root)) / HEADING_OVER
@@ -90,7 +106,7 @@ def facing_away(positions: Float64, towards: Float64) -> float:
 
     Args:
         positions: (frames, joints, 3) [m].
-        towards: (3,) [m].
+        towards: (3,) the point, in the same frame [m].
     """
     yaw = facing_yaw(positions)
     sight = towards - positions[:, _ROOT]
@@ -98,12 +114,17 @@ def facing_away(positions: Float64, towards: Float64) -> float:
 
 
 def yaw_reversals(positions: Float64, at_s: Float64) -> int:
-    """Count turns of the facing by more than `REVERSED_BY` within `REVERSED_WITHIN`, without overlaps."""
+    """Count turns of the facing by more than `REVERSED_BY` within `REVERSED_WITHIN`, without overlaps.
+
+    Args:
+        positions: (frames, joints, 3), y up [m].
+        at_s: (frames,) times, strictly rising [s].
+    """
     return reversals(facing_yaw(positions), at_s)
 
 
 def reversals(yaw: Float64, at_s: Float64) -> int:
-    """Count the `yaw_reversals` of a facing (frames,) [rad]."""
+    """Count reversals, as `yaw_reversals`, of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s]."""
     count, start = 0, 0
     for i in range(1, len(yaw)):
         while at_s[i] - at_s[start] > REVERSED_WITHIN:
@@ -114,7 +135,10 @@ def reversals(yaw: Float64, at_s: Float64) -> int:
 
 
 def label_flips(positions: Float64) -> int:
-    """Count frames in which the body is nearer to its mirror image in the previous frame than to itself."""
+    """Count the frames in which a skeleton is nearer to the previous frame's if left and right are swapped.
+
+    ``positions`` (frames, joints, 3) [m].
+    """
     before, now = positions[:-1], positions[1:]
     straight = np.linalg.norm(now - before, axis=-1).mean(axis=-1)
     crossed = np.linalg.norm(now - before[:, list(_KINECT.mirror)], axis=-1).mean(axis=-1)
@@ -150,6 +174,14 @@ def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
 
 
 def rising(at_s: Float64, *values: Float64) -> Sequence[Float64]:
-    """Sort samples by time and drop repeated times; return the times and each of ``values``."""
+    """Sort samples by time and drop repeated times.
+
+    Args:
+        at_s: (frames,) times [s].
+        values: arrays (frames, ...) of samples.
+
+    Returns:
+        The strictly rising times, and each of ``values`` in the same order.
+    """
     _, first = np.unique(at_s, return_index=True)
     return (at_s[first], *(value[first] for value in values))

@@ -28,11 +28,13 @@ class GestureScores:
     """Results of gestures, summed over frames.
 
     Attributes:
-        told: number of frames by true and reported gesture; an empty name is none.
-        grabbed, grabbed_right: number of frames with a closed hand, and of these with ``grabbing`` reported.
-        loose, loose_right: number of frames with an open hand, and of these without ``grabbing`` reported.
+        told: number of frames for each pair of true and reported gesture; an empty name is no gesture.
+        grabbed, grabbed_right: number of frames with a closed hand, and number of these frames with ``grabbing``
+            reported.
+        loose, loose_right: number of frames with an open hand, and number of these frames without ``grabbing``
+            reported.
         begun: number of gestures that began in the scenes.
-        late_s: delay from their beginning to their detection, for each detected one.
+        late_s: delay from the beginning of a gesture to its detection, for each detected gesture [s].
     """
 
     told: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -44,14 +46,14 @@ class GestureScores:
     late_s: list[float] = field(default_factory=list)
 
     def add(self, other: GestureScores) -> None:
-        """Add another score."""
+        """Add another score to this one, in place."""
         self.told.update(other.told)
         self.late_s.extend(other.late_s)
         for name in ("grabbed", "grabbed_right", "loose", "loose_right", "begun"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Return the shares of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
+        """Return the fractions of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
 
         def part(some: int, of_all: int) -> float:
             return round(some / of_all, 4) if of_all else float("nan")

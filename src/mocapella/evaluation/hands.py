@@ -31,9 +31,9 @@ BEGIN_S: Final = 10.0
 SETTLE_S: Final = 0.3
 LASTS_S: Final = 3.0
 CLEARLY: Final = 0.6
-"""A marker must be found if a larger part of it is visible."""
+"""A marker must be found if a larger fraction of it is visible, 0 to 1."""
 NEAR_PX: Final = 6.0
-"""A detection farther from the marker's true position is a false one."""
+"""A detection farther from the marker's true position is a false one [px]."""
 
 
 def evaluate(
@@ -45,9 +45,9 @@ def evaluate(
     """Return scores by scene: for each seed, and for all seeds together.
 
     Args:
-        scenes: names; None for all but the demo's.
-        seeds: of the motion, the light and the noise.
-        settings: of `HandsSettings`.
+        scenes: names of the scenes; None for all but the demo's.
+        seeds: random seeds of motion, light and noise.
+        settings: fields of `HandsSettings`, by name.
         tell: called with the current step, in words.
 
     Raises:
@@ -77,7 +77,13 @@ FrameRows = dict[str, Float64]
 
 
 def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> FrameRows:
-    """Track one scene; return the errors as arrays with a row for each frame."""
+    """Track one simulated scene; return the errors as arrays (frames, ...), by name.
+
+    Args:
+        name: name of the scene.
+        seed: random seed of motion, light and noise.
+        settings: fields of `HandsSettings`, by name.
+    """
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
     values = parse(HandsSettings, {**given, **(settings or {})}, where="settings of hands")

@@ -31,9 +31,9 @@ class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
     """True and found people of one frame.
 
     Attributes:
-        true_ids: (true people,) ids.
-        found_ids: (found people,) ids.
-        similarity: (true people, found people) from 0 to 1.
+        true_ids: (true people,) ids of the true people.
+        found_ids: (found people,) ids that the tracker gave.
+        similarity: (true people, found people) similarity of each pair, from 0 to 1.
     """
 
     true_ids: tuple[int, ...]
@@ -55,10 +55,10 @@ def similarity(true: Float64, found: Float64, zero_at: float = ZERO_AT) -> Float
     Args:
         true: (true people, joints, 3) [m]; NaN where a joint is not known.
         found: (found people, joints, 3) [m]; NaN where not tracked.
-        zero_at: [m].
+        zero_at: distance of similarity 0 [m].
 
     Returns:
-        (true people, found people).
+        (true people, found people) similarities, 0 to 1.
     """
     apart = np.linalg.norm(true[:, None] - found[None], axis=-1)
     both = np.isfinite(apart)
@@ -101,7 +101,7 @@ def idf1(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> float:
     """Compute IDF1: the largest F1 score over all assignments of found ids to true ids, for all frames at once.
 
     Args:
-        frames: all of them.
+        frames: all frames of the sequence.
         at_least: smallest similarity of a match.
     """
     true, found = _index([f.true_ids for f in frames]), _index([f.found_ids for f in frames])

@@ -30,9 +30,9 @@ class Label(msgspec.Struct, frozen=True, eq=False):
     """People's hand-labelled positions at one instant.
 
     Attributes:
-        at_s: since the file's first frame [s].
-        place: x and z of the joint SpineBase by person (0 = A, 1 = B), reference camera space [m]; hidden people are
-            left out.
+        at_s: time since the file's first frame [s].
+        place: x and z of the joint SpineBase, by person (0 = A, 1 = B), in the reference sensor's camera space [m];
+            hidden people are left out.
     """
 
     at_s: float
@@ -56,7 +56,11 @@ def labels_of(session: StudySession) -> tuple[Label, ...]:
 
 
 def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
-    """Return the position (3,) of SpineBase by Person_Id [m]: mean of the sensors' newest rows within `FRESH` s."""
+    """Return the logged position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m].
+
+    It is the mean of the sensors' newest rows that are at most `FRESH` s older than ``at_s``, the time since the file's
+    first frame [s].
+    """
     found = {}
     recent = (session.at_s <= at_s + 1e-9) & (session.at_s >= at_s - FRESH)
     for person in np.unique(session.log.person_id[recent]).tolist():
@@ -73,7 +77,10 @@ def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
 
 
 def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
-    """Return the position (3,) of SpineBase by person in the newest scene at a time, reference camera space [m]."""
+    """Return the position (3,) of SpineBase by person's id in the newest scene at a time.
+
+    Positions are in the reference sensor's camera space [m]; ``at_s`` is the time since the file's first frame [s].
+    """
     step = int(np.searchsorted(run.at_ns, run.at_ns[0] + round(at_s * 1e9), side="right")) - 1
     found = {person.id: person.positions[_ROOT] for person in run.people[step]}
     return {person: place for person, place in found.items() if np.isfinite(place).all()}
@@ -95,7 +102,10 @@ def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
 
 
 def distance_figures(apart: Float64) -> dict[str, float]:
-    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` of the mean Δd of each pair; input (pairs, joints) [m]."""
+    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` over the pairs of views of their mean Δd.
+
+    ``apart`` (pairs, joints) is the distance Δd of the two views of a joint [m].
+    """
     finite = np.isfinite(apart)
     some = finite.any(axis=1)
     means = np.where(finite, apart, 0.0)[some].sum(axis=1) / finite[some].sum(axis=1) * 100

@@ -67,16 +67,24 @@ class Output(Protocol):
         """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Return both views of each pair under a scoring: one of `PROTOCOLS`, or a task's name."""
+        """Return both views of each pair under a scoring, which is a key of `PROTOCOLS` or a task's name."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return times (pairs,) [s] and fused skeletons (pairs, joints, 3), reference camera space [m]; NaN if none."""
+        """Return the fused skeletons at the pairs.
+
+        Returns:
+            Times (pairs,) since the file's first frame [s], and skeletons (pairs, joints, 3) in the reference sensor's
+            camera space [m]; NaN if there is none.
+        """
 
     def yaw(self) -> float:
         """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return the position (3,) of SpineBase by person at a time, reference camera space [m]."""
+        """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
+
+        ``at_s`` is the time since the file's first frame [s].
+        """
 
 
 class AsLogged:
@@ -88,20 +96,20 @@ class AsLogged:
         self.session = session
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """See `Output`; every protocol has the same rows."""
+        """Return both views of each pair, the logged rows; they are equal for every scoring. See `Output`."""
         return logged_views(self.session, pairs)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`: the thesis' average skeleton."""
+        """Return the thesis' average skeletons at the pairs; see `Output`."""
         rows = self.session.log.positions[pairs.rows].astype(np.float64)
         return self.session.at_s[pairs.rows].max(axis=1), rows.mean(axis=1)
 
     def yaw(self) -> float:
-        """See `Output`: the difference of the two shoulder angles."""
+        """Return the yaw between the two sensors, from the two shoulder angles [rad]; see `Output`."""
         return _from_front(self.session, _logged_turn(self.session.log))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """See `Output`."""
+        """Return people's positions at a time; see `Output`."""
         return people_as_logged(self.session, at_s)
 
 
@@ -109,7 +117,7 @@ class OneSensor(AsLogged):
     """The front sensor's rows alone: a baseline for the fused skeleton."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`."""
+        """Return the fused skeletons at the pairs; see `Output`."""
         sensors = self.session.replay.sensors
         front = sensors.index(FRONT) if FRONT in sensors else 0
         rows = pairs.rows[self.session.sensor[pairs.rows] == front]
@@ -145,7 +153,7 @@ class AsRun:
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """See `Output`."""
+        """Return both views of each pair; see `Output`."""
         run, frames = self._run, self.session.frames
         if scoring == "walk-cold":
             assert self._cold is not None
@@ -156,7 +164,7 @@ class AsRun:
         return views_of(self.session, run, pairs, known_before(frames, pairs, frozen=frozen), labels)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """See `Output`: from the newest scene once both of the pair's frames have arrived."""
+        """Return the skeletons of the newest scene when both of a pair's frames have arrived; see `Output`."""
         session, run = self.session, self._run
         after = session.frames.of_row[pairs.rows].max(axis=1)
         out = np.full((len(pairs), *session.raw.shape[1:]), np.nan)
@@ -168,7 +176,7 @@ class AsRun:
         return session.at_s[pairs.rows].max(axis=1), out
 
     def yaw(self) -> float:
-        """See `Output`."""
+        """Return the yaw between the two sensors [rad]; see `Output`."""
         walk = self.session.pairs.where(self.session.pairs.task == WALK)
         known = int(known_before(self.session.frames, walk, frozen=True)[0])
         T_reference_second = self._run.T_reference_sensor[known, 1]
@@ -176,7 +184,7 @@ class AsRun:
         return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """See `Output`."""
+        """Return people's positions at a time; see `Output`."""
         return people_of_run(self._run, at_s)
 
 
@@ -235,11 +243,16 @@ class Tally:
         self.interactions[session.name] = {**identity_figures(frames), "people": by_person}
 
     def counts(self) -> dict[tuple[str, str], Count]:
-        """Numbers of scored pairs and joints, by scoring and placement."""
+        """Return the numbers of scored pairs and joints, by scoring and placement."""
         return {key: count(scored) for key, scored in self.scored.items()}
 
     def as_json(self, scored: str, as_logged: Mapping[tuple[str, str], Count]) -> dict[str, Any]:
-        """Return the method's results for the JSON of docs/evaluation.md."""
+        """Return the method's results for the JSON of docs/evaluation.md.
+
+        Args:
+            scored: description of the scored rows.
+            as_logged: numbers of pairs and joints of the logged rows, by scoring and placement.
+        """
         tasks: dict[str, dict[str, Any]] = {}
         for (scoring, placement), values in sorted(self.scored.items(), key=lambda item: _place(item[0][0])):
             tasks.setdefault(scoring, {})[placement] = row(values, as_logged[scoring, placement])
@@ -252,7 +265,7 @@ class Tally:
         }
 
     def fused_json(self) -> dict[str, Any]:
-        """The fused skeleton's figures by placement and over all sessions."""
+        """Return the fused skeleton's figures by placement and over all sessions."""
         everything = {"all": [one for some in self.fused.values() for one in some], **self.fused}
         return {placement: _means(sessions) for placement, sessions in everything.items() if sessions}
 
@@ -358,7 +371,7 @@ def evaluate(
     """Score methods on the study logs of a folder.
 
     Args:
-        folder: with the logs.
+        folder: folder of the study logs.
         methods: keys of `mocapella.tracker.METHODS`.
         participants: numbers of the participants whose logs are scored; None for all.
         on_step: called with the current step, in words.

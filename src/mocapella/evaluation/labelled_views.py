@@ -38,7 +38,7 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
         alpha: (frames, 2) facing from the direction to the sensor [rad].
         reported: (frames, 2) yaw that the sensor's labels imply, from the direction to the sensor [rad].
         mirrored: (frames, 2) whether left and right were swapped.
-        positions: (frames, 2, joints, 3) corrected joints, in the same space [m].
+        positions: (frames, 2, joints, 3) corrected joints, in the reference sensor's camera space [m].
         hidden: (frames, 2, joints) whether the person's own body hides the joint.
     """
 
@@ -58,7 +58,7 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def signed_alpha(alpha: Float64, toward: Float64) -> Float64:
-    """Return the facing α relative to the first sensor, positive towards the side of the second one [rad].
+    """Return the facing α (frames,) relative to the first sensor, positive towards the side of the second one [rad].
 
     Args:
         alpha: (frames, 2) facing relative to each sensor [rad].

@@ -26,7 +26,7 @@ SCENES: Final = ("open-close", "counting", "each-finger-before-palm", "still")
 SEEDS: Final = (100, 101, 102, 103)
 """Scenes of the table; only scenes with a right arm are used, because the detector expects one."""
 IMAGES: Final = 6
-"""Images of each scene, evenly over its period."""
+"""Number of images of each scene, evenly over its period."""
 NEAR_M: Final = 0.05
 """Largest error of a found fingertip [m]; a farther one is another part of the hand."""
 _ARM: Final = 3
@@ -37,12 +37,12 @@ class GridRow(msgspec.Struct, frozen=True):
     """Results of one grid on all frames.
 
     Attributes:
-        grid_px: see `LineSkeletonSettings`.
+        grid_px: stride of the detector's grid, see `LineSkeletonSettings` [px].
         frames: number of frames.
         arms: number of frames with a detected arm.
-        median_ms, p95_ms: of the whole detector.
-        arm_mm: median distance of elbow, wrist and palm from their true places; NaN without any.
-        tips_mm: median distance of the fingertips that were found; NaN without any.
+        median_ms, p95_ms: median and 95th percentile of the detector's time per frame [ms].
+        arm_mm: median distance of elbow, wrist and palm from their true positions [mm]; NaN without any.
+        tips_mm: median distance of the found fingertips from their true positions [mm]; NaN without any.
         tips_found: share of true fingertips that the detector measured within `NEAR_M` of their true positions.
     """
 
@@ -67,12 +67,12 @@ def grid_table(
     """Run all grids on each frame in turn, so that variations of the machine's speed affect all alike.
 
     Args:
-        frames: depth (height, width) [m], truth (23, 3) of `mocapella.model.arms.ARM_POINTS` in the camera's space [m]
-            with NaN if unknown, and the capture time [s].
-        camera: of the frames.
-        clock: such as `time.perf_counter` [s].
-        grids_px: one row each.
-        settings: all but the grid.
+        frames: for each frame the depth (height, width) [m], the ground truth (23, 3) of
+            `mocapella.model.arms.ARM_POINTS` in the camera frame [m], NaN if unknown, and the capture time [s].
+        camera: camera of the frames.
+        clock: function that measures the time, such as `time.perf_counter` [s].
+        grids_px: strides of the grid, one for each row of the table [px].
+        settings: settings of the detector, except the grid.
 
     Raises:
         EvaluationError: there is no frame.
@@ -105,8 +105,12 @@ def rendered_frames(
     """Yield frames for `grid_table`: right arms in front of a depth camera, rendered on demand.
 
     Args:
-        scenes, seeds, sensor: of `mocapella.sources.simulate.depth_scene.load_depth_scene`.
-        images: of each scene.
+        scenes, seeds, sensor: names of scenes, random seeds, and name of the sensor, as in
+            `mocapella.sources.simulate.depth_scene.load_depth_scene`.
+        images: number of images of each scene.
+
+    Returns:
+        The camera; and for each image the depth (height, width) [m], the ground truth (23, 3) [m] and the time [s].
 
     Raises:
         SettingsError: no such scene or sensor.

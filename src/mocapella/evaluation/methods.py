@@ -49,7 +49,7 @@ def check_methods(methods: Sequence[str], *, some: bool = False) -> None:
     """Check that all methods are known and can be scored, before any file is read.
 
     Args:
-        methods: by name, as `method_with_settings` takes them.
+        methods: names, optionally with settings, see `method_with_settings`.
         some: whether the list may be empty, because other methods are scored.
 
     Raises:

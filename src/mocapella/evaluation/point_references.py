@@ -21,11 +21,11 @@ Float64 = NDArray[np.float64]
 LINEAR_HOLISTIC: Final = TracksSettings("linear", largest_error_px=40.0)
 WEIGHTED_LINEAR: Final = TracksSettings("weighted-linear")
 HANDS: Final = (100, 200)
-"""Caliscope numbers the right and left hand's 21 landmarks from these; the body's 33 from 0."""
+"""First of Caliscope's numbers of the 21 landmarks of the right and of the left hand; the body's 33 begin at 0."""
 HAND_BONES: Final = tuple(
     (0 if joint == 1 else 4 * finger + joint - 1, 4 * finger + joint) for finger in range(5) for joint in range(1, 5)
 )
-"""Of the 21 landmarks: the wrist, and four of each finger."""
+"""Bones of a hand as pairs of indices of its 21 landmarks: the wrist, and four landmarks of each digit."""
 BODY_LANDMARKS, HAND_LANDMARKS = 33, 21
 
 
@@ -35,7 +35,7 @@ class Agreement(msgspec.Struct, frozen=True):
     Attributes:
         compared: number of points in both.
         reference: number of points in the reference.
-        median_mm, p95_mm: of the distances.
+        median_mm, p95_mm: median and 95th percentile of the distances [mm].
         within_1_mm: share of the reference's points with ours within 1 mm.
     """
 
@@ -50,9 +50,9 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
     """Median over the bones of both hands of the coefficient of variation of a bone's length.
 
     Attributes:
-        ours: of all our points.
-        reference: of all the reference's.
-        reference_where_ours: of the reference's points that we have, too.
+        ours: variation of all our points.
+        reference: variation of all points of the reference.
+        reference_where_ours: variation of the points of the reference that we have, too.
     """
 
     ours: float
@@ -61,7 +61,7 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
 
 
 def agreement(ours: Float64, reference: Float64) -> Agreement:
-    """Compare points (..., 3) with a reference (..., 3) [m]; NaN if there is none."""
+    """Compare points (..., 3) with a reference (..., 3) in the same frame [m]; missing points are NaN."""
     there = np.isfinite(reference).all(axis=-1)
     distances = 1000.0 * np.linalg.norm(ours - reference, axis=-1)[there]
     both = distances[np.isfinite(distances)]
@@ -88,7 +88,12 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
 
 
 def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
-    """Compute the `BoneLengthVariation` of points (frames, points, 3) with Caliscope's numbers."""
+    """Compute the variation of bone lengths, as in `BoneLengthVariation`.
+
+    Args:
+        points: (frames, points, 3) [m].
+        numbers: (points,) Caliscope's numbers of the points.
+    """
     places = {int(number): p for p, number in enumerate(numbers)}
     found = []
     for base in HANDS:
@@ -99,7 +104,7 @@ def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
 
 
 def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
-    """Read points (frames, points, 3) from Caliscope's CSV, in the order of ``space``; NaN if missing."""
+    """Read points (frames, points, 3) from Caliscope's CSV [m], in the order of ``space``; NaN if missing."""
     frames, points = ({value: i for i, value in enumerate(values)} for values in (space.frames.tolist(), space.points))
     result = np.full(space.positions.shape, np.nan)
     try:

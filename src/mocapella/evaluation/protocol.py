@@ -45,16 +45,16 @@ class ScoredTracker(Protocol):
 
     @property
     def joint_bias(self) -> JointBias | None:
-        """The joint bias, None without one; read once, before the first frame."""
+        """The joint bias, None without one; the scoring reads it once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Start from a sensor layout, known before the first frame; a method may ignore it."""
+        """Start from sensor poses (4, 4), by sensor, known before the first frame; a method may ignore them."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """See `mocapella.tracker.Tracker`."""
+        """Process one frame and return the scene; see `mocapella.tracker.protocol.Tracker`."""
 
     def sensor_views(self) -> SensorViews:
-        """Return the present estimates."""
+        """Return the present estimates of the sensors' poses, clock offsets and label swaps."""
 
 
 @runtime_checkable
@@ -73,8 +73,8 @@ def check_rigid(T: Float64, what: str) -> Float64:
     """Check a rigid motion and return a copy.
 
     Args:
-        T: (4, 4).
-        what: name of the motion, for the message.
+        T: (4, 4) the motion.
+        what: name of the motion, for the error's message.
 
     Raises:
         EvaluationError: it is not finite, not rigid, or a reflection.

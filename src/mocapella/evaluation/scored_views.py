@@ -27,7 +27,7 @@ Bool = NDArray[np.bool_]
 LONGEST_GAP: Final = 0.12
 """Largest interval between two frames for interpolation [s]."""
 VELOCITY_OVER: Final = 0.2
-"""[s]."""
+"""Interval into the past over which the fused person's velocity is measured [s]."""
 TOPOLOGY: Final = topology("kinect_v2")
 _ROOT = TOPOLOGY.parts["root"]
 
@@ -37,8 +37,8 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         raw_labels: (pairs, 2, joints, 3) with the sensors' labels [m]; NaN where missing or unknown.
-        repaired: the same with left and right as the method decided before the pair arrived.
-        swaps_per_min: how often that decision changed, over both sensors.
+        repaired: (pairs, 2, joints, 3) with left and right as the method decided before the pair arrived [m].
+        swaps_per_min: number of changes of that decision per minute, over both sensors.
     """
 
     raw_labels: Float64
@@ -90,7 +90,7 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
 
 
 def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
-    """Return the views of `views_of` before any bias is added, and the estimates that apply to them."""
+    """Return the views of `views_of` before any bias is added, and the estimates that apply; arguments as there."""
     sensor = session.sensor[pairs.rows]
     swapped = np.array(
         [
@@ -157,9 +157,10 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
     """Arguments of the joint bias for each view, see `mocapella.evaluation.protocol.JointBias`.
 
     Attributes:
-        facing: (pairs, 2) yaw of the fused person relative to each line of sight [rad]; NaN without a fused person.
+        facing: (pairs, 2) yaw of the fused person, from the direction towards each sensor [rad]; NaN without a fused
+            person.
         position: (pairs, 2, 3) of the fused SpineBase, in each sensor's camera space [m].
-        velocity: (pairs, 2, 3) of the same [m/s].
+        velocity: (pairs, 2, 3) velocity of that joint, in the same space [m/s].
     """
 
     facing: Float64

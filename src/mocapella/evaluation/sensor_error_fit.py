@@ -24,9 +24,9 @@ Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 KNOTS_S: Final = (0.1, 0.4, 2.0)
-"""Spacings of the splines that describe the autocorrelation; more of them hardly improve it."""
+"""Knot spacings of the splines that describe the autocorrelation [s]; more splines hardly improve it."""
 RIDGE: Final = 0.02
-"""Ridge over the mean diagonal: a coefficient that no pair of views determines is 0."""
+"""Ridge, relative to the mean of the diagonal: a coefficient that no pair of views determines is 0."""
 LARGEST: Final = 0.3
 """Larger differences are clipped to this, so that a lost limb does not dominate [m]."""
 MEAN_LENGTH: Final = np.sqrt(8 / np.pi)
@@ -37,7 +37,10 @@ LAG_S: Final = 0.035
 
 
 def fit_bias(views: Sequence[LabelledViews]) -> Float64:
-    """Fit the bias (25, `BIAS_BINS`, 3) in the view's axes by robust ridge regression [m]."""
+    """Fit the bias (25, `BIAS_BINS`, 3) of each joint in the view's axes, by bin of the facing α [m].
+
+    It is a robust ridge regression.
+    """
     size = 3 * BIAS_BINS
     bias = np.empty((len(BODY), BIAS_BINS, 3))
     for joint in range(len(BODY)):
@@ -68,7 +71,10 @@ def _design(alpha: Float64, toward: Float64, mirror: bool) -> Float64:
 
 
 def unexplained(view: LabelledViews, bias: Float64) -> Float64:
-    """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m]."""
+    """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m].
+
+    ``bias`` (25, `BIAS_BINS`, 3) is the result of `fit_bias` [m].
+    """
     X = _design(view.alpha, view.raw.toward, mirror=False)
     explained = np.einsum("nij,kj->nki", X, bias.reshape(len(bias), -1))
     return np.asarray(view.positions[:, 0] - view.positions[:, 1] - explained)
@@ -78,8 +84,7 @@ def fit_spread(views: Sequence[LabelledViews], rests: Sequence[Float64]) -> Floa
     """Fit the standard deviation (25, 2, 3) of a coordinate of one view [m].
 
     The axes are the joint, visible or hidden by the person's own body, and the person's side (front, side, back) that
-    the
-    sensor sees. ``rests`` are the results of `unexplained`.
+    the sensor sees. ``rests`` (frames, joints, 3) are the results of `unexplained` for each of ``views`` [m].
     """
     sd = np.empty((len(BODY), 2, 3))
     for joint in range(len(BODY)):
@@ -110,7 +115,13 @@ def _expected_variance(view: LabelledViews, chosen: Bools, sd: Float64) -> Float
 
 
 def fit_correlation(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
-    """Return the correlation (25, 25) of the residuals in Walk, averaged over coordinates and over left and right."""
+    """Return the correlation (25, 25) of the joints' residuals in Walk, averaged over coordinates, left and right.
+
+    Args:
+        views: the sessions' views.
+        rests: (frames, joints, 3) result of `unexplained` for each of ``views`` [m].
+        sd: (25, 2, 3) of `fit_spread` [m].
+    """
     total = np.zeros((len(BODY), len(BODY)))
     for view, rest in zip(views, rests, strict=True):
         unit = np.clip(rest[view.walk] / np.sqrt(_expected_variance(view, view.walk, sd))[..., None], -3, 3)
@@ -133,9 +144,10 @@ def autocovariance(rests: Sequence[Float64]) -> Float64:
 
 
 def fit_shares(rests: Sequence[Float64]) -> Float64:
-    """Fit the variance (knots,) of each cubic spline in the residuals, one for each knot distance [m²].
+    """Fit the variance (knots,) of each cubic spline in the residuals, one for each of `KNOTS_S` [m²].
 
-    The variance of white noise is fitted as well, but not returned.
+    ``rests`` (frames, joints, 3) are results of `unexplained` [m]. The variance of white noise is fitted as well, but
+    not returned.
     """
     basis = [knot_autocorrelation(knot, LAGS * LAG_S) for knot in KNOTS_S]
     share = nnls(np.stack([LAGS == 0, *basis], axis=1).astype(np.float64), autocovariance(rests))[0][1:]
@@ -143,7 +155,10 @@ def fit_shares(rests: Sequence[Float64]) -> Float64:
 
 
 def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
-    """Return the variance (knots,) of each spline in Stationary, relative to the total variance in Walk."""
+    """Return the variance (knots,) of each spline in Stationary, relative to the total variance in Walk.
+
+    Arguments as in `fit_correlation`.
+    """
     still, expected = [], []
     for view, rest in zip(views, rests, strict=True):
         chosen = view.raw.task == STATIONARY
@@ -153,7 +168,15 @@ def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], s
 
 
 def fit_white_noise(views: Sequence[LabelledViews], sd: Float64, share: Float64) -> Float64:
-    """Return the standard deviation (25,) of a coordinate's white noise, person standing and facing the sensor [m]."""
+    """Return the standard deviation (25,) of the white noise of each joint's coordinate [m].
+
+    The person stands and faces the sensor.
+
+    Args:
+        views: the sessions' views.
+        sd: (25, 2, 3) of `fit_spread` [m].
+        share: (knots,) of `fit_still_shares`.
+    """
     still = [
         view.raw.positions[view.raw.task == STATIONARY][:, k]
         for view in views
@@ -170,7 +193,7 @@ def fit_white_noise(views: Sequence[LabelledViews], sd: Float64, share: Float64)
 
 
 def knot_autocorrelation(knot_s: float, lag_s: Float64) -> Float64:
-    """Return the autocorrelation (lags,) of a random cubic spline with knots every ``knot_s`` seconds."""
+    """Return the autocorrelation of a random cubic spline with knots every ``knot_s`` seconds, at lags (lags,) [s]."""
     at = np.arange(0.0, 1.0, 1 / 64)
 
     def weights(time: Float64) -> Float64:

@@ -85,7 +85,7 @@ _SECOND_SENSOR: Final[dict[str, dict[str, Any]]] = {
 
 
 def measure(folder: Path, on_file: Any = lambda name: None) -> SensorErrors:
-    """Measure the errors of the sensors in all logs of a folder.
+    """Measure the errors of the sensors in all study logs of a folder; ``on_file`` is called with each file's name.
 
     Raises:
         InputError: no log, or none of one person in Stationary, Steps and Walk.

@@ -31,17 +31,17 @@ from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 NOISE: Final = 0.15
-"""The paper's: share of the pixels that are replaced by random ones."""
+"""Fraction of the pixels that are replaced by random ones, as in the paper."""
 WRONG_EACH: Final = 0.15
-"""Share of each camera's frames that are stored wrong …"""
+"""Fraction of each camera's frames that are replaced by wrong images."""
 WRONG_FROM: Final = 3
-"""… from this one on."""
+"""Index of the first frame that may be replaced by a wrong image."""
 WRONG_FRAME: Final = 60
-"""The one of the knee bend that is stored wrong in all cameras."""
+"""Index of the frame of the knee bend that is replaced by a wrong image in all cameras."""
 MOVES_DEG: Final = 1.0
-"""Knees that bend less have no lag."""
+"""The lag is not measured for knees that bend less than this [deg]."""
 LEAST_M_PER_S2: Final = 0.1
-"""From where on the feet's acceleration is drawn."""
+"""Lower limit of the plotted acceleration of the feet [m/s²]."""
 _WITH, _WITHOUT, _TRUTH = "#1f77b4", "#ff7f0e", "black"
 
 
@@ -50,10 +50,11 @@ class Experiment:
     """The scenes of an experiment, and its plot.
 
     Attributes:
-        scenes: of `silhouette_scene`.
-        images: corruptions by name; they use the seed of the scene.
-        weights: of the penalty; 0: without it.
+        scenes: names of scenes of `silhouette_scene`.
+        images: corruptions of the images, by name; they use the seed of the scene.
+        weights: factors of the penalty on jitter; 0 for none.
         hinges: joints with plotted angles.
+        fps: frame rate [Hz].
     """
 
     scenes: tuple[str, ...]
@@ -101,7 +102,7 @@ class RunRow(msgspec.Struct, frozen=True):
         blind: number of frames without a usable camera.
         lost: number of frames with a lost body.
         kept: `mocapella.evaluation.silhouettes.peak_kept` of the knees' flexion; None for scenes without knee bends.
-        lag: lag of the knees' flexion behind the true one [frames]; None likewise.
+        lag: lag of the knees' flexion behind the true one [frames]; None for scenes without knee bends.
     """
 
     scene: str
@@ -123,7 +124,7 @@ class PlottedScene(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         film: the rendered scene.
-        corruption: of its images.
+        corruption: corruption of its images; None for none.
         found: tracked movement by the penalty's weight.
     """
 
@@ -143,9 +144,9 @@ def run(
 
     Args:
         name: key of `EXPERIMENTS`.
-        seeds: of the scenes.
-        seconds: duration of each scene; None for the whole scene.
-        bodies: of `BODIES`.
+        seeds: random seeds of the scenes.
+        seconds: duration of each scene [s]; None for the whole scene.
+        bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
 
     Raises:
@@ -193,7 +194,15 @@ def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
 def followed(
     film: Film, body: str, images: str, corruption: Corruption | None, weight: float
 ) -> tuple[RunRow, Movement]:
-    """Track a film with a body of `BODIES` and the penalty times ``weight``; return its row and the movement."""
+    """Track a rendered scene; return the result and the tracked movement.
+
+    Args:
+        film: the rendered scene.
+        body: key of `BODIES`.
+        images: name of the corruption, for the row.
+        corruption: corruption of the images; None for none.
+        weight: factor of the penalty on jitter; 0 for none.
+    """
     joints = rough_joints(film.scene)
     mesh = BODIES[body](film.scene, joints)
     done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)

@@ -37,13 +37,13 @@ Float64 = NDArray[np.float64]
 
 SCENES: Final = ("knee-bend", "walk", "runner")
 WEIGHTS: Final = (0.0, 1.0)
-"""Of the penalty; 0: without it."""
+"""Factors of the penalty on jitter; 0 for none."""
 HELD_BY: Final = {0.0: "… and the resting pose", 1.0: "… and the penalty"}
 FPS: Final = 60.0
 AWAY_M: Final = 0.5
 """Median landmark error of a body that has left the person [m]."""
 ASKED: Final = 8
-"""Number of frames of a scene with a computed uncertainty."""
+"""Number of frames of a scene for which the uncertainty is computed."""
 STEP_PX: Final = 2
 REACH_PX: Final = 24.0
 MANY_CAMERAS: Final = 4
@@ -55,13 +55,13 @@ class OneCameraRow(msgspec.Struct, frozen=True):
 
     Attributes:
         run: result as in the other experiments.
-        depth_mm, depth_p95_mm: median and 95th percentile of the landmarks' errors along the camera's axis.
-        across_mm, across_p95_mm: the same perpendicular to the axis.
+        depth_mm, depth_p95_mm: median and 95th percentile of the landmarks' errors along the camera's axis [mm].
+        across_mm, across_p95_mm: median and 95th percentile of their errors perpendicular to the axis [mm].
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
         away: share of frames in which the fitted body is off the person.
         free: standard deviation of the least certain direction, see `freedoms`; median over frames.
-        outlines: the same without the weak prior of the resting pose, from the outlines alone.
-        outlines_of_many: the same as ``outlines`` with four cameras.
+        outlines: that standard deviation from the outlines alone, without the weak prior of the resting pose.
+        outlines_of_many: that of ``outlines`` with four cameras.
     """
 
     run: RunRow
@@ -100,9 +100,9 @@ def run_one_camera(
     """Track `SCENES` with one camera, with the penalty and without.
 
     Args:
-        seeds: of the scenes, which also place the camera.
-        seconds: duration of each scene; None for the whole scene.
-        bodies: of `BODIES`.
+        seeds: random seeds of the scenes, which also place the camera.
+        seconds: duration of each scene [s]; None for the whole scene.
+        bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
 
     Raises:
@@ -151,11 +151,11 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
     The directions are the eigenvectors of the normal equations, with a metre for a radian.
 
     Args:
-        mesh: of the body.
-        pose: the true one.
+        mesh: the body's mesh.
+        pose: the true pose.
         rig: the cameras.
-        settings: of the tracker, with the penalty or without.
-        fps: frames a second.
+        settings: settings of the tracker, with the penalty on jitter or without.
+        fps: frame rate [Hz].
 
     Returns:
         (dofs,) standard deviations [m, rad], falling; infinite if undetermined.

@@ -46,7 +46,7 @@ Joints = Mapping[str, Float64]
 ROUGH_M: Final = 0.02
 """Standard deviation of the initial joints, along each axis [m]."""
 EVERY: Final = 10
-"""Stride between frames with compared masks."""
+"""Masks are compared in every so many frames."""
 
 
 class Film(msgspec.Struct, frozen=True, eq=False):
@@ -75,9 +75,9 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         movement: the estimated poses.
-        left_out: indices of the frames without a camera that contributed to the fit.
-        lost: indices of the frames with a lost body.
-        seconds: (frames,) duration of each update [s]; 0 without a clock.
+        left_out: indices of the frames in which no camera contributed to the fit.
+        lost: indices of the frames in which the body was lost.
+        seconds: (frames,) computing time of each update [s]; 0 without a clock.
     """
 
     movement: Movement
@@ -87,7 +87,7 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
 
 
 def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
-    """Render a scene, or its first seconds."""
+    """Render a scene, or its first ``seconds`` [s], with its ground truth."""
     check(scene.corruption is None, "corruption of a scene", scene.corruption, "None; it is given with each run")
     frames, fps = len(scene), 1.0 / float(scene.times_s[1] - scene.times_s[0])
     if seconds is not None:
@@ -98,7 +98,7 @@ def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
 
 
 def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Float64]:
-    """Return the positions (3,) of the first frame's landmarks, with noise [m]."""
+    """Return the landmarks (3,) of the first frame in the world, by name, with noise of sd ``sd_m`` per axis [m]."""
     rng = np.random.default_rng([scene.seed, 61])
     places = scene.landmarks(0)
     return dict(zip(scene.mesh.landmarks, places + rng.normal(0.0, sd_m, places.shape), strict=True))
@@ -119,7 +119,7 @@ BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"ow
 
 
 def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
-    """Scale the penalty on jitter; 0: none."""
+    """Return the settings with the penalty on jitter multiplied by ``weight``; 0 for none."""
     check(0 <= weight < np.inf, "weight", weight, "0 or more")
     settings = settings or SilhouetteSettings()
     usual = settings.steadiness or Steadiness()
@@ -142,10 +142,10 @@ def follow(
     Args:
         film: the rendered scene.
         mesh: the body model.
-        joints: rough positions in the first frame.
-        settings: of the tracker.
-        corruption: of the images.
-        clock: such as `time.perf_counter` [s].
+        joints: rough positions (3,) in the first frame, world [m], by name.
+        settings: settings of the tracker.
+        corruption: corruption of the images; None for none.
+        clock: function that measures the computing time, such as `time.perf_counter` [s].
     """
     between_ns = round(NS_PER_S / film.truth.fps)
     tracker = alone(mesh, joints, film.scene.rig, settings, period_s=between_ns / NS_PER_S)
@@ -168,18 +168,25 @@ def alone(
     """Make the method's tracker of one body, which starts from joints.
 
     Args:
-        mesh: of the body.
-        joints: (3,) by name [m]; joints that are no landmarks of the mesh are ignored.
-        rig: of the cameras.
-        settings: of the fit.
-        period_s: between two frames.
+        mesh: the body's mesh.
+        joints: positions (3,) in the world [m], by name; joints that are no landmarks of the mesh are ignored.
+        rig: the cameras.
+        settings: settings of the fit.
+        period_s: time between two frames [s].
     """
     pose = pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks})
     return SilhouettesTracker({ALONE: InitialBody(mesh, pose)}, rig, settings, sync=FrameSyncSettings(period_s))
 
 
 def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: int, number: int) -> SeenInstant:
-    """Pass the images (height, width, 3) of all cameras at one instant to the tracker, and return its result."""
+    """Pass the images of all cameras at one instant to the tracker, and return its result.
+
+    Args:
+        tracker: the tracker, updated.
+        images: (height, width, 3) uint8 BGR, by camera.
+        time_ns: capture time, on the common clock.
+        number: number of the frame.
+    """
     for arrival in arrivals_of(images, time_ns, cameras=tracker.rig.cameras, number=number):
         tracker.update(arrival)
     assert tracker.seen is not None  # every camera has given its image
@@ -187,7 +194,10 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
-    """Return the intersection over union (frames, cameras) of mesh and true mask, of every ``every``-th frame."""
+    """Return the intersection over union (frames, cameras) of the posed mesh and the true mask, in some frames.
+
+    Frames 0, ``every``, 2 · ``every``, … are compared.
+    """
     body, out = figure(movement.mesh), []
     for k in range(0, len(movement), every):
         vertices = posed(movement.mesh, TreePose(movement.poses.T_world_model[k], movement.poses.angles[k]))

@@ -21,10 +21,11 @@ class TruthScore(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: number of frames.
-        angle_deg: median of the absolute errors of all joint angles.
-        angle_mean_deg: mean of the same.
-        angles_deg: mean absolute error by angle. A rotation about the axis of a straight limb shows in no outline.
-        joints_mm: median distance of the landmarks.
+        angle_deg: median of the absolute errors of all joint angles [deg].
+        angle_mean_deg: mean of these errors [deg].
+        angles_deg: mean absolute error by joint angle [deg]. A rotation about the axis of a straight limb shows in no
+            outline.
+        joints_mm: median distance of the landmarks from their true positions [mm].
         overlap: mean intersection over union of the model and the true person, over frames and cameras.
     """
 
@@ -40,7 +41,7 @@ class TruthMeter:
     """Collects errors frame by frame.
 
     Args:
-        joint_names: of the angles.
+        joint_names: names of the joint angles, in the order of `TreePose.angles`.
     """
 
     def __init__(self, joint_names: Sequence[str]) -> None:
@@ -59,8 +60,10 @@ class TruthMeter:
         """Add one frame.
 
         Args:
-            pose, landmarks: (n, 3), outlines by camera: the estimate.
-            truth: the same, with (height, width) masks instead of the outlines.
+            pose: estimated pose.
+            landmarks: (n, 3) estimated landmarks in the world [m].
+            outlines: outlines of the posed mesh, by camera.
+            truth: true pose, true landmarks (n, 3) [m], and true masks (height, width) by camera.
         """
         true_pose, true_landmarks, masks = truth
         self._angles.append(np.abs(pose.angles - true_pose.angles))
@@ -87,12 +90,12 @@ class TruthMeter:
 
 
 def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:
-    """Perturb a pose by normal errors, to simulate one that was set by hand.
+    """Return a pose with normally distributed errors, to simulate a pose that was set by hand.
 
     Args:
         pose: the true pose.
-        limits: (joints, 2) of the angles [rad].
-        seed: of the errors.
+        limits: (joints, 2) least and most value of each angle [rad]; the result keeps them.
+        seed: random seed of the errors.
         off: standard deviations of the position [m] and of the angles [rad].
     """
     rng = np.random.default_rng([seed, 71])

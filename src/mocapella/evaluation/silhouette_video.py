@@ -45,10 +45,11 @@ class VideoScore(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: number of frames.
-        median_mm, p95_mm: distances from Pose2Sim's joints, over joints and frames.
-        joints_mm: median distance by joint.
+        median_mm, p95_mm: median and 95th percentile of the distances from Pose2Sim's joints, over joints and frames
+            [mm].
+        joints_mm: median of these distances by joint [mm].
         inside: share of the limbs' confident 2D keypoints within the projected mesh, dilated by 15 px.
-        overlaps: intersection over union with outlines drawn by hand, by camera and frame.
+        overlaps: intersection over union with outlines drawn by hand, by a key of camera and frame.
     """
 
     frames: int
@@ -73,14 +74,14 @@ def filmed_rig(folder: Path) -> CameraRig:
 
 
 def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
-    """Yield the cameras' images, instant by instant."""
+    """Yield the images (height, width, 3) uint8 BGR of all ``cameras``, by name, instant by instant."""
     videos = [pictures(folder / "videos" / f"{name}.mp4") for name in cameras]
     for shown in zip(*videos, strict=False):
         yield {name: image for name, (_, image) in zip(cameras, shown, strict=True)}
 
 
 def first_points(folder: Path) -> dict[str, Float64]:
-    """Triangulate landmarks (3,) from the keypoints of the first frame [m]."""
+    """Triangulate landmarks (3,) in the rig's world [m], by name, from the keypoints of the first frame."""
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
@@ -95,7 +96,7 @@ def score_video(
     """Score a run from the first frame on.
 
     Args:
-        folder: of the recording.
+        folder: folder of the recording.
         body: the tracked body's mesh.
         followed: the tracker's result for each frame, from the first.
         outlines: file of outlines drawn by hand.

@@ -40,9 +40,9 @@ HINGES: Final = ("left knee", "right knee", "left elbow", "right elbow")
 FEET: Final = ("left ankle", "right ankle", "left toe", "right toe")
 NEAR_DEG: Final = 5.0
 FAILED_DEG: Final = 10.0
-"""Mean joint error of a lost body [°]."""
+"""A run fails if the mean joint error is larger [°]."""
 LATE_FRAMES: Final = 10
-"""Number of frames at the end of a run that must be right, too."""
+"""Number of frames at the end of a run whose own mean joint error must also be small."""
 APART_M: Final = 0.10
 """Legs with knees and ankles nearer to each other than this cannot be distinguished [m]."""
 SWAPPED_FRAMES: Final = 3
@@ -56,7 +56,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
     """A body's poses, frame by frame.
 
     Attributes:
-        mesh: of the body.
+        mesh: the body's mesh.
         poses: poses with one batch axis (frames,).
         fps: constant frame rate [Hz].
     """
@@ -75,12 +75,12 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def landmarks(self) -> dict[str, Float64]:
-        """Return the landmarks (frames, 3) by name [m]."""
+        """Positions (frames, 3) of the landmarks in the world [m], by name."""
         return dict(zip(self.mesh.landmarks, np.moveaxis(landmarks_at(self.mesh, self.poses), -2, 0), strict=True))
 
     @cached_property
     def rotations(self) -> dict[str, Float64]:
-        """Return the rotations (frames, 3, 3) by joint of `JOINT_OF`: of a part relative to its parent, 1 at rest."""
+        """Rotations (frames, 3, 3) of a part relative to its parent, by joint of `JOINT_OF`; the identity at rest."""
         R = part_motions(self.mesh.tree, self.poses)[..., :3, :3]
         parents = self.mesh.tree.parents
         return {
@@ -94,7 +94,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
         return Movement(self.mesh, TreePose(self.poses.T_world_model[:frames], self.poses.angles[:frames]), self.fps)
 
     def flexion_deg(self, joint: str) -> Float64:
-        """Return the angle (frames,) of a hinge.
+        """Return the angle (frames,) of a hinge joint, such as ``left knee`` [deg].
 
         Raises:
             EvaluationError: the body has no such hinge.
@@ -110,14 +110,14 @@ class MovementScore(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: number of frames.
-        angle_deg, angle_sd_deg: mean and standard deviation of the joints' errors, over joints and frames.
-        near: share of the errors below `NEAR_DEG`.
-        hinge_deg, hinge_sd_deg: mean absolute error and standard deviation of the error of knees and elbows.
-        joints_deg: mean error by joint.
-        median_mm, p95_mm: distances of the landmarks that both bodies have.
+        angle_deg, angle_sd_deg: mean and standard deviation of the joints' errors, over joints and frames [deg].
+        near: fraction of the errors below `NEAR_DEG`, 0 to 1.
+        hinge_deg, hinge_sd_deg: mean absolute error, and standard deviation of the error, of knees and elbows [deg].
+        joints_deg: mean error by joint [deg].
+        median_mm, p95_mm: median and 95th percentile of the errors of landmarks that both bodies have [mm].
         acceleration, true_acceleration: root mean square acceleration of the landmarks, estimated and true [m/s²].
         jitter: root mean square acceleration of the landmarks' errors [m/s²].
-        feet, true_feet, feet_jitter: the same three figures for the landmarks `FEET`.
+        feet, true_feet, feet_jitter: the last three figures for the landmarks `FEET` alone [m/s²].
     """
 
     frames: int
@@ -141,9 +141,9 @@ class Outcome(msgspec.Struct, frozen=True):
     """Whether a body was tracked to the last frame.
 
     Attributes:
-        angle_deg, late_deg: mean error of the joints over all frames, and over the last ones.
+        angle_deg, late_deg: mean error of the joints over all frames, and over the last `LATE_FRAMES` [deg].
         swapped: number of frames with swapped legs.
-        through_mm: penetration depth of limbs in the worst frame, in excess of the ground truth's.
+        through_mm: penetration depth of limbs in the worst frame, in excess of the ground truth's [mm].
         problem: the reason of the failure; empty after success.
     """
 
@@ -166,7 +166,7 @@ def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
 
 
 def score(found: Movement, true: Movement) -> MovementScore:
-    """Compare two movements with the same number of frames.
+    """Compute the errors of an estimated movement against the true one, with the same number of frames.
 
     Raises:
         EvaluationError: the numbers differ, or are below three.
@@ -195,7 +195,7 @@ def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> 
 
     Args:
         found, true: estimated and true movement.
-        through_mm: largest allowed penetration depth of limbs in excess of the ground truth's.
+        through_mm: largest allowed penetration depth of limbs in excess of the ground truth's [mm].
     """
     every = np.array(list(joint_errors_deg(found, true).values()))
     mean, late = float(every.mean()), float(every[:, -LATE_FRAMES:].mean())
@@ -212,7 +212,7 @@ def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> 
 
 
 def rms_acceleration(places: Float64, fps: float) -> float:
-    """Return the root mean square acceleration of positions (frames, ..., 3), in their unit per s²."""
+    """Return the root mean square acceleration of positions (frames, ..., 3), in their unit per s²; ``fps`` in Hz."""
     change = np.diff(places, 2, axis=0) * fps**2
     return float(np.sqrt(np.square(change).sum(axis=-1).mean()))
 
@@ -244,7 +244,7 @@ def peak_kept(found: Float64, true: Float64) -> float:
 
 
 def legs_swapped(found: Movement, true: Movement) -> Bools:
-    """Return (frames,) whether a leg's knee and ankle are nearer to the other leg's true ones than to their own."""
+    """Return for each frame (frames,) whether a leg's knee and ankle are nearer to the other leg's true positions."""
     _same(found, true)
     names = ("knee", "ankle")
     ours, theirs = (
@@ -257,7 +257,7 @@ def legs_swapped(found: Movement, true: Movement) -> Bools:
 
 
 def through_itself_mm(found: Movement, true: Movement) -> Float64:
-    """Return the penetration depth (frames,) of limbs in excess of the ground truth's, whose flesh also overlaps."""
+    """Return the penetration depth (frames,) of limbs in excess of the ground truth's own overlaps [mm]."""
     _same(found, true)
     ours, theirs = (
         depths_m(capsules_of(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)

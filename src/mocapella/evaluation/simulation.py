@@ -39,7 +39,10 @@ TARGETS: Final[Mapping[str, tuple[str, float]]] = {
     "time_offset_ms": ("most", 5),
     "wrong_left_right_percent": ("most", 1),
 }
-"""By figure: the sum over all runs, or the largest or smallest mean over all scenes; and its target."""
+"""Target of each figure.
+
+``sum`` applies the target to the sum over all runs, ``most`` and ``least`` to the largest and smallest scene's mean.
+"""
 
 
 _ARRAYS: Final = ("tracking_ids", "tracked", "clipped_edges", "states", "positions", "depth_px", "orientations")
@@ -83,8 +86,8 @@ def evaluate(
 
     Args:
         methods: names, optionally with settings, see `method_with_settings`.
-        scenes: names; None for all.
-        seeds: of the scenes' noise.
+        scenes: names of the scenes; None for all.
+        seeds: random seeds of the scenes' noise.
         on_run: called with the next step, in words.
 
     Returns:
@@ -123,7 +126,10 @@ def evaluate(
 
 
 def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
-    """Return by scene the runs and their mean, and the figures that have targets over all scenes."""
+    """Return the runs and their mean by scene, and over all scenes the figures that have targets.
+
+    ``runs`` has the figures of each run, by scene.
+    """
     scenes = {name: {"mean": _mean(of), "runs": list(of)} for name, of in runs.items()}
     worst = {
         figure: _worst(figure, {name: [run[figure] for run in of] for name, of in runs.items()}) for figure in TARGETS
@@ -158,9 +164,10 @@ def run(tracker: Tracked, room: Room, items: Iterable[SimulatedFrame] | None = N
     """Score one method in one room, from its first frame on.
 
     Args:
-        tracker: new.
-        room: any.
-        items: its sensors' frames in the order of their arrival; None for all frames until the simulation repeats.
+        tracker: a new tracker.
+        room: the simulated room.
+        items: the frames of the room's sensors in the order of their arrival; None for all frames until the simulation
+            repeats.
     """
     score = Score(room)
     latency_ns = {sensor.name: round(sensor.latency_s * NS_PER_S) for sensor in room.settings.sensors}

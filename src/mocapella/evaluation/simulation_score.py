@@ -42,7 +42,7 @@ ALIKE: Final = 0.5
 FRESH: Final = 0.05
 """Largest delay between a sensor's frame and the fused skeleton compared with it [s]."""
 IDENTITY_EVERY: Final = 3
-"""Frames of the main sensor."""
+"""Identities are compared in every so many frames of the main sensor."""
 
 
 class _SensorNow(msgspec.Struct, frozen=True, eq=False):
@@ -114,9 +114,9 @@ class Score:
         """Add a frame with its ground truth, and the method's scene.
 
         Args:
-            item: the frame.
-            scene: the method's.
-            offsets: by sensor, as `mocapella.tracker.protocol.SensorViews` declares them [s].
+            item: the frame and its ground truth.
+            scene: the method's scene.
+            offsets: estimated delay of each sensor's frames, see `mocapella.tracker.protocol.SensorViews` [s].
         """
         sensor, truth = item.frame.sensor, item.truth
         self._now[sensor] = _sensor_now(item)

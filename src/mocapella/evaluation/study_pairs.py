@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 PLACEMENT_NAMES: Final = {"parallel": "parallel", "right-45": "45", "left-45": "45", "right-90": "90", "left-90": "90"}
-"""A placement of the log → what the thesis' tables call it."""
+"""Name of each placement of the log in the thesis' tables."""
 TASKS: Final = {number: name for name, number in SCENARIOS.items()}
 
 
@@ -53,7 +53,7 @@ class StudyFrames(msgspec.Struct, frozen=True, eq=False):
     """Frames of a file in the order of their arrival, with the frame of each row.
 
     Attributes:
-        arrivals: (arrivals,) frames.
+        arrivals: (arrivals,) the frames.
         of_row: (rows,) index of the arrival that contains the row's view; −1 if none does.
     """
 
@@ -69,8 +69,8 @@ class StudySession:
         replay: the sensors' frames, reconstructed from the log.
         participant: Study_Id.
         placement: name of the sensors' placement, as in the thesis' tables.
-        pairs: all pairs.
-        frames: all frames.
+        pairs: all pairs of rows.
+        frames: all frames of the replay.
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
         sensor: (rows,) index in ``replay.sensors``.
         at_s: (rows,) capture time of the row's frame, from the file's first frame [s].
@@ -121,7 +121,7 @@ class StudySession:
 
 
 def corrected_tasks(log: StudyLog) -> Int64:
-    """Return Scenario_Id (rows,) with a logging error corrected: after the first 8, a 4 means 8."""
+    """Return the Scenario_Id (rows,) of a log with a logging error corrected: after the first 8, a 4 means 8."""
     after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
     return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
 
@@ -143,8 +143,8 @@ def study_sessions(
 
     Args:
         folder: with ``Study_*.csv`` or ``.csv.gz``.
-        participants: their numbers, or None for all.
-        on_file: called with the name of each before it is read.
+        participants: numbers of the participants; None for all.
+        on_file: called with the name of each file before it is read.
 
     Raises:
         InputError: no such folder, no log in it, or one that cannot be read.

@@ -16,7 +16,7 @@ Float64 = NDArray[np.float64]
 _TORSO_JOINTS = ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head", "HipLeft", "HipRight")
 TORSO: Final = tuple(TOPOLOGY.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
 MAX_WANDER: Final = 3.0
-"""The motion between sensors that stand still wanders less than this; one fitted frame by frame does not [m/min]."""
+"""Largest wander of the estimated motion between two still sensors; fits to single frames wander more [m/min]."""
 _CM: Final = 100.0
 
 
@@ -25,9 +25,11 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         participant: Study_Id.
-        raw_labels, repaired: (pairs, joints, 4) Δx Δy Δz Δd [m]; NaN where a view or joint is missing.
-        swaps_per_min: how often the label decision changed.
-        wander_m_per_min: of the motions between the sensors, over the whole run.
+        raw_labels, repaired: (pairs, joints, 4) |Δx|, |Δy|, |Δz| and Δd between the two views [m], with the sensors'
+            labels and with the method's; NaN where a view or joint is missing.
+        swaps_per_min: number of changes of the method's label decision per minute.
+        wander_m_per_min: wander of the estimated motions between the sensors over the whole run, see
+            `mocapella.evaluation.causal_run.CausalRun` [m/min].
     """
 
     participant: int
@@ -101,7 +103,7 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
     """Return the JSON of one task and placement; ``problem`` is the reason if the row is not valid, else empty.
 
     Args:
-        scored: of all files.
+        scored: scored pairs of all files.
         as_logged: numbers of pairs and joints in the logged rows.
     """
     found = count(scored)

@@ -42,8 +42,8 @@ def evaluate_tag(
     """Return the scores of a tag, by the scene's name and for all cameras or the first one.
 
     Args:
-        scenes: names; only scenes of `SCENES` are scored.
-        seeds: of the motion and the noise.
+        scenes: names of scenes; only those in `SCENES` are scored.
+        seeds: random seeds of the motion and the noise.
         tell: called with the current step, in words.
     """
     found = {}
@@ -61,7 +61,10 @@ def evaluate_tag(
 
 
 def place_at(scene: HandScene, seed: int, at_s: float) -> Float64:
-    """Return ``T_world_tag``: near the hand's position, facing the cameras, up to 1 m/s and 230°/s."""
+    """Return the pose ``T_world_tag`` (4, 4) of the swinging tag at a time since the scene's start [s].
+
+    It is near the hand's position and faces the cameras, with up to 1 m/s and 230°/s.
+    """
     rng = np.random.default_rng([seed, 11])
     phase, rates, lean = rng.uniform(0, 6, (2, 3)), rng.uniform(3, 7, (2, 3)), rng.uniform(-0.5, 0.5, 3)
     turn = lean + 0.3 * np.sin(rates[0] * at_s + phase[0])

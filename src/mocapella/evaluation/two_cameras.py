@@ -32,9 +32,9 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 Told = tuple[Float64, UInt8, int]
-"""Points in the world, states, and number of an arm."""
+"""Points (23, 3) in the world [m], their `JointState` (23,), and the id of an arm."""
 ArmFinding = Callable[[DepthShot], SeenArms]
-"""A detector of arms in a shot."""
+"""A function that detects the arms in a simulated depth image."""
 CAMERAS: Final = ("first", "second")
 FUSED: Final = "fused"
 
@@ -121,15 +121,15 @@ def two_camera_scores(
     """Score each camera by itself and both together.
 
     Args:
-        scene: with one arm, as the first camera sees it.
+        scene: scene with one arm, as seen by the first camera.
         looks: for each camera, a function that detects the arms in a simulated depth image.
-        angle_deg: between the cameras, about the hand.
+        angle_deg: angle between the cameras, about the hand [deg].
         fps: frame rate of each camera [Hz].
-        seconds: duration.
+        seconds: duration [s].
         rig: whether the tracker receives the cameras' poses; otherwise it estimates them, and is scored from the first
             estimate on.
-        settings: of the tracker.
-        make: makes the tracker.
+        settings: settings of the tracker.
+        make: creates the tracker.
 
     Returns:
         Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: the error of the second camera's

@@ -28,11 +28,11 @@ class ArmFusionSettings:
     """Parameters of the fusion.
 
     Attributes:
-        least_sd_m: lower bound of a point's standard deviation.
-        unsaid_sd_m: standard deviation for a view without one.
-        gate_m: views agree about a point within this distance …
+        least_sd_m: lower bound of the standard deviation of a point's coordinate [m].
+        unsaid_sd_m: standard deviation of a coordinate for a view that gives none [m].
+        gate_m: two views agree about a point within this distance [m] …
         gate_sds: … plus this many standard deviations of their difference.
-        far_m: upper bound of that distance.
+        far_m: upper bound of the whole distance within which they agree [m].
     """
 
     least_sd_m: float = 0.003
@@ -50,8 +50,8 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
     """Fused points.
 
     Attributes:
-        points: (n, 3) [m]; NaN without a view.
-        states: (n,) `JointState` of the best view.
+        points: (n, 3) in the views' common frame [m]; NaN where no view has the point.
+        states: (n,) the best `JointState` of the views.
         sd: (n,) standard deviation of a coordinate [m]; NaN if unknown.
         weights: (views, n) information of the inliers [1/m²], 0 for others.
         disputed: (views, n) whether a measured point contradicts the other views.
@@ -72,7 +72,7 @@ def fuse_points(
     Args:
         points: (views, n, 3), all in one frame [m]; NaN where not known.
         states: (views, n) `JointState`.
-        sd: (views, n) [m]; NaN where a view gives none.
+        sd: (views, n) standard deviation of a coordinate [m]; NaN where a view gives none.
         expected: (n, 3) predicted points [m], or NaN; decides between two contradicting views.
     """
     s = settings or ArmFusionSettings()
@@ -111,7 +111,7 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
 
     Args:
         angles: (views, 21) [rad]; NaN where not known.
-        weights: (views, n) of `FusedPoints`, the hand's 21 landmarks first.
+        weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks.
     """
     of_digit = weights[:, 1:21].reshape(len(weights), 5, 4).sum(axis=-1)
     w = np.zeros(angles.shape)
@@ -124,7 +124,9 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
 
 
 def fuse_poses(T: Float64, weights: Float64) -> Float64 | None:
-    """Return the palm's pose (4, 4) from poses (views, 4, 4), weighted by wrist and knuckles; None without views.
+    """Return the weighted mean (4, 4) of the views' palm poses ``T`` (views, 4, 4); None if no view has a pose.
+
+    A view's weight is the information of its wrist and knuckles in ``weights`` (views, n) of `FusedPoints`.
 
     The rotation is the nearest one to the weighted mean of the matrices (the chordal mean: R. Hartley et al., "Rotation
     Averaging", International Journal of Computer Vision 103 (2013), section 5.3).

@@ -43,9 +43,10 @@ class FacingSettings:
         shape_weight: weight of the log-likelihood of the body's shape.
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
             misjudged.
-        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this.
+        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this
+            [deg].
         mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
-            the direction to the sensor.
+            the direction to the sensor [deg].
     """
 
     yaw_weight: float = 0.1
@@ -62,7 +63,7 @@ class FacingSettings:
 
 
 class FacingArrays(NamedTuple):
-    """The arrays of a `FacingMemory`, for the kernels."""
+    """The arrays of a `FacingMemory`, for the kernels, with the same shapes and units."""
 
     p: Float64
     at_s: Float64
@@ -76,9 +77,10 @@ class FacingTables(NamedTuple):
     Attributes:
         tables: (rows, BINS) log-likelihoods of yaw, shape and motion, and the waves of the turning; see
             `mocapella.fusion.facing_kernels.TABLE_ROWS`.
-        across: (pairs, 2) left and right joints that give the yaw, in the order of preference.
-        joints: (1 + terms, 2) the head and the SpineBase; then feature and joint of each term of the features' sums.
-        weights: (terms,) of these sums; empty where the model has no shapes for the topology.
+        across: (pairs, 2) indices of left and right joints that give the yaw, in the order of preference.
+        joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
+            features' sums.
+        weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
         classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
             largest standardised value of a feature.
     """
@@ -108,8 +110,9 @@ class FacingMemory(msgspec.Struct, eq=False):
         sensors: column of ``mirrored`` by sensor; its column in ``told_s`` is one more.
         zero: yaw of the first bin, in the present world frame [rad].
         p: (people, BINS) probability of each facing.
-        at_s: (people,) time of the probabilities [s].
-        told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor [s].
+        at_s: (people,) time of the probabilities, on the common clock [s].
+        told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor, on the same
+            clock [s].
         mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
     """
 
@@ -123,9 +126,10 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """A change of the label correction: from ``at_s`` on, a sensor's labels of a person are swapped, if ``mirrored``,
-    or
-    used unchanged."""
+    """A change of the label correction of one sensor's view of a person.
+
+    From the capture time ``at_s`` on [s], the left and right labels are swapped if ``mirrored``, else used unchanged.
+    """
 
     person: int
     sensor: str
@@ -134,13 +138,13 @@ class Repair(msgspec.Struct, frozen=True):
 
 
 class Facings(msgspec.Struct, frozen=True, eq=False):
-    """Facings of the people in a frame, in the order given.
+    """Facings of the people in a frame, in the order of the call's ``people``.
 
     Attributes:
         yaw: (people,) world, 0 along +z, π/2 along +x [rad].
         sd: (people,) circular standard deviation [rad].
         mirrored: (people,) whether this view's left and right must be swapped.
-        reported: (people,) the yaw of its repaired labels [rad]; NaN without shoulders and hips.
+        reported: (people,) the yaw that this view's repaired labels imply [rad]; NaN without shoulders and hips.
         repairs: changes of ``mirrored`` in this frame.
     """
 
@@ -152,7 +156,10 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
 
 
 class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
-    """Predicted facings ``yaw`` (people,) and standard deviations ``sd`` (people,) [rad]; NaN, infinite if unknown."""
+    """Predicted facings ``yaw`` (people,) and circular standard deviations ``sd`` (people,) [rad].
+
+    An unknown person has yaw NaN and an infinite deviation.
+    """
 
     yaw: Float64
     sd: Float64
@@ -202,11 +209,12 @@ class FacingFilter:
         """Process a sensor's frame.
 
         Args:
-            sensor: its name.
-            people: (bodies,) their persons, each once.
+            sensor: name of the sensor.
+            people: (bodies,) id of each body's person; each person at most once.
             positions: (bodies, joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
             toward_sensor: (bodies,) yaw from the person to the sensor [rad]; NaN where unknown.
-            at_s: capture time; one that is not after a person's last one counts as the same [s].
+            at_s: capture time on the common clock [s]; for a person it never decreases: an earlier one counts as the
+                person's last one.
             velocities: (bodies, 3) world [m/s]; NaN where unknown.
 
         Raises:
@@ -235,14 +243,17 @@ class FacingFilter:
         return Facings(out[0], out[1], mirrored, out[2], repairs)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
-        """Predict facings at a time; before a person's last frame, return the last estimate."""
+        """Predict the facings of people at the time ``at_s`` on the common clock [s].
+
+        For a time before a person's last frame, this is the last estimate.
+        """
         memory, out = self.memory, np.empty((2, len(people)))
         slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
         _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._tables.tables, out)
         return PredictedFacings(out[0], out[1])
 
     def forget(self, kept: Collection[int]) -> None:
-        """Forget all people but these."""
+        """Forget all people except those in ``kept``."""
         memory = self.memory
         if memory.people.keys() <= set(kept):
             return
@@ -250,7 +261,7 @@ class FacingFilter:
         self._keep_rows(rows)
 
     def join(self, stays: int, gone: int) -> None:
-        """Merge two tracks of one person."""
+        """Merge two tracks of one person under the id ``stays``; the id ``gone`` is forgotten."""
         memory = self.memory
         other = memory.people.get(gone)
         if other is None or stays == gone:

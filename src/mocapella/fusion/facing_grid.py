@@ -18,9 +18,9 @@ Float64 = NDArray[np.float64]
 
 BINS: Final = 48
 BIN: Final = 2 * np.pi / BINS
-"""7.5° [rad]."""
+"""Width of a bin: 7.5° [rad]."""
 YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
-"""(BINS,) of the bins [rad]."""
+"""(BINS,) yaw of each bin [rad]."""
 STEP_S: Final = 1 / 29
 """Mean time between a person's turns by up to two bins [s]."""
 
@@ -55,7 +55,7 @@ def turned_on(p: Float64, steps: Any) -> Float64:
     Two successive predictions equal one over the total time, so the frame rate does not matter.
 
     Args:
-        p: (..., BINS).
+        p: (..., BINS) probability of each bin.
         steps: (...,) elapsed time in units of `STEP_S`, 0 or more.
 
     Returns:
@@ -73,8 +73,8 @@ def turned(values: Float64, by: Any) -> Float64:
     """Rotate values on the circle: the value at a yaw moves to that yaw + ``by``.
 
     Args:
-        values: (..., BINS).
-        by: (...,) [rad]; between two bins, values are interpolated linearly.
+        values: (..., BINS), one for each bin.
+        by: (...,) angle [rad]; between two bins, values are interpolated linearly.
     """
     places = np.asarray(by, dtype=np.float64) / BIN
     whole = np.floor(places)
@@ -90,10 +90,10 @@ def most_likely(p: Float64) -> Float64:
     A person may face one way or the opposite, but hardly between, so the mean over the circle is not used.
 
     Args:
-        p: (..., BINS).
+        p: (..., BINS) probability of each bin.
 
     Returns:
-        (...,) [rad], within [−π, π).
+        (...,) yaw [rad], within [−π, π).
     """
     five = p + sum(np.roll(p, k, axis=-1) for k in (-2, -1, 1, 2))
     best = five.argmax(axis=-1)[..., None]
@@ -102,7 +102,9 @@ def most_likely(p: Float64) -> Float64:
 
 
 def circular_sd(p: Float64) -> Float64:
-    """Return √(−2 ln R), R the length of the mean unit vector; unbounded for the uniform distribution [rad].
+    """Return the circular standard deviation (...,) of probabilities p (..., BINS) [rad].
+
+    It is √(−2 ln R), R the length of the mean unit vector; unbounded for the uniform distribution.
 
     Source:
         Mardia and Jupp, *Directional Statistics* (2000), section 2.3.1.

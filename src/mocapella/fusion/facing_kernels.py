@@ -26,8 +26,11 @@ WAVES_AT = MOTION_AT + len(SPEEDS)
 RATES_AT = WAVES_AT + BINS // 2 + 1
 COS_AT = RATES_AT + 1
 TABLE_ROWS = COS_AT + 2
-"""Rows of `BINS` each: tables of yaw, shape and motion; the cosine waves of the turning and their decay rates; the
-cosine and the sine of each bin."""
+"""Number of rows, of `BINS` columns each, in `mocapella.fusion.facing.FacingTables.tables`.
+
+In this order: log-likelihoods of yaw, shape and motion; the cosine waves of the process model; their decay rates, in
+one row; the cosine and the sine of each bin.
+"""
 
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
@@ -35,7 +38,7 @@ _SPEEDS = np.array(SPEEDS)
 
 @njit(cache=True)
 def wrap(angle: float) -> float:
-    """Wrap an angle, see `mocapella.geometry.angles.wrap`."""
+    """Wrap an angle [rad] into [−π, π)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -44,8 +47,8 @@ def view_worth(yaw: float, toward: float, reported: float) -> float:
     """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN.
 
     A sensor that looks along the shoulders only guesses the far one. α is the angle between the person's ``yaw`` and
-    the
-    direction ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels.
+    the yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels. All are in one
+    frame [rad].
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
@@ -56,7 +59,13 @@ def view_worth(yaw: float, toward: float, reported: float) -> float:
 
 @njit(cache=True)
 def turning(steps: float, tables: Float64, kernel: Float64) -> None:
-    """Compute the probability (BINS,) of a turn by each number of bins after ``steps`` of `STEP_S`."""
+    """Compute the probability of a turn by each number of bins after some time.
+
+    Args:
+        steps: elapsed time in units of `STEP_S`.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
+        kernel: (BINS,) the probabilities, written.
+    """
     kernel[:] = 0.0
     for m in range(COS_AT - 1 - WAVES_AT):
         fading = np.exp(-steps * tables[RATES_AT, m])
@@ -66,9 +75,9 @@ def turning(steps: float, tables: Float64, kernel: Float64) -> None:
 
 @njit(cache=True)
 def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
-    """Convolve p (BINS,) with the ``kernel`` of `turning`, in place; ``twice`` (2 · BINS,) is workspace.
+    """Predict probabilities p (BINS,), in place, by convolving them on the circle with the ``kernel`` of `turning`.
 
-    See `mocapella.fusion.facing_grid.turned_on`.
+    ``twice`` (2 · BINS,) is workspace. See `mocapella.fusion.facing_grid.turned_on`.
     """
     for d in range(BINS):
         twice[d] = twice[BINS + d] = p[d]
@@ -82,7 +91,15 @@ def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
 
 @njit(cache=True)
 def add_turned(total: Float64, first: Float64, second: Float64, part: float, factor: float, by: float) -> None:
-    """Add factor · ((1 − part) · first + part · second), all (BINS,), shifted by an angle, to a total."""
+    """Add factor · ((1 − part) · first + part · second), rotated by an angle, to a total, in place.
+
+    Args:
+        total: (BINS,) log-likelihoods, updated.
+        first, second: (BINS,) rows of a table.
+        part: weight of the second row, 0 to 1.
+        factor: weight of the sum.
+        by: angle [rad]: the value at a yaw is added at that yaw + ``by``.
+    """
     place = by / BIN
     whole = np.floor(place)
     rest = place - whole
@@ -98,7 +115,10 @@ def add_turned(total: Float64, first: Float64, second: Float64, part: float, fac
 
 @njit(cache=True)
 def most_likely(p: Float64) -> float:
-    """Return the mode of p (BINS,), see `mocapella.fusion.facing_grid.most_likely`."""
+    """Return the mean yaw of the most likely quarter turn of p (BINS,) [rad], from the first bin, in [−π, π).
+
+    See `mocapella.fusion.facing_grid.most_likely`.
+    """
     best, most = 0, -1.0
     for i in range(BINS):
         five = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
@@ -115,7 +135,10 @@ def most_likely(p: Float64) -> float:
 
 @njit(cache=True)
 def circular_sd(p: Float64, tables: Float64) -> float:
-    """Return the circular standard deviation of p, whose sum is 1; see `mocapella.fusion.facing_grid.circular_sd`."""
+    """Return the circular standard deviation of probabilities p (BINS,), whose sum is 1 [rad].
+
+    ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine. See `mocapella.fusion.facing_grid.circular_sd`.
+    """
     c, s = 0.0, 0.0
     for i in range(BINS):
         c += p[i] * tables[COS_AT, i]
@@ -127,11 +150,11 @@ def circular_sd(p: Float64, tables: Float64) -> float:
 
 @njit(cache=True)
 def reported_yaw(positions: Float64, across: Int64) -> float:
-    """Return the yaw that a body's labels imply, see `mocapella.fusion.facing_shape.view_of`; NaN where unknown.
+    """Return the yaw that a body's labels imply [rad], see `mocapella.fusion.facing_shape.view_of`; NaN if unknown.
 
     Args:
-        positions: (joints, 3).
-        across: (pairs, 2) left and right joints, in the order of preference.
+        positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
+        across: (pairs, 2) indices of left and right joints, in the order of preference.
     """
     for k in range(len(across)):
         x = positions[across[k, 0], 0] - positions[across[k, 1], 0]
@@ -144,11 +167,11 @@ def reported_yaw(positions: Float64, across: Int64) -> float:
 
 @njit(cache=True)
 def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float]:
-    """Return the shape classifier's score of a body, and the fraction of its features that are visible.
+    """Return the log-odds that a body faces the sensor, by its shape, and the visible fraction of its features.
 
     Args:
-        positions: (joints, 3).
-        yaw: direction along which features are measured.
+        positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
+        yaw: horizontal direction along which features are measured [rad].
         model: the facing model's tables.
     """
     trunk, terms, weights, classifier = model.joints[0], model.joints[1:], model.weights, model.classifier
@@ -183,9 +206,18 @@ def add_view(
     model: FacingTables,
     factors: FacingWeights,
 ) -> None:
-    """Add the log-likelihoods of a view's yaw ``seen`` and of the body's shape to ``evidence`` (BINS,).
+    """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place.
 
     See `mocapella.fusion.facing_training.evidence`.
+
+    Args:
+        evidence: (BINS,) log-likelihoods over the facing, updated.
+        positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
+        seen: yaw that the labels imply, from ``toward``, folded into [−π/2, π/2) [rad].
+        toward: yaw from the person to the sensor [rad].
+        zero: yaw of the first bin [rad].
+        scale: weight of this view, 0 to 1; see `counts_for`.
+        model, factors: the facing model's tables, and the weights of the evidence.
     """
     tables = model.tables
     place = seen / BIN + YAW_BINS / 2
@@ -203,9 +235,16 @@ def add_view(
 
 @njit(cache=True)
 def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float, tables: Float64) -> None:
-    """Add the log-likelihoods of a velocity (3,) to ``evidence`` (BINS,), multiplied by ``factor``.
+    """Add the log-likelihoods of a velocity to ``evidence`` (BINS,), in place, multiplied by ``factor``.
 
-    See `mocapella.fusion.facing_model.FacingModel.motion_evidence`; ``zero`` is the yaw of the first bin [rad].
+    See `mocapella.fusion.facing_model.FacingModel.motion_evidence`.
+
+    Args:
+        evidence: (BINS,) log-likelihoods over the facing, updated.
+        velocity: (3,) of the person, y up [m/s]; NaN or a slow one adds nothing.
+        zero: yaw of the first bin [rad].
+        factor: weight of the log-likelihoods.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
     """
     speed = np.hypot(velocity[0], velocity[2])
     if not speed >= _SPEEDS[0]:
@@ -219,7 +258,7 @@ def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float,
 
 @njit(cache=True)
 def believe(p: Float64, evidence: Float64) -> None:
-    """Update p (BINS,) by log-likelihoods, in place; see `mocapella.fusion.facing_training.believed`."""
+    """Update probabilities p (BINS,) by log-likelihoods ``evidence`` (BINS,), in place, by Bayes' rule."""
     most, total = evidence[0], 0.0
     for i in range(BINS):
         most = max(most, evidence[i])
@@ -232,7 +271,10 @@ def believe(p: Float64, evidence: Float64) -> None:
 
 @njit(cache=True)
 def counts_for(now: float, last: float) -> float:
-    """Return the weight of new evidence: the time since the last in units of `STEP_S`, at most 1."""
+    """Return the weight of new evidence, 0 to 1: the time since the last evidence in units of `STEP_S`, at most 1.
+
+    ``now`` and ``last`` are capture times on one clock [s].
+    """
     return min(max((now - last) / STEP_S, 0.0), 1.0)
 
 
@@ -253,16 +295,17 @@ def update(
     """Update the facings with a frame, as `mocapella.fusion.facing.FacingFilter.update`.
 
     Args:
-        slots: (bodies,) rows of the memory.
-        sensor: the sensor's column in the memory.
-        positions: (bodies, joints, 3) with the sensor's labels, world, y up [m].
+        slots: (bodies,) row of each body's person in the memory.
+        sensor: the sensor's column in ``memory.mirrored``.
+        positions: (bodies, joints, 3) with the sensor's labels, world, y up [m]; NaN where not seen.
         toward: (bodies,) yaw from the person to the sensor [rad].
-        at: capture time [s].
-        velocities: (bodies, 3) world [m/s].
+        at: capture time on the common clock [s].
+        velocities: (bodies, 3) of the persons, world [m/s]; NaN where unknown.
         zero: yaw of the first bin [rad].
         memory: updated in place.
         model, factors: the facing model's tables, and the weights of the evidence.
-        out: (4, bodies) written: yaw, standard deviation, yaw of the corrected labels, and 1 if the mirroring changed.
+        out: (4, bodies) written: yaw [rad], its standard deviation [rad], yaw of the corrected labels [rad], and 1 if
+            the mirroring changed, else 0.
 
     Returns:
         The number of bodies whose mirroring changed.
@@ -306,10 +349,15 @@ def update(
 
 @njit(cache=True)
 def predict(slots: Int64, at: float, zero: float, p: Float64, at_s: Float64, tables: Float64, out: Float64) -> None:
-    """Predict yaw and standard deviation at time ``at`` for rows ``slots`` (bodies,) of the memory into out (2,
-    bodies).
+    """Predict the facings of people at a time.
 
-    A row of −1 stands for an unknown person.
+    Args:
+        slots: (bodies,) rows of the memory; −1 for an unknown person.
+        at: time on the common clock [s]; before a row's own time, its state is used unchanged.
+        zero: yaw of the first bin [rad].
+        p, at_s: (people, BINS), (people,) of `FacingMemory`.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
+        out: (2, bodies) written: yaw and its standard deviation [rad]; NaN and infinity for an unknown person.
     """
     twice, later, kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
     for n in range(len(slots)):

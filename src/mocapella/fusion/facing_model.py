@@ -34,7 +34,7 @@ Float64 = NDArray[np.float64]
 YAW_BINS: Final = BINS // 2
 """Bin j is the folded yaw (j − YAW_BINS / 2) · `BIN`."""
 SHAPE_BINS: Final = 13
-"""Of scores from −`MOST_SCORE` to `MOST_SCORE`."""
+"""Number of bins of the shape classifier's scores, which are evenly spaced from −`MOST_SCORE` to `MOST_SCORE`."""
 SPEEDS: Final = (0.4, 0.7, 1.0)
 """Lowest speed of each row of the motion table; below the first, motion is no evidence [m/s]."""
 
@@ -49,8 +49,8 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         yaw, motion: tables of log-likelihoods, as in the module's description.
         shape: table of log-likelihoods of the shape; None if shapes were not learnt.
-        classifier: of shapes; None if shapes were not learnt.
-        topology: of the joints that the shapes were learnt on; shapes of other sensors are ignored.
+        classifier: classifier of shapes; None if shapes were not learnt.
+        topology: name of the topology that the shapes were learnt on; shapes of other topologies are ignored.
         trained_on: description of the training; empty for `untrained`.
     """
 
@@ -62,20 +62,29 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     trained_on: Mapping[str, Any] = {}
 
     def yaw_evidence(self, seen: Float64) -> Float64:
-        """Return log-likelihoods (..., BINS) over α of a folded yaw (...,) [rad]; 0 where it is NaN."""
+        """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
+
+        ``seen`` (...,) is the folded yaw of `mocapella.fusion.facing_shape.View` [rad]; where it is NaN, they are 0.
+        """
         known = np.isfinite(seen)
         place = np.where(known, seen, 0.0) / BIN + YAW_BINS / 2
         return np.asarray(_column(self.yaw, place, wraps=True) * known[..., None])
 
     def shape_evidence(self, features: Float64) -> Float64 | None:
-        """Return log-likelihoods (..., BINS) over α of features (..., `FEATURES`); None if not learnt."""
+        """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
+
+        ``features`` (..., `FEATURES`): see `mocapella.fusion.facing_shape.View`. None if no shapes were learnt.
+        """
         if self.classifier is None or self.shape is None:
             return None
         score, seen = self.classifier.score(features)
         return np.asarray(_column(self.shape, shape_place(score), wraps=False) * seen[..., None])
 
     def motion_evidence(self, velocity: Float64) -> Float64:
-        """Return log-likelihoods (..., BINS) over the yaw, given velocities (..., 3) [m/s]; 0 if slow or NaN."""
+        """Return log-likelihoods (..., BINS) over the yaw in the frame of velocities (..., 3), y up [m/s].
+
+        They are 0 where the velocity is NaN or its horizontal speed is below the first of `SPEEDS`.
+        """
         speed = np.hypot(velocity[..., 0], velocity[..., 2])
         heading = np.arctan2(velocity[..., 0], velocity[..., 2])
         row = np.searchsorted(SPEEDS, np.nan_to_num(speed), side="right")
@@ -89,7 +98,13 @@ def shape_place(score: Float64) -> Float64:
 
 
 def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """Return the two bins around a fractional index (...,), and the weight of the second in linear interpolation."""
+    """Return the two bins around a fractional index (...,), and the weight of the second in linear interpolation.
+
+    Args:
+        place: (...,) fractional index.
+        count: number of bins.
+        wraps: whether the first bin follows the last; otherwise the index must be within the bins.
+    """
     first = np.floor(place).astype(np.intp)
     part = place - first
     if wraps:
@@ -129,7 +144,10 @@ def untrained() -> FacingModel:
 
 
 def log_rows(counts: Float64, floor: float) -> Float64:
-    """Return logarithms of counts, normalised by row; each bin gets at least its part of ``floor``."""
+    """Return log-probabilities (rows, bins) of counts (rows, bins), normalised by row.
+
+    The share ``floor`` of each row's probability, 0 to 1, is distributed evenly over its bins.
+    """
     p = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1e-12) + floor / counts.shape[1]
     return np.asarray(np.log(p / p.sum(axis=1, keepdims=True)))
 
@@ -149,11 +167,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def to_json(model: FacingModel) -> str:
-    """Encode a model as a file for `read_model`, with three decimals.
-
-    Args:
-        model: a trained one.
-    """
+    """Encode a trained model as the text of a file for `read_model`, with three decimals."""
     classifier, shape = model.classifier, model.shape
     if classifier is None or shape is None:
         raise ValueError("an untrained model is no file")

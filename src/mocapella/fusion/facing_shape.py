@@ -45,9 +45,10 @@ class View(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         reported: (...,) yaw of the sensor's own labels, world [rad]; NaN if none of `pairs_across` is seen.
-        seen: (...,) the same relative to the direction towards the sensor, folded into [−π/2, π/2), so that it does not
+        seen: (...,) that yaw relative to the direction towards the sensor, folded into [−π/2, π/2), so that it does not
             depend on the labels [rad].
-        features: (..., `FEATURES`) in units of the length head–SpineBase; NaN where a joint is missing.
+        features: (..., `FEATURES`) how far joints are before others towards the sensor, in units of the length
+            head–SpineBase; NaN where a joint is missing.
     """
 
     reported: Float64
@@ -61,7 +62,7 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
     Args:
         positions: (..., joints, 3), world [m]; NaN where not seen.
         toward_sensor: (...,) yaw from the person to the sensor [rad].
-        topology: of the joints; without the joints' names that it uses there are no features.
+        topology: of the joints; if it lacks a joint of `FEATURES`, all features are NaN.
     """
     reported = np.full(positions.shape[:-2], np.nan)
     for left, right in pairs_across(topology):
@@ -73,7 +74,7 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
 
 
 def pairs_across(topology: Topology) -> list[tuple[int, int]]:
-    """Return pairs of left and right joints that give the yaw, in the order of preference.
+    """Return pairs of indices of left and right joints that give the yaw, in the order of preference.
 
     The shoulders; without them, the hips; then one shoulder or hip and the spine between them, because in a side view
     one side is hidden.
@@ -114,7 +115,7 @@ def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
 
 
 def feature_sums(topology: Topology) -> Float64 | None:
-    """Return the joints' weights (`FEATURES`, joints) in each feature; None if a joint is missing."""
+    """Return the weight of each joint in each feature (`FEATURES`, joints); None if the topology lacks a joint."""
     return _sums_by_name(topology.joints)
 
 
@@ -122,8 +123,8 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     """A logistic regression on the features and their squares: above 0, the person faces the sensor.
 
     Attributes:
-        mean, spread: (`FEATURES`,) of the features, for standardising them.
-        weights: (2 · `FEATURES` + 1,) of the standardised features, of their squares less 1, and the constant.
+        mean, spread: (`FEATURES`,) mean and standard deviation of each feature, for standardising.
+        weights: (2 · `FEATURES` + 1,) weights of the standardised features, of their squares less 1, and the constant.
     """
 
     mean: Float64
@@ -133,7 +134,7 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     def score(self, features: Float64) -> tuple[Float64, Float64]:
         """Return the log-odds of facing the sensor (...,), and the visible fraction of the shape (...,), 0 to 1.
 
-        A missing feature counts as its mean.
+        ``features`` (..., `FEATURES`): see `View`. A missing feature counts as its mean.
         """
         design, seen = design_matrix(features, self.mean, self.spread)
         return np.asarray(design @ self.weights), seen

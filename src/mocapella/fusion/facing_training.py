@@ -44,7 +44,7 @@ class FacingSequence(msgspec.Struct, frozen=True, eq=False):
     """Observations of one person over time.
 
     Attributes:
-        at_s: (frames,) increasing [s].
+        at_s: (frames,) capture times, increasing, on one clock [s].
         view: observations with the axes (frames, views), see `mocapella.fusion.facing_shape.view_of`.
         toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
         velocity: (frames, 3) of the person in the world, from past frames only [m/s]; NaN where unknown.
@@ -63,7 +63,7 @@ class TrainingSettings:
     """Parameters of the training. Chosen by cross-validation over people.
 
     Attributes:
-        known_within_deg: standard deviation of a known facing.
+        known_within_deg: standard deviation of a known facing [deg].
         yaw_rounds, shape_rounds: number of iterations of steps 1 and 3.
         front_deg, back_deg, sure: a view shows a front (back) if the facing α relative to the sensor is within
             ±front_deg (beyond ±back_deg) with a probability above ``sure``.
@@ -102,7 +102,7 @@ def evidence(
         view: observations with leading axes (...,).
         toward_sensor: (...,) yaw from the person to the sensor [rad].
         model, settings: likelihood tables, and weights of the evidence.
-        scale: (...,) weight of each view: time since the sensor's last one in units of `STEP_S`, at most 1.
+        scale: (...,) weight of each view, 0 to 1: time since the sensor's last view in units of `STEP_S`, at most 1.
     """
     about = settings.yaw_weight * model.yaw_evidence(view.seen)
     shape = model.shape_evidence(view.features)
@@ -112,7 +112,7 @@ def evidence(
 
 
 def believed(p: Float64, log_evidence: Float64) -> Float64:
-    """Return the posterior (..., BINS) of a prior and log-likelihoods (..., BINS), by Bayes' rule."""
+    """Return the posterior (..., BINS) of a prior p (..., BINS) and log-likelihoods (..., BINS), by Bayes' rule."""
     after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
     return np.asarray(after / after.sum(axis=-1, keepdims=True))
 
@@ -128,10 +128,10 @@ def posteriors(
     """Estimate the probabilities (frames, BINS) of the facing in each frame of each sequence.
 
     Args:
-        sequences: of any people.
-        model, settings: of the `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
+        sequences: observations of any people.
+        model, settings: as in `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
         smooth: whether to use later frames as well.
-        known_within_deg: standard deviation of known facings; None does not use them.
+        known_within_deg: standard deviation of known facings [deg]; None does not use them.
     """
     frames, people = max(len(s.at_s) for s in sequences), len(sequences)
     steps = np.zeros((frames, people))
@@ -173,8 +173,8 @@ def train(
     """Learn a model; the same sequences give the same model.
 
     Args:
-        sequences: of some people; in some of them a part of the facings must be known.
-        topology: of the joints.
+        sequences: observations of some people; in some of them a part of the facings must be known.
+        topology: name of the topology of the joints.
         settings: weights with which the model will be used.
         training: parameters of the training.
 

@@ -53,9 +53,9 @@ class BiasInputs(NamedTuple):
     """State of the tracked people that the bias depends on, for the kernel.
 
     Attributes:
-        positions, velocities: (people, joints, 3) [m], [m/s].
-        view_at: (people, sensors) capture time of each view [s].
-        view_positions: (people, sensors, joints, 3) with the sensor's labels [m].
+        positions, velocities: (people, joints, 3) in the space of the people [m], [m/s].
+        view_at: (people, sensors) capture time of each view on the common clock [s]; −inf where there is no view.
+        view_positions: (people, sensors, joints, 3) in the space of the people, with the sensor's labels [m].
         view_swapped: (people, sensors) whether left and right are to be swapped so that the sensors agree.
     """
 
@@ -71,8 +71,8 @@ def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Flo
 
     Args:
         alpha: (...,) the facing from the direction towards the sensor [rad].
-        distance_m: (...,) horizontal.
-        ahead_m_s, left_m_s: (...,) velocity along the body's axes.
+        distance_m: (...,) horizontal distance of the person from the sensor [m].
+        ahead_m_s, left_m_s: (...,) the person's velocity ahead and to the left of the body [m/s].
     """
     speed = np.hypot(ahead_m_s, left_m_s)
     slower = FASTEST_M_S / np.maximum(speed, FASTEST_M_S)
@@ -88,9 +88,9 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
     """Return `terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to the sensor's.
 
     Args:
-        facing: (...,) yaw against the line of sight; 0 = towards the sensor [rad].
-        position: (..., 3) of the person, the sensor's space, y up [m].
-        velocity: (..., 3) likewise [m/s].
+        facing: (...,) the facing from the direction towards the sensor [rad].
+        position: (..., 3) of the person in the sensor's space, rotated to y up [m].
+        velocity: (..., 3) of the person in the same space [m/s].
     """
     yaw = facing + np.arctan2(-position[..., 0], -position[..., 2])
     sine, cosine = np.sin(yaw), np.cos(yaw)
@@ -100,12 +100,15 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
 
 
 def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Return the weights (TERMS, joints, 3) of the mirrored body; symmetric weights equal them."""
+    """Return the weights (TERMS, joints, 3) of the mirrored body; a symmetric body's weights equal their mirror image.
+
+    ``mirror`` (joints,) has the index of each joint's counterpart on the other side.
+    """
     return np.asarray(PARITY[:, None, None] * MIRRORED_AXES * weights[:, list(mirror)])
 
 
 class LeftOut(msgspec.Struct, frozen=True, eq=False):
-    """Weights learnt without some participants, as in `JointBiasModel`."""
+    """Weights (TERMS, joints, 3) [m], as in `JointBiasModel`, learnt without these participants' recordings."""
 
     participants: tuple[int, ...]
     weights: Float64
@@ -115,8 +118,8 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
     """Learnt bias of a sensor's joints by the facing, velocity and distance of a person.
 
     Attributes:
-        topology: of the joints that it was learnt on.
-        weights: (TERMS, joints, 3) of the bias, the body's axes [m].
+        topology: name of the topology of the joints.
+        weights: (TERMS, joints, 3) coefficients of the bias along the body's axes [m], per unit of each of `terms`.
         trained_on: description of the training.
         left_out: weights learnt without some of the people, for cross-validation.
     """
@@ -134,7 +137,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def flat(self) -> Float64:
-        """(TERMS, joints · 3) weights of the correction, for the kernel."""
+        """(TERMS, joints · 3) weights of the correction, which is the negative bias, for the kernel [m]."""
         return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
 
     def without(self, participant: int) -> JointBiasModel:
@@ -183,7 +186,7 @@ def _stored(tree: Topology) -> list[int]:
 
 
 def to_json(model: JointBiasModel) -> str:
-    """Encode a model as a file for `read_model`, to a tenth of a millimetre."""
+    """Encode a model as the text of a file for `read_model`, to a tenth of a millimetre."""
     tree = topology(model.topology)
 
     def by_joint(weights: Float64, indent: str) -> str:
@@ -209,7 +212,7 @@ def from_json(text: bytes | str, file: object) -> JointBiasModel:
     """Decode a model from a file's text.
 
     Raises:
-        InputError: it is not such a file; names ``file``.
+        InputError: it is no model of joint bias; names ``file``.
     """
     fix = "make it with `mocapella lab train bias`"
     try:
@@ -242,7 +245,7 @@ def _weights(rows: Mapping[str, list[list[float]]], tree: Topology) -> Float64:
 
 
 def symmetric(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Return the nearest weights that equal their mirror image."""
+    """Return the nearest weights (TERMS, joints, 3) that equal their mirror image; ``mirror`` as in `mirrored`."""
     return (weights + mirrored(weights, mirror)) / 2
 
 

@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def terms_of(alpha: float, distance_m: float, ahead_m_s: float, left_m_s: float) -> Float64:
-    """Return `mocapella.fusion.joint_bias.terms` (TERMS,) of one view."""
+    """Return the regressors (TERMS,) of one view; arguments as in `mocapella.fusion.joint_bias.terms`."""
     out = np.empty(TERMS)
     for h in range(HARMONICS):
         out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)
@@ -50,7 +50,11 @@ def across_body(
 ) -> Float64:
     """Return the vector (3,) from a person's right to left, summed over ``lines`` and over the views in use [m].
 
-    Views are used up to the age ``view_age_s``, and swapped labels are corrected.
+    Args:
+        view_positions, view_at, view_swapped: the person's rows of `BiasInputs`.
+        lines: (lines, 2) indices of left and right joints that give the facing.
+        now_s: present time on the common clock [s].
+        view_age_s: oldest age of a used view [s].
     """
     across = np.zeros(3)
     for c in range(len(view_at)):
@@ -81,20 +85,20 @@ def corrections(
     rows: Int64, column: int, weights: Float64, T: Float64, R_level: Float64, now_s: float, view_age_s: float,
     mirror: Int64, lines: Int64, root: int, people: BiasInputs, out: Float64,
 ) -> None:  # fmt: skip
-    """Compute corrections of the joints of a frame's bodies, in the sensor's space and with its labels [m].
+    """Compute the corrections of a frame's bodies, which are to be added to their joints.
 
     Args:
-        rows: (bodies,) row of each body's person; −1 for none, whose correction is 0.
-        column: of the sensor.
+        rows: (bodies,) row of each body's person; −1 for a body without a person, whose correction is 0.
+        column: column of the sensor in the arrays of ``people``.
         weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
         T: (4, 4) from the sensor's space to that of the people.
-        R_level: (3, 3) from there to a space with y up.
-        now_s, view_age_s: present time, and oldest age of a used view [s].
-        mirror: (joints,) counterparts on the other side of the body.
-        lines: (lines, 2) left and right joints that give the facing.
+        R_level: (3, 3) from the space of the people to one with y up.
+        now_s, view_age_s: present time on the common clock, and oldest age of a used view [s].
+        mirror: (joints,) index of each joint's counterpart on the other side of the body.
+        lines: (lines, 2) indices of left and right joints that give the facing.
         root: index of the root joint.
         people: state of the tracked people.
-        out: (bodies, joints, 3), written.
+        out: (bodies, joints, 3) in the sensor's space, with its labels [m]; written.
     """
     out[:] = 0.0
     positions, velocities, view_swapped = people.positions, people.velocities, people.view_swapped

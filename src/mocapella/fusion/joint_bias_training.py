@@ -32,7 +32,7 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
         positions: (frames, 2, joints, 3) each in its own sensor's space, with agreeing labels [m]; NaN where missing.
         facing: (frames, 2) of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
         position, velocity: (frames, 2, 3) of the fused person in each sensor's space [m, m/s].
-        weight: (frames,) of each frame.
+        weight: (frames,) weight of each frame in the fit.
     """
 
     positions: Float64
@@ -50,7 +50,7 @@ class BiasTrainingSettings:
         ridge: penalty of the weights, for a mean weight of 1 of the frames.
         rounds: number of alternating fits of rigid motions and bias.
         steps: number of reweightings.
-        least_m: lower bound of differences, which bounds the weights.
+        least_m: lower bound of the differences of two views, which bounds the weights of the reweighting [m].
     """
 
     ridge: float = 0.03
@@ -66,11 +66,11 @@ class BiasTrainingSettings:
 
 
 def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingSettings | None = None) -> Float64:
-    """Learn the weights (TERMS, joints, 3) of a `mocapella.fusion.joint_bias.JointBiasModel`.
+    """Learn the weights (TERMS, joints, 3) of a `mocapella.fusion.joint_bias.JointBiasModel` [m].
 
     Args:
-        sessions: of some people; the first view of each is the reference sensor's.
-        tree: of the joints.
+        sessions: views of some people; the first view of each is the reference sensor's.
+        tree: topology of the joints.
         settings: the settings.
 
     Raises:

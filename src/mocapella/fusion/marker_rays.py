@@ -87,11 +87,13 @@ class RayMemory(NamedTuple):
     """State of all markers, for the kernels; one row per marker.
 
     Attributes:
-        states, covariances: (points, 6), (points, 6, 6) of position and velocity, at ``begins``.
-        begins: (points,) time of the state [s]; NaN where nothing is known.
+        states, covariances: (points, 6), (points, 6, 6) of position [m] and velocity [m/s] in the world, at ``begins``.
+        begins: (points,) time of the state, on the rig's clock [s]; NaN for a lost marker.
         counts: (points,) number of stored observations.
-        times, cameras, pixels, variances: (points, MEMORY, ...) these observations in the order of time.
-        used_s: (points, cameras) when the filter last used an observation of each camera [s].
+        times, cameras, pixels, variances: (points, MEMORY), (points, MEMORY), (points, MEMORY, 2), (points, MEMORY) the
+            stored observations in the order of time: capture time on the rig's clock [s], index of the camera, pixel
+            [px] and variance of a coordinate [px²].
+        used_s: (points, cameras) capture time of the newest used observation of each camera [s]; −inf if none.
         refused: (points,) number of rejected observations in a row.
     """
 
@@ -132,7 +134,7 @@ class CameraPixels(NamedTuple):
     Attributes:
         camera: index of the camera.
         pixels: (points, 2) [px]; NaN where not seen.
-        variances: (points,) [px²].
+        variances: (points,) variance of a pixel's coordinate [px²].
         times: (points,) capture times of the pixels' rows, on the rig's clock [s].
     """
 
@@ -157,8 +159,8 @@ class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         at_s: the time, on the rig's clock [s].
         points: (points, 3) in the world [m]; NaN where lost.
-        velocities: (points, 3) [m/s].
-        covariances: (points, 3, 3) of the points [m²].
+        velocities: (points, 3) in the world [m/s].
+        covariances: (points, 3, 3) of the points in the world [m²].
         states: (points,) a `RayState`.
     """
 
@@ -227,8 +229,8 @@ class MarkerRays:
         Args:
             camera: its name in the rig.
             pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
-            sd_px: of a coordinate, a number or (points,) [px].
-            at_s: capture time of its first row, on the camera's clock [s].
+            sd_px: standard deviation of a pixel's coordinate, a number or (points,) [px].
+            at_s: capture time of the image's first row, on the camera's clock [s].
 
         Raises:
             SettingsError: there is no such camera, or another number of points.
@@ -255,7 +257,7 @@ class MarkerRays:
         return self.at(self._newest_s)
 
     def at(self, at_s: float) -> MarkerPoints:
-        """Return the markers at a time of the rig's clock, from all observations."""
+        """Predict the markers to the time ``at_s`` on the rig's clock [s], from all observations; drop lost ones."""
         n = self._points
         points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         states = np.empty(n, dtype=np.uint8)
@@ -284,9 +286,12 @@ def _parameters(s: MarkerRaysSettings) -> RayParameters:
 
 
 def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:
-    """Return the capture times of rows (...,) [px] of a frame on the rig's clock [s].
+    """Return the capture times (...,) of a frame's rows, on the rig's clock [s].
 
-    ``at_s`` is the first row's time on the camera's own clock.
+    Args:
+        camera: whose clock offset and readout time are used.
+        rows_px: (...,) image rows, from 0 [px].
+        at_s: capture time of the first row, on the camera's own clock [s].
     """
     height = camera.camera.size_px[1]
     rows = np.asarray(rows_px, dtype=np.float64)

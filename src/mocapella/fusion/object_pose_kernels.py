@@ -24,7 +24,7 @@ FARTHEST_STEP = 10.0
 
 @njit(cache=True, error_model="numpy")
 def turn(R: Float64, x: float, y: float, z: float) -> None:
-    """Rotate R (3, 3) in place: R ← exp([x y z]×) R, by Rodrigues' formula."""
+    """Rotate R (3, 3) in place by the rotation vector (x, y, z) [rad]: R ← exp([x y z]×) R, by Rodrigues' formula."""
     angle = math.sqrt(x * x + y * y + z * z)
     a, b = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
     if angle > 1e-4:
@@ -39,7 +39,7 @@ def turn(R: Float64, x: float, y: float, z: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def rotation_between(R: Float64, R_0: Float64, out: Float64) -> None:
-    """Compute the rotation vector of R R_0ᵀ into ``out`` (3,); valid below a half turn."""
+    """Write the rotation vector of R R_0ᵀ into ``out`` (3,) [rad]; valid below a half turn. R and R_0 are (3, 3)."""
     M = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -57,15 +57,16 @@ def add_pixels(
     """Add the normal equations of a frame's markers at a pose to A (12, 12), lower half, and g (12,).
 
     Args:
-        views: of the rig, as in `geometry.triangulation`.
+        views: (views, 25) the rig's cameras, see `geometry.triangulation.Views`.
         seen: the markers' pixels.
-        R, x: (3, 3) and (9,) of `PosePrediction`: rotation; position, velocity and angular velocity.
-        A, g: updated; the parameters are position, rotation from the left, velocity and angular velocity.
+        R, x: (3, 3), (9,) rotation; position, velocity and angular velocity, as in `PosePrediction`.
+        A, g: updated; the parameters are position [m], rotation from the left [rad], velocity [m/s] and angular
+            velocity [rad/s].
         J: (2, 12) workspace.
-        cost: to which the residuals' cost is added.
+        cost: a cost to which that of the pixels' residuals is added.
 
     Returns:
-        The cost with the pixels' residuals; infinite where a marker cannot be projected.
+        The sum: the squared residuals have the weight 1/sd². Infinite if a marker cannot be projected.
     """
     for m in range(len(seen.places)):
         if not seen.chosen[m]:
@@ -101,7 +102,7 @@ def correct(views: Float64, seen: MarkerPixels, prediction: PosePrediction, resu
     """Minimise the cost of a pose and twist over a frame's pixels, from a prediction, by Gauss–Newton.
 
     Args:
-        views: of the rig, as in `geometry.triangulation`.
+        views: (views, 25) the rig's cameras, see `geometry.triangulation.Views`.
         seen, prediction: the frame's pixels, and the predicted pose and twist.
         result: the posterior, written.
 

@@ -21,7 +21,8 @@ class ObjectPose(msgspec.Struct, frozen=True, eq=False):
         T_world_object: (4, 4); None where lost.
         twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world; NaN where lost.
         covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad].
-        state: TRACKED: recently four markers in one camera, or two cameras, and certain; INFERRED; LOST.
+        state: TRACKED if recently seen with four markers in one camera, or by two cameras, and its standard deviations
+            are small; INFERRED if only predicted or uncertain; LOST.
         ambiguous: whether another pose fits the pixels as well.
         unseen_s: time since the last used frame [s].
     """
@@ -55,7 +56,15 @@ class ObjectReport(msgspec.Struct, frozen=True):
 
 
 class Hypothesis(msgspec.Struct, frozen=True, eq=False):
-    """One hypothesis of the pose ``T`` (4, 4) and twist (6,) at a time, with their covariance (12, 12) and cost."""
+    """One hypothesis of an object's pose and twist at one time.
+
+    Attributes:
+        at_s: the time, on the rig's clock [s].
+        T: (4, 4) from the object's frame to the world.
+        twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world.
+        covariance: (12, 12) of position, rotation from the left, velocity and angular velocity.
+        cost: sum of the least costs of its frames, less that of the best hypothesis.
+    """
 
     at_s: float
     T: Float64
@@ -70,8 +79,8 @@ class MarkerPixels(NamedTuple):
     Attributes:
         camera: index of the camera.
         places: (points, 3) markers in the object's frame [m].
-        pixels, sd_px: (points, 2), (points,) [px].
-        later_s: (points,) time of each pixel's row after the prediction [s].
+        pixels, sd_px: (points, 2), (points,) pixels, and standard deviation of a coordinate [px].
+        later_s: (points,) capture time of each pixel's row, less the time of the prediction [s].
         chosen: (points,) which markers to use.
     """
 
@@ -87,8 +96,8 @@ class PosePrediction(NamedTuple):
     """A predicted pose and twist, for the kernel.
 
     Attributes:
-        R: (3, 3) rotation.
-        x: (9,) position, velocity, angular velocity.
+        R: (3, 3) rotation from the object's frame to the world.
+        x: (9,) position [m], velocity [m/s] and angular velocity [rad/s] in the world.
         information: (12, 12) inverse covariance of position, rotation from the left, velocity, angular velocity.
     """
 
@@ -106,7 +115,15 @@ class PoseResult(NamedTuple):
 
 
 class SeenFrame(msgspec.Struct, frozen=True, eq=False):
-    """A camera's pixels of the object: (points, 2), NaN where not seen, and standard deviations; ``at_s`` of row 0."""
+    """One camera's image points of an object, kept for late frames.
+
+    Attributes:
+        at_s: capture time of image row 0, on the rig's clock [s].
+        camera: its name in the rig.
+        pixels: (points, 2) [px]; NaN where a marker is not seen.
+        sd_px: (points,) standard deviation of a pixel's coordinate [px].
+        before: the hypotheses before this frame.
+    """
 
     at_s: float
     camera: str

@@ -75,18 +75,18 @@ class ObjectPoseSettings:
         turn_density: power spectral density of the white-noise angular acceleration about an axis [rad²/s³].
         manoeuvre: factor of both densities that is tried if a frame does not fit; then its square.
         speed_sd: standard deviation of a new object's speed along an axis [m/s].
-        turn_sd: standard deviation of its angular speed about an axis [rad/s].
+        turn_sd: standard deviation of a new object's angular speed about an axis [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
         keep_s: a frame that is older than the newest one by more than this is dropped [s].
         together_s: largest time between the frames that initialise an object [s].
         image_speed_px: assumed speed of a marker in an image; the standard deviation of the older frames' pixels grows
             by it with time [px/s].
         undecided_cost: largest difference of cost of two poses that are tracked.
-        alone_s: with too few markers for this long, it is inferred [s].
-        forget_after_s: unseen for this long, it is lost [s].
-        tracked_sd_m, tracked_sd_rad: it is inferred if the standard deviation of its position along an axis [m], or of
-            its rotation about an axis [rad], is larger.
-        largest_sd_m: it is lost if the standard deviation of its position along an axis is larger [m].
+        alone_s: an object with too few visible markers for this long is inferred [s].
+        forget_after_s: an object unseen for this long is lost [s].
+        tracked_sd_m: an object is inferred if the standard deviation of its position along an axis is larger [m].
+        tracked_sd_rad: an object is inferred if the standard deviation of its rotation about an axis is larger [rad].
+        largest_sd_m: an object is lost if the standard deviation of its position along an axis is larger [m].
     """
 
     acceleration_density: float = 0.3
@@ -163,8 +163,8 @@ class ObjectPoses:
         Args:
             camera: its name in the rig.
             pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
-            sd_px: of a coordinate, a number or (points,) [px].
-            at_s: capture time of its first row, on the camera's clock [s].
+            sd_px: standard deviation of a pixel's coordinate, a number or (points,) [px].
+            at_s: capture time of the image's first row, on the camera's clock [s].
 
         Raises:
             SettingsError: there is no such camera, or another number of points.
@@ -190,7 +190,7 @@ class ObjectPoses:
         self._frames = [frame for frame in self._frames if frame.at_s >= oldest]
 
     def at(self, at_s: float) -> ObjectPose:
-        """Return the object at a time of the rig's clock, from all frames."""
+        """Predict the object to the time ``at_s`` on the rig's clock [s], from all frames."""
         s = self.settings
         lately = [count for last_s, count in self._believed.values() if at_s - last_s <= s.alone_s]
         last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
@@ -393,7 +393,7 @@ class ObjectPoses:
 
 
 def turned_over(T_camera_plane: Float64) -> Float64:
-    """Return the other pose (4, 4) of a plane with nearly the same image: its depth is reversed along the line of
+    """Return the other pose (4, 4) of a plane that has nearly the same image; its depth is reversed along the line of
     sight.
 
     With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.

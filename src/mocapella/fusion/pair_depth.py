@@ -32,9 +32,10 @@ class PairDepthSettings:
     """Parameters of the depth.
 
     Attributes:
-        method: of `METHODS`.
-        k_cm, z: of ``parallel-fitted``, see `PowerLaw`.
-        sd_px: of a coordinate of a pixel.
+        method: one of `METHODS`.
+        k_cm: factor of the depth for ``parallel-fitted``, see `PowerLaw` [cm].
+        z: exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
+        sd_px: standard deviation of a pixel's coordinate [px].
         gate_sd: largest disagreement of the cameras, in standard deviations.
     """
 
@@ -101,16 +102,22 @@ class PairDepth:
         self.pair: ParallelPair = ParallelPair(baseline, width, 2.0 * math.atan(width / (2.0 * focal)))
 
     def disparity(self, pixels: Any) -> Float64:
-        """Return right minus left [px] (...,) of pixels (..., 2, 2) of the left and the right camera."""
+        """Return the disparity (...,) of points, after undistortion and rectification [px]: x right minus x left.
+
+        ``pixels`` (..., 2, 2) are the image points of the left and of the right camera [px].
+        """
         rays = self._rays(np.asarray(pixels, dtype=np.float64))
         return np.asarray(self.pair.focal_px * (rays[..., 1, 0] - rays[..., 0, 0]))
 
     def swapped(self, pixels: Any) -> bool:
-        """Return whether most points (..., 2, 2) have a negative disparity: left and right are exchanged."""
+        """Return whether most points have a negative disparity, so that left and right are exchanged.
+
+        ``pixels`` as in `disparity`.
+        """
         return swapped(self.disparity(pixels))
 
     def points(self, pixels: Any) -> Triangulated:
-        """Triangulate pixels (..., 2, 2) of the left and the right camera, NaN where not seen [px], in the world."""
+        """Triangulate points in the rig's world; ``pixels`` as in `disparity`, NaN where not seen."""
         s = self.settings
         pixels = np.asarray(pixels, dtype=np.float64)
         if s.method == "rays":

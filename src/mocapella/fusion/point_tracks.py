@@ -31,12 +31,13 @@ class TracksSettings:
     """Parameters of the triangulation.
 
     Attributes:
-        method: of `METHODS`.
-        sd_px: of a coordinate of a detection with confidence 1, divided by the root of the confidence for others; for
-            the method robust.
-        gate_sd: see `TriangulationSettings`.
+        method: one of `METHODS`.
+        sd_px: for the method robust: standard deviation of a coordinate of a detection with confidence 1; for others it
+            is divided by the square root of the confidence [px].
+        gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see
+            `TriangulationSettings`.
         least_confidence: detections with a lower confidence are not used.
-        largest_error_px: see `WeightedLinearSettings`; for the two linear methods.
+        largest_error_px: for the two linear methods: largest reprojection error, see `WeightedLinearSettings` [px].
     """
 
     method: str = "robust"
@@ -56,9 +57,9 @@ class TracksReport(msgspec.Struct, frozen=True):
     """Counts and errors of the points.
 
     Attributes:
-        frames, points: number of frames, and of names.
-        counted: number of frames × points of each `PointState`, by its name in lower case.
-        residual_px: root mean square over the cameras that were used.
+        frames, points: number of frames, and of named points.
+        counted: number of points of all frames in each `PointState`, by its name in lower case.
+        residual_px: root mean square of the used detections' reprojection errors [px].
         cameras: report of each camera, by its name in the rig.
     """
 
@@ -73,9 +74,9 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
     """One camera's contribution.
 
     Attributes:
-        seen: confident detections of triangulated points.
-        rejected_share: fraction of these that did not agree.
-        residual_px: root mean square of the others.
+        seen: number of confident detections of triangulated points.
+        rejected_share: fraction of these detections that were rejected as outliers, 0 to 1.
+        residual_px: root mean square of the reprojection errors of the used ones [px].
     """
 
     seen: int
@@ -86,7 +87,7 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
 def triangulate_tracks(
     tracks: ImageTracks, rig: CameraRig, settings: TracksSettings | None = None
 ) -> tuple[SpaceTracks, TracksReport]:
-    """Return points in the world of the rig, and a report.
+    """Triangulate every point of every frame in the rig's world; return the points, and a report.
 
     Raises:
         InputError: the rig has no such camera.

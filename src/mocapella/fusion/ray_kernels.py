@@ -18,13 +18,20 @@ Int64 = NDArray[np.int64]
 TRACKED, INFERRED, LOST = 0, 1, 2
 IN, USED, REFUSED, LATE, BEGUN, FORGOTTEN = range(6)
 POSITION_SD_M = 1.0
-"""Prior standard deviation of a new marker's position, before the filter uses its first observations."""
+"""Prior standard deviation of a coordinate of a new marker, before the filter uses its first observations [m]."""
 REFUSED_IN_A_ROW = 6
 
 
 @njit(cache=True, error_model="numpy")
 def predict(x: Float64, P: Float64, dt: float, acceleration_density: float) -> None:
-    """Predict a state (6,) and its full covariance (6, 6) as `smoothing.kalman` does; ``dt`` may be negative."""
+    """Predict a marker's state and covariance by a time step, in place.
+
+    Args:
+        x: (6,) position [m] and velocity [m/s]; updated.
+        P: (6, 6) its covariance; updated.
+        dt: time step [s]; it may be negative.
+        acceleration_density: power spectral density of the white-noise acceleration along an axis [m²/s³].
+    """
     for i in range(3):
         x[i] += dt * x[3 + i]
     for i in range(6):
@@ -43,7 +50,16 @@ def predict(x: Float64, P: Float64, dt: float, acceleration_density: float) -> N
 
 @njit(cache=True, error_model="numpy")
 def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, variance: float, gate2: float) -> bool:
-    """Correct a marker's state by a pixel (u, v) of camera k (extended Kalman filter); False if the gate rejects it."""
+    """Correct a marker's state by one pixel, in place (extended Kalman filter); False if the gate rejects it.
+
+    Args:
+        x, P: (6,), (6, 6) state and covariance, as in `predict`; unchanged by a rejected pixel.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        k: index of the camera.
+        u, v: the pixel [px].
+        variance: variance of the pixel's coordinates [px²].
+        gate2: largest squared Mahalanobis distance of the innovation.
+    """
     du, dv, ax, ay, az, bx, by, bz = linearised(views, k, x[0], x[1], x[2], u, v)
     if not math.isfinite(du + dv):
         return False
@@ -70,7 +86,15 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
 
 @njit(cache=True, error_model="numpy")
 def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) -> None:
-    """Remove the oldest observation of point j, and advance the state to it."""
+    """Update the state of point j by its oldest stored observation, and remove that, in place.
+
+    Args:
+        j: index of the point.
+        memory: updated.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        q: acceleration density, as in `predict` [m²/s³].
+        gate2: as in `correct`.
+    """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     used_s = memory.used_s
@@ -88,7 +112,10 @@ def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) ->
 
 @njit(cache=True, error_model="numpy")
 def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) -> bool:
-    """Initialise point j by triangulating the newest observations of two or more cameras; return whether it worked."""
+    """Initialise point j by triangulating the newest observations of two or more cameras; return whether it worked.
+
+    ``memory`` is updated; ``views`` (cameras, 25) as in `correct`.
+    """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     count, newest = len(views), times[j, counts[j] - 1]
@@ -114,7 +141,16 @@ def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) 
 
 @njit(cache=True, error_model="numpy")
 def observe(frame: CameraPixels, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters) -> None:
-    """Insert a camera's pixels into the markers' observations, and count the outcomes in ``report``."""
+    """Insert a camera's pixels into the markers' observations, and count the outcomes.
+
+    Args:
+        frame: the pixels.
+        memory: updated.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        report: (6,) counts of received, used, rejected and late observations, and of initialised and lost markers;
+            updated.
+        parameters: the settings.
+    """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     refused, at_s, pixels_now, variances_now = memory.refused, frame.times, frame.pixels, frame.variances
@@ -170,8 +206,18 @@ def follow(
     q: float,
     gate2: float,
 ) -> bool:
-    """Update the state x, P of point j, at ``since`` [s], by its first ``count`` observations; return whether the last
-    of them passed the gate."""
+    """Update a point's state by its oldest stored observations, in place; return whether the last one passed the gate.
+
+    Args:
+        j: index of the point.
+        x, P: (6,), (6, 6) state and covariance at ``since``, as in `predict`; updated to the last observation's time.
+        since: time of the state, on the rig's clock [s].
+        count: number of observations to use, from the oldest.
+        memory: the observations; only its ``used_s`` is updated.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        q: acceleration density, as in `predict` [m²/s³].
+        gate2: as in `correct`.
+    """
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     used_s = memory.used_s
     used = False
@@ -186,7 +232,7 @@ def follow(
 
 @njit(cache=True, error_model="numpy")
 def forget(j: int, memory: RayMemory, report: Int64) -> None:
-    """Reset point j."""
+    """Reset point j in ``memory``, so that it is lost, and count that in ``report`` (6,)."""
     memory.begins[j], memory.counts[j], memory.refused[j] = math.nan, 0, 0
     memory.used_s[j] = -math.inf
     report[FORGOTTEN] += 1
@@ -196,7 +242,16 @@ def forget(j: int, memory: RayMemory, report: Int64) -> None:
 def locate(
     at_s: float, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters, out: RayOutput
 ) -> None:
-    """Predict every point to the time ``at_s``, into ``out``; lost points are reset."""
+    """Predict every point to a time; points that are lost then are reset.
+
+    Args:
+        at_s: the time, on the rig's clock [s].
+        memory: state of the points; lost ones are reset.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        report: (6,) counts as in `observe`; updated.
+        parameters: the settings.
+        out: the predicted points, written; NaN where lost.
+    """
     begins, counts, times, used_s = memory.begins, memory.counts, memory.times, memory.used_s
     positions, velocities, kinds = out.positions, out.velocities, out.states
     q, gate2 = parameters.acceleration_density, parameters.gate_sd**2

@@ -13,7 +13,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class FusedSkeletons(msgspec.Struct, frozen=True, eq=False):
-    """Fused skeletons: ``positions`` (..., joints, 3) [m], NaN where not tracked, and ``states`` (..., joints)."""
+    """Fused skeletons: ``positions`` (..., joints, 3) [m], NaN where not tracked, and `JointState` (..., joints)."""
 
     positions: Float64
     states: UInt8
@@ -27,7 +27,7 @@ def tracked_mean(positions: Float64, states: UInt8) -> FusedSkeletons:
 
     Args:
         positions: (..., views, joints, 3), all in one frame [m].
-        states: (..., views, joints) `JointState`; a missing view has none tracked.
+        states: (..., views, joints) `JointState`; in a missing view all joints are not tracked.
     """
     best = states.max(axis=-2)
     counted = (states == best[..., None, :]) & (states != JointState.NOT_TRACKED)

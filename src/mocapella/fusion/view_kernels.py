@@ -1,6 +1,7 @@
 """Compiled steps of `mocapella.fusion.weighted_mean`; importing this module imports numba.
 
-Views are (views, joints, 3), their variances (views, joints) with infinity where a view does not have a joint.
+Views are (views, joints, 3) positions [m]; their variances are (views, joints) [m²], infinite where a view does not
+have a joint.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
@@ -21,7 +22,15 @@ _AXES = 3.0
 
 @njit(cache=True)
 def joint_variances(states: NDArray[np.uint8], sd: float, inferred_factor: float, added: float, out: Float64) -> None:
-    """Compute `view_variances` of one view into ``out`` (joints,); ``sd`` is that of a tracked joint [m]."""
+    """Compute the variance of a coordinate of each joint of one view.
+
+    Args:
+        states: (joints,) `JointState`.
+        sd: standard deviation of a tracked joint's coordinate, see `sd_at` [m].
+        inferred_factor: factor of the standard deviation of an inferred joint.
+        added: variance that is added, because of the view's age [m²].
+        out: (joints,) written [m²]; infinite where not tracked.
+    """
     for j in range(len(states)):
         if states[j] == _NOT_TRACKED:
             out[j] = np.inf
@@ -32,7 +41,14 @@ def joint_variances(states: NDArray[np.uint8], sd: float, inferred_factor: float
 
 @njit(cache=True)
 def sd_at(sd: float, distance: float, clipped: bool, clipped_factor: float) -> float:
-    """Return the standard deviation of a tracked joint's coordinate at a distance [m]."""
+    """Return the standard deviation of a tracked joint's coordinate at a distance [m].
+
+    Args:
+        sd: standard deviation at a distance of 2 m [m].
+        distance: from the sensor to the body [m].
+        clipped: whether the body is cut off at an edge of the image.
+        clipped_factor: factor for such a body.
+    """
     there = sd * max(distance / _REFERENCE_M, 0.25) ** 2
     return there * clipped_factor if clipped else there
 
@@ -47,7 +63,14 @@ def fuse(
     mean: Float64,
     variance: Float64,
 ) -> None:
-    """Compute `weighted_mean` into ``mean`` (joints, 3) and ``variance`` (joints,)."""
+    """Compute `mocapella.fusion.weighted_mean.weighted_mean`.
+
+    Args:
+        views, variances: (views, joints, 3), (views, joints) as in the module's description.
+        expected, expected_variances: (joints, 3), (joints,) predicted joints [m], [m²]; NaN where unknown.
+        nu: degrees of freedom of the Student-t weight.
+        mean, variance: (joints, 3), (joints,) written [m], [m²]; NaN and infinity where no view has the joint.
+    """
     count, joints = variances.shape
     weights = np.empty(count)
     for j in range(joints):
@@ -85,7 +108,14 @@ def fuse(
 
 @njit(cache=True)
 def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float) -> None:
-    """Update offsets as in `learn_offsets`, in place, by the fraction ``step`` of the difference."""
+    """Update the views' offsets from the mean, in place; see `mocapella.fusion.weighted_mean.learn_offsets`.
+
+    Args:
+        offsets: (views, joints, 3) updated [m].
+        views: (views, joints, 3) not corrected [m]; NaN where not seen.
+        mean: (joints, 3) of the uncorrected views [m].
+        step: learning rate: fraction of its remaining difference that is added to an offset, 0 to 1.
+    """
     count, joints = offsets.shape[:2]
     for j in range(joints):
         seen = 0

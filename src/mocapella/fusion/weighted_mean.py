@@ -27,7 +27,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class FusionParameters(NamedTuple):
-    """The fields of `FusionSettings`, for the kernels."""
+    """The fields of `FusionSettings`, with the same meaning and units, for the kernels."""
 
     sd_m: float
     inferred_factor: float
@@ -42,10 +42,11 @@ class FusionSettings:
     """Reliability of views.
 
     Attributes:
-        sd_m: standard deviation of a tracked joint's coordinate at 2 m [m]; it grows with the square of the distance.
-        inferred_factor: factor for an inferred joint.
-        clipped_factor: factor for a body that is cut off at an edge of the image.
-        degrees_of_freedom: of the Student-t weight; infinity disables it.
+        sd_m: standard deviation of a tracked joint's coordinate at a distance of 2 m; it grows with the square of the
+            distance [m].
+        inferred_factor: factor of the standard deviation of an inferred joint.
+        clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image.
+        degrees_of_freedom: degrees of freedom of the Student-t weight of a view; infinity disables it.
         offset_s: time constant of learning and fading of a view's offset from the mean [s].
         age_speed_m_s: growth of the standard deviation with a view's age [m/s].
     """
@@ -81,7 +82,7 @@ def view_variances(
 
     Args:
         states: (views, joints) `JointState`.
-        distances_m: (views,) from the sensor to the body.
+        distances_m: (views,) distance from the sensor to the body [m].
         clipped: (views,) whether the body is cut off at an edge of the image.
         ages_s: (views,) age of the view.
         settings: the settings.
@@ -98,7 +99,10 @@ def view_variances(
 
 
 class Fused(msgspec.Struct, frozen=True, eq=False):
-    """Fused joints: ``positions`` (joints, 3) [m], NaN if no view has the joint; ``variances`` (joints,) [m²]."""
+    """Fused joints: ``positions`` (joints, 3) [m] and ``variances`` (joints,) of a coordinate [m²].
+
+    A joint that no view has is NaN, with infinite variance.
+    """
 
     positions: Float64
     variances: Float64
@@ -110,11 +114,11 @@ def weighted_mean(
     """Return the mean of the views by inverse variance, with less weight far from the prediction.
 
     Args:
-        views: (views, joints, 3), in one frame at one time [m]; NaN where not seen.
+        views: (views, joints, 3) positions in one frame of reference at one time [m]; NaN where not seen.
         variances: (views, joints) [m²]; infinite where not seen.
         expected: (joints, 3) predicted joints; NaN where unknown.
         expected_variances: (joints,) [m²].
-        degrees_of_freedom: of the Student-t weight.
+        degrees_of_freedom: as in `FusionSettings`.
 
     Returns:
         The mean and its variance, which includes the scatter of the views about their mean.
@@ -134,8 +138,8 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
 
     Args:
         offsets: (views, joints, 3) before [m].
-        views: (views, joints, 3), not corrected; NaN where not seen.
-        mean: (joints, 3) of the uncorrected views.
+        views: (views, joints, 3), not corrected by the offsets [m]; NaN where not seen.
+        mean: (joints, 3) of the uncorrected views [m].
         dt: time step [s].
         settings: the settings.
     """

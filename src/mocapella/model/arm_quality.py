@@ -13,17 +13,17 @@ from mocapella.model.arms import ARM_JOINT_NAMES
 Float64 = NDArray[np.float64]
 
 LEAST_SEEN_S: Final = 1.0
-"""Least observed time for a rate of misdetections."""
+"""Least observed time for a rate of misdetections [s]."""
 
 
 class Misdetections(msgspec.Struct, frozen=True):
     """Counts of implausible changes between frames.
 
     Attributes:
-        jumped: joints that moved too far.
-        appeared, vanished: fingertips that became known, and unknown, while their arm was tracked.
-        swapped: pairs of fingertips that exchanged positions, and arms that changed their side.
-        lost: lost arms, including arms that left the image.
+        jumped: number of joints that moved farther than an arm can.
+        appeared, vanished: numbers of fingertips that became known, and unknown, while their arm was tracked.
+        swapped: number of pairs of fingertips that exchanged positions, and of arms that changed their side.
+        lost: number of lost arms, including arms that left the image.
     """
 
     jumped: int = 0
@@ -34,7 +34,7 @@ class Misdetections(msgspec.Struct, frozen=True):
 
     @property
     def of_joints(self) -> int:
-        """Misdetections except lost arms."""
+        """Number of all misdetections except lost arms."""
         return self.jumped + self.appeared + self.vanished + self.swapped
 
     def plus(self, other: Misdetections) -> Misdetections:
@@ -49,13 +49,13 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         noise_m: (8,) root mean square motion of each of `mocapella.model.arms.ARM_JOINTS` about its mean while the arm
             was still, recently [m]; NaN if it was never still.
-        noise_whole_m: (8,) the same over the whole time.
+        noise_whole_m: (8,) that noise over the whole session [m].
         still: whether an arm is still now.
         per_minute: misdetections of joints per minute, recently; NaN if arms were seen too briefly.
         lately: the recent misdetections.
-        whole: misdetections over the whole time.
+        whole: misdetections over the whole session.
         seen_s: time for which arms were seen, summed over arms [s].
-        still_s: time of it for which they were still [s].
+        still_s: part of that time for which they were still [s].
     """
 
     noise_m: Float64

@@ -39,9 +39,10 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN if the detector has none.
-        T_camera_palm: (4, 4); None if the detector has none.
+        T_camera_palm: (4, 4) from the palm's frame, see `mocapella.model.hand`, to the camera frame; None if the
+            detector has none.
         gesture: its name, such as open or fist; empty if none is recognised.
-        gesture_sure: from 0 to 1.
+        gesture_sure: confidence of the gesture, from 0 to 1.
         grabbing: whether the hand holds on to something.
     """
 
@@ -59,12 +60,12 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def joints(self) -> Float64:
-        """(8, 3) of `ARM_JOINTS` [m]."""
+        """(8, 3) positions of `ARM_JOINTS` in the camera frame [m]."""
         return self.points[list(ARM_JOINTS)]
 
     @property
     def joint_states(self) -> UInt8:
-        """(8,) of `ARM_JOINTS`."""
+        """(8,) `JointState` of `ARM_JOINTS`."""
         return self.states[list(ARM_JOINTS)]
 
 
@@ -85,10 +86,10 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         size_px: (width, height) of the depth image.
-        lens: (9,) of `mocapella.geometry.lens`.
-        method: name of the detector that found them.
-        arms: in the order of their ids.
-        reason: as of `SeenArms`.
+        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        method: name of the detector.
+        arms: the arms, in the order of their ids.
+        reason: as in `SeenArms`.
     """
 
     size_px: tuple[int, int]

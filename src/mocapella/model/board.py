@@ -32,16 +32,15 @@ class Board:
     """A flat board of squares, black where row + column is even, whose inner corners are detected in images.
 
     The board's frame has the origin at the outer corner of the first square and z into the board; seen from the front,
-    x
-    points right and y down.
+    x points right and y down.
 
     Attributes:
         kind: ``chessboard``, or ``charuco`` with a marker in every white square.
-        columns: squares in a row.
-        rows: squares in a column.
-        square_m: side of a square, as measured on the print.
+        columns: number of squares in a row.
+        rows: number of squares in a column.
+        square_m: side of a square, as measured on the print [m].
         marker_ratio: side of a marker over side of a square, of a ChArUco board.
-        dictionary: of the markers.
+        dictionary: dictionary of the ArUco markers, one of `DICTIONARIES`.
         inverted: whether it is printed with black and white exchanged.
         legacy: whether it is a ChArUco board of OpenCV before 4.6, whose first square is white if the number of rows is
             even.
@@ -84,10 +83,10 @@ class BoardView(msgspec.Struct, frozen=True, eq=False):
     """The board's corners in one image of one camera.
 
     Attributes:
-        camera: name.
+        camera: name of the camera.
         frame: number of the image in its video, from 0.
         size_px: (width, height) of the image.
-        ids: (n,) of the detected corners, ascending.
+        ids: (n,) ids of the detected corners, ascending.
         corners_px: (n, 2) [px], refined; (0, 0) is the centre of the first pixel.
         edge_px: median width of the edges at the corners [px]: large if the image is blurred; NaN
             where that was not measured.
@@ -115,7 +114,7 @@ def load_board(path: Path | str) -> Board:
 
 
 def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
-    """Return the board of a TOML text; ``path`` names it in errors.
+    """Decode a board's TOML text; errors name ``path``.
 
     Raises:
         InputError: as in `load_board`.

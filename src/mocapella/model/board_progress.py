@@ -13,11 +13,11 @@ class CameraProgress(msgspec.Struct, frozen=True):
     """One camera's progress.
 
     Attributes:
-        name: of the camera.
+        name: name of the camera.
         views: number of kept views of the board.
-        fields: number of corners so far in each field of the image, by rows.
+        fields: (rows, columns) number of corners detected so far in each cell of a grid over the image.
         size_px: (width, height) of its image; None before the first.
-        corners_px: x, y of the board's corners in its newest image.
+        corners_px: (n, 2) x, y of the board's corners in its newest image [px].
         problem: why it does not see the board, if known.
     """
 
@@ -33,10 +33,10 @@ class RigQuality(msgspec.Struct, frozen=True):
     """The quality of a calibrated rig.
 
     Attributes:
-        headings: of the table: title and unit.
-        rows: one for each camera.
-        sentences: shown beside the table.
-        tape: a distance to compare with a tape measure; empty for one camera.
+        headings: title and unit of each column of the table.
+        rows: cells of the table, a row for each camera.
+        sentences: text beside the table.
+        tape: sentence with distances to compare with a tape measure; empty for one camera.
         hints: suggested improvements.
     """
 
@@ -53,11 +53,11 @@ class BoardProgress(msgspec.Struct, frozen=True):
     Attributes:
         phase: ``idle`` before the first run and after a cancelled one.
         board: description of the board.
-        cameras: that take part.
-        shared: instants at which two or more cameras saw the board.
+        cameras: progress of the cameras that take part.
+        shared: number of instants at which two or more cameras saw the board.
         hints: next actions, the most urgent first.
         problem: why it failed; empty if it did not.
-        quality: of the calibrated rig.
+        quality: quality of the calibrated rig; None before it is calibrated.
         file: name of the rig's file.
         busy: the long operation in progress; empty if there is none.
         saved, used: whether the rig was saved, and whether the server tracks with it.

@@ -14,7 +14,7 @@ BodyKey = tuple[str, int]
 
 
 def body_name(tracking_id: int) -> str:
-    """Return a short label of a body: the last three digits of a real sensor's 17-digit id suffice."""
+    """Return a short label of a body: its id, or the last three digits of a long one, such as a Kinect's 17 digits."""
     return f"body {tracking_id}" if tracking_id < 1000 else f"body …{tracking_id % 1000:03d}"
 
 
@@ -22,8 +22,8 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
     """The tracked bodies of a frame, in the order of their ids.
 
     Attributes:
-        sensor: its name.
-        topology: of the joints.
+        sensor: name of the sensor.
+        topology: names and order of the joints.
         ids: (bodies,) tracking ids, ascending.
         positions: (bodies, joints, 3) float64, camera space [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
@@ -37,7 +37,7 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def keys(self) -> tuple[BodyKey, ...]:
-        """(bodies,) keys of the bodies."""
+        """(bodies,) sensor and tracking id of each body."""
         return tuple((self.sensor, body) for body in self.ids)
 
     def only(self, kept: NDArray[np.bool_]) -> Bodies:

@@ -24,10 +24,10 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
     """The parameters of a body's mesh.
 
     Attributes:
-        model: of `MODELS`, or the name of a mesh file.
-        height_m: subject height, if given.
-        proportions: measured lengths of segments [m] and girth, by name.
-        sha256: of the mesh's file, in hexadecimal digits; empty of `MODELS`.
+        model: one of `MODELS`, or the name of a mesh file.
+        height_m: subject height, if given [m].
+        proportions: measured lengths of segments [m], and the girth relative to the average, by name.
+        sha256: hash of the mesh file, in hexadecimal digits; empty for one of `MODELS`.
     """
 
     model: str
@@ -54,7 +54,7 @@ def mesh_of_build(build: str) -> RiggedMesh:
 
 
 def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
-    """Return the mesh of one of `MODELS`.
+    """Return the mesh of one of `MODELS` for a subject height [m], if known, and proportions.
 
     Raises:
         SettingsError: implausible height or proportions.

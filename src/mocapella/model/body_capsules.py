@@ -39,11 +39,11 @@ class Capsules(msgspec.Struct, frozen=True, eq=False):
     """A body's limbs as capsules.
 
     Attributes:
-        names: one for each.
-        part: (c,) the part of the mesh that moves each.
+        names: (c,) name of each limb.
+        part: (c,) index of the mesh's part that moves each limb.
         ends: (c, 2) indices of the mesh's landmarks at both ends.
-        radii: (c,) [m].
-        pairs: (p, 2) limbs that can collide, the lower index first.
+        radii: (c,) radius of each capsule [m].
+        pairs: (p, 2) indices of limbs that can collide, the lower index first.
     """
 
     names: tuple[str, ...]
@@ -68,7 +68,7 @@ def capsules_of(mesh: RiggedMesh) -> Capsules:
 
 
 def depths_m(capsules: Capsules, landmarks: Float64) -> Float64:
-    """Return (..., p) the penetration depth of each pair, 0 if apart; landmarks (..., n, 3) [m]."""
+    """Return the penetration depth (..., p) of each pair of limbs, 0 if apart [m]; ``landmarks`` (..., n, 3) [m]."""
     one, other = (landmarks[..., capsules.ends[capsules.pairs[:, k]], :] for k in (0, 1))
     between = segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
     return np.asarray(np.maximum(capsules.radii[capsules.pairs].sum(axis=1) - between, 0.0))
@@ -85,7 +85,7 @@ def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
 
 
 def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
-    """Return distances between segments from a to b and from c to d, all (..., 3), possibly of length 0.
+    """Return the distances (...,) of segments from a to b and from c to d, all (..., 3), possibly of length 0.
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
     """

@@ -19,9 +19,9 @@ TRUNK, ARM, LEG = range(3)
 """Groups of limbs; only the left arm and leg. The right ones are mirrored."""
 WITHIN: Final = (0.010, 0.003, 0.004)
 BETWEEN: Final = 0.030
-"""Blending radii between limbs of a group, and between groups, over the height."""
+"""Blending radii between limbs of a group, and between groups, relative to the height."""
 APART: Final = 0.014
-"""Gap between each thigh and the middle, over the height: legs that touch at rest cannot be separated."""
+"""Gap between each thigh and the middle, relative to the height: legs that touch at rest cannot be separated."""
 ARM_DOWN: Final = float(np.sqrt(0.5))
 
 
@@ -61,12 +61,14 @@ def joint_places(lengths: Lengths) -> dict[str, Float64]:
 
 
 def body_limbs(flesh: Flesh, lengths: Lengths, girth: float, *, legs_only: bool = False) -> Float64:
-    """Return (n, 9) limbs of trunk, left arm and left leg, sorted by group.
+    """Return tapered limbs (n, 9) of trunk, left arm and left leg, sorted by group.
+
+    A row has both ends [m], the radii there [m], and the group; see `mocapella.geometry.limb_surface`.
 
     Args:
-        flesh: of average people, over their height.
-        lengths: of this person.
-        girth: over that of average people.
+        flesh: breadths and depths of average people, relative to their height.
+        lengths: lengths of this person's segments [m].
+        girth: this person's girth, relative to average people's.
         legs_only: leave out everything above the waist.
     """
     made = _Limbs(flesh, lengths, girth)

@@ -89,10 +89,10 @@ def body_mesh(
     """Return the mesh of a person; it is deterministic.
 
     Args:
-        sex: table of widths and girths, and of unknown proportions.
-        height_m: from the ground to the top of the head; None: from the known segments, or the average.
-        proportions: the known segments.
-        detail: factor on the number of vertices along a line.
+        sex: selects the table of average widths, girths and proportions.
+        height_m: from the ground to the top of the head [m]; None: from the known segments, or the average.
+        proportions: lengths of the known segments.
+        detail: factor of the number of vertices along a line.
         supple: whether the neck moves and the waist turns.
 
     Raises:
@@ -104,7 +104,7 @@ def body_mesh(
 def legs_mesh(
     sex: Sex = "male", height_m: float | None = None, proportions: BodyProportions = AVERAGE, detail: float = 1.0
 ) -> RiggedMesh:
-    """Return the mesh of a pelvis and legs; arguments as of `body_mesh`, the height is that of the whole person."""
+    """Return the mesh of a pelvis and legs; arguments as in `body_mesh`. ``height_m`` is the whole person's."""
     return _mesh(sex, height_m, proportions, detail, legs_only=True)
 
 

@@ -22,10 +22,10 @@ Sex = Literal["female", "male"]
 UPRIGHT: Final = ("ankle_height", "shank", "thigh", "trunk", "head")
 """Segments that add up to the height."""
 SPREAD: Final = (0.6, 1.6)
-"""Range of a segment's length over the average for the height."""
+"""Valid range of a segment's length, relative to the average for the height."""
 HEEL: Final = (0.12, -0.27)
 TOE: Final = (0.08, 0.73)
-"""Landmarks of a foot, up and forward from the point below the ankle, over its length."""
+"""Landmarks of heel and toe, up and forward from the point below the ankle, relative to the foot's length."""
 FOOT_SPAN: Final = float(np.hypot(HEEL[0] - TOE[0], HEEL[1] - TOE[1]))
 HEIGHTS_M: Final = (0.5, 2.5)
 
@@ -35,11 +35,11 @@ class Lengths:
     """Lengths of a body's segments [m], or in a table of average people, relative to the height.
 
     Attributes:
-        ankle_height: of the ankles above the ground.
+        ankle_height: height of the ankles above the ground.
         shank, thigh: from joint to joint.
-        trunk: from the midpoint of the hips to that of the shoulders.
+        trunk: from the midpoint of the hips to the midpoint of the shoulders.
         head: from the midpoint of the shoulders to the top of the head.
-        shoulder_width, hip_width: between the joints' centres.
+        shoulder_width, hip_width: distances between the centres of left and right joint.
         upper_arm, forearm: from joint to joint.
         hand: from the wrist to the fingertips.
         foot: from heel to toes.
@@ -63,7 +63,7 @@ class Lengths:
 
     @property
     def height(self) -> float:
-        """The height from the ground to the top of the head."""
+        """The height from the ground to the top of the head, in the unit of the lengths."""
         return float(sum(getattr(self, name) for name in UPRIGHT))
 
 
@@ -75,7 +75,7 @@ class BodyProportions:
     """The known lengths of a person's segments [m]; None: average for the height. See `Lengths`.
 
     Attributes:
-        girth: breadths, depths and girths over the average for the height.
+        girth: breadths, depths and girths, relative to the average for the height.
     """
 
     ankle_height: float | None = None
@@ -98,7 +98,7 @@ class BodyProportions:
 
     @property
     def known(self) -> dict[str, float]:
-        """The known segments."""
+        """Lengths of the known segments [m], by name."""
         named = {name: getattr(self, name) for name in SEGMENTS}
         return {name: float(value) for name, value in named.items() if value is not None}
 
@@ -108,7 +108,16 @@ AVERAGE: Final = BodyProportions()
 
 @dataclass(frozen=True)
 class Flesh:
-    """Breadths and depths of a body; the files in ``body_shapes`` describe the rows."""
+    """Breadths and depths of a body, relative to its height.
+
+    Attributes:
+        trunk: cross sections from the hips to the shoulders: place along the trunk from 0 to 1, half breadth, half
+            depth, and shift forwards.
+        thigh: cross sections from joint to joint: place from 0 to 1, radius, shift forwards, and additional depth.
+        shank: cross sections: place from 0 to 1, radius, and shift forwards.
+        upper_arm, forearm: cross sections: place from 0 to 1, radius, and shift towards the thumb.
+        neck, jaw, breasts, buttocks: radii.
+    """
 
     trunk: tuple[tuple[float, float, float, float], ...]
     thigh: tuple[tuple[float, float, float, float], ...]
@@ -149,9 +158,9 @@ def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -
     """Return a person's segments [m]: known ones unchanged, the others scaled to add up to the height.
 
     Args:
-        sex: table of the unknown segments.
-        height_m: from the ground to the top of the head; None: the median of the known segments' estimates.
-        proportions: the known segments.
+        sex: selects the table of average segments, for the unknown ones.
+        height_m: from the ground to the top of the head [m]; None: the median of the known segments' estimates.
+        proportions: lengths of the known segments.
 
     Raises:
         SettingsError: an implausible height, neither a height nor a segment, or segments that do not fit the height.

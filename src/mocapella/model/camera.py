@@ -17,7 +17,7 @@ class Camera(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         name: a sensor's name.
         size_px: (width, height) of the image that the lens describes.
-        lens: (9,) of `mocapella.geometry.lens`.
+        lens: (9,) intrinsics: focal lengths, principal point and distortion, see `mocapella.geometry.lens`.
         readout_s: rolling-shutter time from the first row to the last; 0 for a global shutter [s].
     """
 
@@ -33,8 +33,8 @@ class PlacedCamera(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         camera: size and lens.
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
-        covariance: (6, 6) of a small motion of the camera in its own frame, translation then rotation, [m] and [rad];
-            NaN if unknown.
+        covariance: (6, 6) covariance of a small motion of the camera in its own frame, translation [m] then rotation
+            [rad]; NaN if unknown.
         clock_s: clock offset: the camera's time minus the rig's, for one instant [s].
     """
 
@@ -48,7 +48,7 @@ class CameraRig(msgspec.Struct, frozen=True, eq=False):
     """Cameras with poses in one world frame.
 
     Attributes:
-        cameras: by name.
+        cameras: the cameras, by name.
     """
 
     cameras: Mapping[str, PlacedCamera]

@@ -64,7 +64,7 @@ def _table(placed: PlacedCamera) -> dict[str, Any]:
 
 
 def load_camera_rig(path: Path | str) -> CameraRig:
-    """Read a rig in any of the formats above.
+    """Read a rig in any of the formats of the module's description.
 
     Raises:
         InputError: the file does not exist, or has another format; states the field, its value and a remedy.
@@ -73,7 +73,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
-    """Return a rig as TOML."""
+    """Encode a rig as TOML."""
     import tomli_w
 
     cameras = {name: _table(placed) for name, placed in rig.cameras.items()}
@@ -81,7 +81,7 @@ def encode_camera_rig(rig: CameraRig) -> str:
 
 
 def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
-    """Decode a rig from a TOML text in any of the formats above.
+    """Decode a rig from a TOML text in any of the formats of the module's description.
 
     Args:
         text: the TOML text.
@@ -104,7 +104,7 @@ def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
 
 
 def is_camera_rig(text: bytes | str) -> bool:
-    """Return whether a text is a camera rig in any of the formats above, complete or not."""
+    """Return whether a text is a camera rig in any of the formats of the module's description, complete or not."""
     try:
         data = decode_toml(text)
     except InputError:

@@ -11,8 +11,8 @@ def conditions(reason: str, sensors: Collection[str]) -> list[str]:
     The pair of sensors with a problem changes several times a second; the remedy does not.
 
     Args:
-        reason: of the tracker's state: parts after ``; ``, some of them after ``SENSOR: ``.
-        sensors: all of the session, by name.
+        reason: text of the tracker's state: parts separated by ``; ``, some of them with the prefix ``SENSOR: ``.
+        sensors: names of all sensors of the session.
     """
     of: dict[str, list[str]] = {}
     for part in reason.split("; "):

@@ -25,8 +25,8 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
-        unit_m: metres per unit.
-        lens: (9,) of `mocapella.geometry.lens`.
+        unit_m: length of a unit [m].
+        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
     """
 
     depth: UInt16
@@ -40,7 +40,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """(width, height)."""
+        """(width, height) of the image."""
         return self.depth.shape[1], self.depth.shape[0]
 
     @property
@@ -63,8 +63,12 @@ def depth_frame(
     """Make a `DepthFrame` of array-likes.
 
     Args:
-        depth: (height, width) of whole units from 0 to 65535.
+        sensor: the camera's name.
+        depth: (height, width) distance along the optical axis in whole units, from 0 to 65535.
+        unit_m: length of a unit [m].
         lens: (4,) fx, fy, cx, cy [px], or (9,) of `mocapella.geometry.lens`.
+        time_ns: capture time, on the camera's own clock.
+        node_id, sequence, sent_ns: see `SensorFrame`.
 
     Raises:
         SettingsError: a depth that is not a uint16 image, or an impossible unit or lens.

@@ -20,10 +20,10 @@ class MessageFormat:
     """The encoding of a take's channel, in MCAP's terms.
 
     Attributes:
-        encoding: of messages, such as ``protobuf``.
-        schema_name: such as ``mocapella.MarkerFrame``.
-        schema_encoding: such as ``protobuf``.
-        schema: its bytes.
+        encoding: encoding of the messages, such as ``protobuf``.
+        schema_name: name of the schema, such as ``mocapella.MarkerFrame``.
+        schema_encoding: encoding of the schema, such as ``protobuf``.
+        schema: the encoded schema.
     """
 
     encoding: str
@@ -37,16 +37,16 @@ class FrameType:
     """The descriptor of a frame type.
 
     Attributes:
-        interface: of `mocapella.registry`.
+        interface: version of the descriptor's interface, see `mocapella.registry`.
         name: plural noun for such a sensor's output: ``skeletons``, ``markers``.
         type: class of the frames.
-        encode: returns the bytes of a frame's message.
-        decode: returns the frame of such bytes, validated; raises `WireError`.
+        encode: function that encodes a frame as a message.
+        decode: function that decodes and validates a message; raises `WireError`.
         format: encoding in a take.
         field: number of a protobuf field that each message has and no other type's; plug-ins use `ENVELOPE_FIELD`.
         counted: singular and plural noun for a frame's items; None where nothing is counted.
         shown: text of the sensor table where nothing is counted; the name if omitted.
-        hint: other uses of such frames, for use where no method takes them.
+        hint: other uses of such frames, for the message that no method accepts them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
         resolver: ``module:name`` of a class whose ``resolve`` loads the data that a frame in a take refers to; may be
             empty.

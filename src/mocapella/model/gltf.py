@@ -56,9 +56,9 @@ class Gltf:
     """An open file; if its bytes are given, nothing else is read from the disk.
 
     Attributes:
-        path: of the file, for errors.
+        path: path of the file, which errors name.
         content: pygltflib's object.
-        parents: (nodes,) parent of each node; -1: none.
+        parents: (nodes,) index of each node's parent; -1 for none.
     """
 
     def __init__(self, path: Path, data: bytes | None = None) -> None:
@@ -72,11 +72,17 @@ class Gltf:
         self.parents = self._parents()
 
     def error(self, problem: str, field: str | None = None, value: object = None, fix: str = EXPORT) -> InputError:
-        """Return an error about this file."""
+        """Return an error about this file, to be raised.
+
+        Args:
+            problem: what is wrong, as a clause after the file's name.
+            field, value: the field with the fault and its value, if known.
+            fix: advice.
+        """
         return InputError(problem, file=self.path, field=field, value=value, fix=fix)
 
     def item(self, kind: str, index: Any) -> Any:
-        """Return the node, mesh, accessor or other element of an index.
+        """Return the element of an index in one of the file's lists, such as ``nodes``, ``meshes`` or ``accessors``.
 
         Raises:
             InputError: it does not exist.
@@ -92,9 +98,9 @@ class Gltf:
         Normalised integers are converted to the floats that they represent.
 
         Args:
-            index: of the accessor.
-            field: its name, for errors.
-            kinds: allowed types.
+            index: index of the accessor.
+            field: name of the accessor's use, which errors name.
+            kinds: allowed glTF types, such as ``VEC3``.
 
         Raises:
             InputError: it is missing, of another type, sparse, or beyond its buffer.
@@ -129,7 +135,7 @@ class Gltf:
         return self.item("nodes", node).name or f"node {node}"
 
     def T_world_node(self, node: int) -> Float64:  # noqa: N802 - the field's notation
-        """Return (4, 4) the transform at rest, which may have a scale."""
+        """Return the transform (4, 4) from a node's frame to the world at rest, which may have a scale."""
         T = self._local(node)
         while self.parents[node] >= 0:
             node = self.parents[node]
@@ -207,7 +213,7 @@ class Gltf:
 
 
 def mesh_bytes(path: Path, fix: str = "choose a .glb or .gltf file") -> bytes:
-    """Return the contents of a mesh's file.
+    """Read the content of a mesh file; errors advise ``fix``.
 
     Raises:
         InputError: it cannot be read, or is too large.

@@ -49,14 +49,17 @@ ANGLES: Final = (
 DIGIT_ANGLES: Final = np.array(
     [[0, 1, 2, 4, 3], *([5 + 4 * k, 6 + 4 * k, 7 + 4 * k, 8 + 4 * k, -1] for k in range(4))], dtype=np.int64
 )
-"""(5, 5) indices in `ANGLES` of a digit: flexion and abduction of its base, flexion of its second and third joint,
-abduction of its second (-1: none)."""
+"""(5, 5) indices in `ANGLES`, a row for each digit, thumb to little finger.
+
+The columns are flexion and abduction of its first joint, flexion of its second and third joint, and abduction of its
+second joint (-1: none).
+"""
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Digit:
-    """A digit as in the hand's file, which defines the fields."""
+    """A digit's proportions and limits, as in ``hands/human.toml``, where comments define the fields and units."""
 
     base: tuple[float, float, float]
     bone: tuple[float, float, float]
@@ -95,13 +98,15 @@ class HandModel:
     """A hand's joints, axes, parents, limits and proportions.
 
     Attributes:
-        name: of the file.
+        name: name of the hand's file in ``hands``.
         constraints: ``full``: 21 joint angles. ``thesis``: 15, because DIP = 2/3·PIP, the middle finger does not
             abduct, nor does the thumb's MCP.
-        hand_length_m, hand_breadth_m: of the reference hand.
+        hand_length_m, hand_breadth_m: size of the reference hand: from the wrist to the tip of the middle finger, and
+            across the knuckles [m].
         digits: thumb to little finger.
-        thumb_mcp_abduction_deg: limits.
-        neighbours_deg: standard deviations of the differences between neighbouring fingers' flexions.
+        thumb_mcp_abduction_deg: least and most abduction of the thumb's MCP joint [deg].
+        neighbours_deg: standard deviations of the differences between neighbouring fingers' flexions, index to little
+            finger [deg].
     """
 
     name: str
@@ -119,7 +124,7 @@ class HandModel:
 
     @property
     def coupling(self) -> Float64:
-        """(5,) flexion of the third joint over that of the second, of a relaxed hand."""
+        """(5,) ratio of the flexions of third and second joint, in a relaxed hand."""
         return np.array([digit.coupling_thirds / 3 for digit in self.digits])
 
     @cached_property
@@ -147,7 +152,7 @@ class HandModel:
 
     @cached_property
     def limits(self) -> Float64:
-        """(21, 2) least and most of each angle [rad]; the bases' two angles are limited together, by `cones`."""
+        """(21, 2) least and most value of each angle [rad]; a base's two angles are limited together, by `cones`."""
         out = np.zeros((len(ANGLES), 2))
         for row, digit, (f0, a0, F, A, least) in zip(DIGIT_ANGLES, self.digits, self.cones, strict=True):
             out[row[0]] = least, f0 + F
@@ -167,14 +172,14 @@ class HandModel:
         return out
 
     def within(self, angles: Float64, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Return whether a hand keeps all limits, including the cones and the strict couplings.
+        """Return whether angles are within all limits, including the cones and the strict couplings.
 
         Args:
-            angles: (..., 21) [rad].
-            tolerance: [rad].
+            angles: (..., 21) in the order of `ANGLES` [rad].
+            tolerance: allowed excess over a limit [rad].
 
         Returns:
-            (...,); False where an angle is not finite.
+            (...,) booleans; False where an angle is not finite.
         """
         angles = np.asarray(angles, dtype=np.float64)
         ok = ((angles >= self.limits[:, 0] - tolerance) & (angles <= self.limits[:, 1] + tolerance)).all(axis=-1)
@@ -191,10 +196,10 @@ class HandModel:
         """Clamp angles to the limits, towards the cones' centres; values that are not finite become natural.
 
         Args:
-            angles: (..., 21) [rad].
+            angles: (..., 21) in the order of `ANGLES` [rad].
 
         Returns:
-            (..., 21).
+            (..., 21) angles within the limits [rad].
         """
         angles = np.asarray(angles, dtype=np.float64)
         out = np.clip(np.where(np.isfinite(angles), angles, self.natural), self.limits[:, 0], self.limits[:, 1])
@@ -220,9 +225,9 @@ class HandModel:
 
         Args:
             handedness: left or right.
-            hand_length_m: from the wrist to the tip of the middle finger; the reference's if not given.
-            hand_breadth_m: across the knuckles; proportional to the length if not given.
-            person: its name.
+            hand_length_m: from the wrist to the tip of the middle finger [m]; the reference's if not given.
+            hand_breadth_m: across the knuckles [m]; proportional to the length if not given.
+            person: name of the person.
 
         Raises:
             SettingsError: the size is not human.
@@ -248,8 +253,8 @@ class HandModel:
         """Return the same hand with wider limits of extension and abduction; the thumb's are half as wide again.
 
         Args:
-            extension_deg, abduction_deg: limits of the fingers.
-            apart: factor on the differences between neighbouring fingers' flexions.
+            extension_deg, abduction_deg: limits of the fingers' extension and abduction [deg].
+            apart: factor of the standard deviations of the differences between neighbouring fingers' flexions.
 
         Raises:
             SettingsError: limits beyond a human hand.
@@ -272,14 +277,14 @@ class HandModel:
 
 
 class HandShape(msgspec.Struct, frozen=True, eq=False):
-    """One person's hand. Positions are those of a right hand, also for a left one: see the palm's frame.
+    """One person's hand. Positions are a right hand's, also for a left hand, in the palm's frame.
 
     Attributes:
         handedness: left or right.
-        lengths: (5, 3) of the digits' bones from the base outwards [m].
-        bases: (5, 3) of the digits' first joints in the palm's frame [m].
-        person: its name.
-        lengths_sd: (5, 3) standard deviations [m]; None if not measured.
+        lengths: (5, 3) lengths of the digits' bones, from the base outwards [m].
+        bases: (5, 3) positions of the digits' first joints in the palm's frame [m].
+        person: name of the person; may be empty.
+        lengths_sd: (5, 3) standard deviations of ``lengths`` [m]; None if not measured.
     """
 
     handedness: Handedness
@@ -296,7 +301,7 @@ class HandShape(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def mirror(self) -> Float64:
-        """(3,) factors on a right hand's positions."""
+        """(3,) factors of positions in the palm's frame: (1, 1, 1), or for a left hand (−1, 1, 1)."""
         return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
 
 
@@ -305,7 +310,7 @@ class HandPose(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         angles: (..., 21) in the order of `ANGLES` [rad].
-        T_world_palm: (..., 4, 4).
+        T_world_palm: (..., 4, 4) pose of the palm.
     """
 
     angles: Float64
@@ -316,16 +321,16 @@ class Hand(msgspec.Struct, frozen=True, eq=False):
     """A measured hand at an instant, with uncertainties.
 
     Attributes:
-        at_s: capture time [s].
+        at_s: capture time, on the clock of the observations [s].
         handedness: left or right.
         landmarks: (21, 3), world [m]; NaN if unknown.
         states: (21,) `JointState`: tracked where this instant's markers determine the landmark, inferred where
             limits, proportions, priors or earlier instants do.
         sd_m: (21,) standard deviation of a coordinate [m].
         angles: (21,) in the order of `ANGLES` [rad].
-        angles_sd: (21,) [rad].
-        T_world_palm: (4, 4).
-        residuals_m: (markers,) distance of each marker from the hand; NaN if not seen.
+        angles_sd: (21,) standard deviations of ``angles`` [rad].
+        T_world_palm: (4, 4) pose of the palm.
+        residuals_m: (markers,) distance of each marker from its place on the fitted hand [m]; NaN if not seen.
     """
 
     at_s: float

@@ -28,7 +28,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def encode_hand_shape(shape: HandShape) -> bytes:
-    """Return a hand as JSON."""
+    """Encode a hand's shape as the content of a JSON file."""
     sd = None if shape.lengths_sd is None else _named(shape.lengths_sd)
     file = _File(VERSION, shape.person, shape.handedness, _named(shape.lengths), _named(shape.bases), sd)
     return msgspec.json.format(msgspec.json.encode(file), indent=1)

@@ -18,7 +18,7 @@ from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, HandModel, HandSh
 Float64 = NDArray[np.float64]
 
 BEYOND_TIP: Final = 0.6
-"""How far the flesh reaches beyond a fingertip's landmark, over the fingertip's radius."""
+"""Distance from a fingertip's landmark to the end of its surface, relative to the fingertip's radius."""
 
 
 def _rest_angles() -> Float64:
@@ -28,7 +28,7 @@ def _rest_angles() -> Float64:
 
 
 REST_ANGLES: Final = _rest_angles()
-"""(21,) a posture with the fingers, and so their surfaces, apart."""
+"""(21,) angles of a posture whose fingers do not touch, in the order of `mocapella.model.hand.ANGLES` [rad]."""
 FINGER_RADII_MM: Final = (
     (12.5, 10.6, 9.3, 8.4),
     (9.7, 8.7, 7.6, 6.8),
@@ -36,27 +36,33 @@ FINGER_RADII_MM: Final = (
     (9.2, 8.3, 7.2, 6.5),
     (8.2, 7.2, 6.3, 5.7),
 )
-"""At the joints and the tip, of a hand of the reference's length; breadths of index finger and thumb as of T. Greiner,
+"""Radii of the digits, thumb to little finger, at the three joints and the tip, for the reference's length [mm].
+
+Breadths of index finger and thumb are from T. Greiner,
 *Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
 THENAR, CORE, GROUPS = 5, 6, 7
 """Groups of limbs after the digits: limbs moving with the thumb, and the rest."""
 WITHIN_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
 BETWEEN_M: Final = 0.006
-"""Blending radii between limbs of a group, and between groups, for any size of hand."""
+"""Blending radii between limbs of a group, and between groups, for any size of hand [m]."""
 
 
 def finger_radii(hand_length_m: float, thickness: float = 1.0) -> Float64:
-    """(5, 4) of the digits at their joints and tips [m].
+    """Return the radii (5, 4) of the digits at their three joints and tips [m].
 
     Args:
-        hand_length_m: from the wrist to the tip of the middle finger.
-        thickness: over the reference's, in addition to the scale by length.
+        hand_length_m: from the wrist to the tip of the middle finger [m].
+        thickness: of the fingers, relative to the average for that length.
     """
     return 1e-3 * hand_length_m / 0.189 * thickness * np.array(FINGER_RADII_MM)
 
 
 def digits_at_rest(model: HandModel, hand: HandShape) -> tuple[Float64, Float64]:
-    """Return (15, 3, 4) ``T_palm_bone`` of the digits' bones and (20, 3) their joints and tips, at `REST_ANGLES`."""
+    """Return the digits' bones and joints in the palm's frame, at `REST_ANGLES`.
+
+    Returns:
+        ``T_palm_bone`` (15, 3, 4) of each bone, and positions (20, 3) of joints and tips [m].
+    """
     bones, places = np.empty((15, 3, 4)), np.empty((20, 3))
     for d in range(len(DIGITS)):
         c, s = np.cos(REST_ANGLES[DIGIT_ANGLES[d, 1]]), np.sin(REST_ANGLES[DIGIT_ANGLES[d, 1]])
@@ -68,12 +74,14 @@ def digits_at_rest(model: HandModel, hand: HandShape) -> tuple[Float64, Float64]
 
 
 def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_breadth_m: float) -> list[list[float]]:
-    """Return rows of nine, see `limb_surface`, unsorted.
+    """Return the hand's tapered limbs, not sorted by group.
+
+    A row has nine numbers: both ends [m], the radii there [m], and the group; see `mocapella.geometry.limb_surface`.
 
     Args:
-        places: (21 or more, 3) landmarks of the hand at rest.
-        radii: (5, 4) of `finger_radii`.
-        hand_length_m, hand_breadth_m: from the wrist to the tip of the middle finger; across the knuckles.
+        places: (21 or more, 3) landmarks of the hand at rest, in the palm's frame [m].
+        radii: (5, 4) of `finger_radii` [m].
+        hand_length_m, hand_breadth_m: from the wrist to the tip of the middle finger; across the knuckles [m].
     """
     big, wide = hand_length_m / 0.189, hand_breadth_m / 0.085
     mm = 1e-3 * big
@@ -116,22 +124,22 @@ def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_br
 
 
 def smooth(x: Float64, start: float, end: float) -> Float64:
-    """Return a smooth step from 0 before the start to 1 after the end."""
+    """Return a smooth step (...,) of x (...,), from 0 where x is below ``start`` to 1 where it is above ``end``."""
     u = np.clip((x - start) / (end - start), 0.0, 1.0)
     return np.asarray(u * u * (3.0 - 2.0 * u))
 
 
 def hand_weights(vertices: Float64, distance: Float64, bones: Float64, *, hand_length_m: float) -> Float64:
-    """Return (n, 16) weights of the palm and the digits' bones for each vertex.
+    """Return the skinning weights (n, 16) of the palm and the 15 bones of the digits for each vertex.
 
     Along a chain the weight changes from bone to bone within about a radius of the joint; between digits the nearer one
     moves the vertex, with a narrow transition.
 
     Args:
-        vertices: (n, 3).
-        distance: (n, `GROUPS`) from the groups of limbs.
+        vertices: (n, 3) in the palm's frame [m].
+        distance: (n, `GROUPS`) distance of each vertex from each group of limbs [m].
         bones: (15, 3, 4) of `digits_at_rest`.
-        hand_length_m: from the wrist to the tip of the middle finger.
+        hand_length_m: from the wrist to the tip of the middle finger [m].
     """
     big = hand_length_m / 0.189
     of_finger = np.exp(-np.clip((distance[:, 1:5] - distance[:, 1:5].min(axis=1)[:, None]) / (1.2e-3 * big), 0, 60))

@@ -46,8 +46,8 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
 
     Args:
         shape: the person's bones.
-        thickness: of the fingers, over the average for that length of hand.
-        detail: factor on the number of vertices along a line.
+        thickness: of the fingers, relative to the average for that length of hand.
+        detail: factor of the number of vertices along a line.
 
     Raises:
         SettingsError: thickness or detail out of range.

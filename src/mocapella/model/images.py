@@ -21,7 +21,7 @@ class ImageFrame(SensorFrame, frozen=True, eq=False):
     """The image of one camera at one instant.
 
     Attributes:
-        size_px: (width, height).
+        size_px: (width, height) of the image.
         format: ``raw``, ``jpeg``, ``png``, or in a take ``file``: a reference to a video's frame
             (`mocapella.sources.referenced_images`); empty if the camera delivered no image.
         data: the encoded bytes; for ``raw`` the (height, width, 3) uint8 BGR array; for ``file`` the reference; for an
@@ -52,10 +52,10 @@ def image_frame(
     Args:
         sensor: the camera's name.
         image: (height, width, 3) uint8 BGR for ``raw``; the encoded bytes; None if the camera delivered no image.
-        time_ns: of capture, on the camera's clock.
-        format: of ``image``; ignored if that is None.
-        size_px: (width, height); not needed for an array.
-        node_id, sequence, sent_ns: of `SensorFrame`.
+        time_ns: capture time, on the camera's own clock.
+        format: format of ``image``; ignored if that is None.
+        size_px: (width, height) of the image; not needed for an array.
+        node_id, sequence, sent_ns: see `SensorFrame`.
         empty_room: whether the image shows the room without people.
 
     Raises:

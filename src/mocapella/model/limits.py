@@ -13,7 +13,7 @@ class Range:
 
     Attributes:
         low, high: the smallest and the largest value.
-        unit: of both, such as ``rad``; empty for a number without one.
+        unit: unit of the values, such as ``rad``; empty for a number without one.
     """
 
     low: float
@@ -45,33 +45,33 @@ SENSOR_HEIGHT: Final = Range(0.0, FRAME_HEIGHT.high, "m")
 """Height of a sensor above the floor, as set up and as used; 0 is unknown."""
 
 MOST_SENSORS: Final = 64
-"""Sensors of a session."""
+"""Largest number of sensors of a session."""
 SENSORS_EXPECTED: Final = Range(1, MOST_SENSORS)
 """Number of sensors to wait for before calibrating."""
 PARTICIPANT: Final = Range(-(2**31), 2**31 - 1)
 """Number of a participant; any that a study log and a take can store."""
 
 MOST_UNPROVEN: Final = 16
-"""Sensors from which no valid frame has come yet; messages of further ones are not kept."""
+"""Largest number of sensors that have not sent a valid frame yet; messages of further ones are dropped."""
 UNPROVEN_S: Final = 10.0
 """A sensor without a valid frame and without a connection is forgotten after this time [s]."""
 STRANGERS_WAITING: Final = 16
-"""Waiting messages of all sensors that have no seat yet; older ones are dropped."""
+"""Largest number of waiting messages of all sensors that are not registered yet; older ones are dropped."""
 STRANGERS_A_SECOND: Final = 200
-"""Messages of sensors without a seat that are examined in a second."""
+"""Largest number of messages of sensors that are not registered yet to examine in a second."""
 MOST_REFUSED_NODES: Final = 256
-"""Refused nodes that are remembered, so that each is reported once."""
+"""Largest number of refused nodes to remember, so that each is reported once."""
 
 MOST_COMMANDS: Final = 64
-"""Commands that may wait for the tracker; further ones are refused."""
+"""Largest number of commands that wait for the tracker; further ones are refused."""
 MOST_COMMANDS_OF_A_CLIENT: Final = 16
-"""Commands of one client that may wait; further ones are refused."""
+"""Largest number of waiting commands of one client; further ones are refused."""
 MAX_COMMAND_BYTES: Final = 1024 * 1024
-"""Largest arguments of a command."""
+"""Largest size of a command's encoded arguments [bytes]."""
 
 NOTICES_A_SECOND: Final = 5
-"""Notices about other programs that are shown in a second, in the long run; further ones are counted."""
+"""Largest mean number of notices about other programs to show in a second; further ones are counted."""
 NOTICES_AT_ONCE: Final = 20
-"""Notices about other programs that are shown at once."""
+"""Largest number of notices about other programs to show at once."""
 LONGEST_NOTICE: Final = 500
 """Longest notice, in characters; longer ones are cut."""

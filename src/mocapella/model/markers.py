@@ -21,14 +21,15 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         time_ns: capture of the first row, mid-exposure; else see `SensorFrame`.
         size_px: (width, height) of the image.
-        names: (markers,) of all wanted markers.
-        positions_px: (markers, 2) x, y, with the lens' distortion; the centre of the first pixel is (0, 0). NaN where
-            the marker is not seen.
-        sd_px: (markers,) standard deviation of a coordinate; NaN where not seen.
-        areas_px: (markers,) pixels; 0 where not seen.
+        names: (markers,) names of all markers that the detector looks for.
+        positions_px: (markers, 2) x, y, with the lens' distortion [px]; the centre of the first pixel is (0, 0). NaN
+            where the marker is not seen.
+        sd_px: (markers,) standard deviation of a coordinate [px]; NaN where not seen.
+        areas_px: (markers,) number of the marker's pixels; 0 where not seen.
         confidences: (markers,) from 0 to 1.
-        elongations: (markers,) long axis over short axis, NaN where not seen; not sent by the node, like candidates.
-        candidates: (markers,) number of pieces of the image that could be the marker; at most 255.
+        elongations: (markers,) long axis over short axis of the marker's region, NaN where not seen. Like
+            ``candidates``, it is not sent by a node.
+        candidates: (markers,) number of the image's regions that could be the marker; at most 255.
     """
 
     size_px: tuple[int, int]
@@ -42,7 +43,7 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(markers,) whether each is seen."""
+        """(markers,) whether each marker is seen."""
         return np.asarray(np.isfinite(self.positions_px).all(axis=-1))
 
     @property
@@ -66,6 +67,8 @@ def marker_frame(
     sent_ns: int = 0,
 ) -> MarkerFrame:
     """Make a `MarkerFrame` of array-likes; scalars apply to all visible markers.
+
+    The arguments have the meaning, shapes and units of the fields of `MarkerFrame`.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.

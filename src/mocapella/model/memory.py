@@ -33,7 +33,7 @@ _DTYPE = re.compile(r"[<>|]?[biufcU]\d{1,4}")
 
 
 def pack(value: Any, kinds: Sequence[type]) -> bytes:
-    """Encode a value; ``kinds`` are the structs, dataclasses and enumerations that it may contain.
+    """Encode a value as bytes; ``kinds`` are the structs, dataclasses and enumerations that it may contain.
 
     Raises:
         TypeError: it contains another type.
@@ -48,7 +48,7 @@ def recorded_name(kind: type) -> str:
 
 
 def unpack(data: bytes, kinds: Sequence[type]) -> Any:
-    """Decode a value encoded by `pack`, with writable copies of arrays.
+    """Decode a value encoded by `pack` with the same ``kinds``; its arrays are writable copies.
 
     Raises:
         WireError: the bytes are not from `pack`, or contain other types.
@@ -60,10 +60,14 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
 
 
 def set_memory(part: object, memory: Mapping[str, Any]) -> None:
-    """Set the attributes of a stateful object that a memory has.
+    """Set attributes of a stateful object, in place.
+
+    Args:
+        part: the object.
+        memory: values of its attributes, by name.
 
     Raises:
-        ValueError: it has a method's name, or settings or a stateful part of another type.
+        ValueError: a name is a method's, or the value of settings or of a stateful part has another type.
     """
     for name, value in memory.items():
         now = vars(part).get(name)
@@ -74,7 +78,7 @@ def set_memory(part: object, memory: Mapping[str, Any]) -> None:
 
 
 def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
-    """Make a tracker's ``restore`` raise `WireError` and reset the tracker if a memory is of another form."""
+    """Decorate a tracker's ``restore`` so that an invalid snapshot resets the tracker and raises `WireError`."""
 
     @functools.wraps(restore)
     def guarded(self: _Kept, data: bytes) -> None:

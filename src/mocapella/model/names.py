@@ -16,7 +16,7 @@ def is_device(name: str) -> bool:
 
 
 def visible(text: str, keep: str = "") -> str:
-    """Return the text with control and direction characters as escapes, such as ``\\x1b``; without those of ``keep``.
+    """Return the text with control and direction characters as escapes, such as ``\\x1b``, except those in ``keep``.
 
     A terminal would carry out an escape sequence, and show a name with a direction character in another order.
     """
@@ -26,10 +26,10 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def as_cell(text: str) -> str:
-    """Return a text as a cell: with an apostrophe before ``=+-@``, which a spreadsheet would take for a formula."""
+    """Return a text as a table cell: with an apostrophe before ``=+-@``, so that no spreadsheet evaluates it."""
     return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
 
 
 def of_cell(text: str) -> str:
-    """Return the text that `as_cell` wrote."""
+    """Return the text of a table cell; the inverse of `as_cell`."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text

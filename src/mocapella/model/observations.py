@@ -40,14 +40,14 @@ class Edge(IntFlag):
 
 
 def check_sensor_name(name: str, *, recorded: bool = False) -> str:
-    """Return the name if it is valid in keys, file names and headings.
+    """Return a sensor's name if it is valid in keys, file names and headings.
 
     Args:
-        name: of the sensor.
-        recorded: whether it is in a frame; older takes have names that Windows reserves.
+        name: the name.
+        recorded: whether it is from a recorded frame; then names that Windows reserves are valid, as in older takes.
 
     Raises:
-        SettingsError: it is not; states the rule.
+        SettingsError: the name is not valid; states the rule.
     """
     if not _SENSOR_NAME.fullmatch(name) or not (recorded or _can_be_a_file(name)):
         raise SettingsError(
@@ -67,15 +67,16 @@ class BodyFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         topology: names and order of the joints.
         depth_size_px: (width, height) of the sensor's depth image; (0, 0) if it has none.
-        tilt: of the sensor, upwards positive [rad].
-        height: of the sensor above the floor [m]; 0 if unknown.
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m]; 0 if unknown.
         tracking_ids: (bodies,) uint64, the sensor's own ids, which change after a loss.
         tracked: (bodies,) bool, whether the sensor tracks the body.
         clipped_edges: (bodies,) uint8, `Edge` bits.
         states: (bodies, joints) uint8, `JointState`.
         positions: (bodies, joints, 3) float32, camera space [m]; NaN where not tracked.
-        depth_px: (bodies, joints, 2) float32, depth space [px]; NaN for a joint without; None if no joint has any.
-        orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z); NaN and None likewise.
+        depth_px: (bodies, joints, 2) float32, x, y in the depth image [px]; NaN if unknown; None if all are unknown.
+        orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z), from the joint to camera space; NaN if
+            unknown; None if all are unknown.
     """
 
     topology: Topology
@@ -121,6 +122,8 @@ def body_frame(
     height: float = 0.0,
 ) -> BodyFrame:
     """Make a `BodyFrame` of array-likes; missing arrays get defaults, shapes are checked.
+
+    The arguments have the meaning, shapes and units of the fields of `BodyFrame`.
 
     Without ``states``, joints with finite coordinates are tracked and others are not. Coordinates of joints that are
     not tracked become NaN.
@@ -173,7 +176,7 @@ def body_frame(
 
 
 class Arrival(msgspec.Struct, frozen=True, eq=False):
-    """A frame with its capture time on the common clock.
+    """A frame with its capture time ``at_ns``, converted to the common clock, which is the server's.
 
     ``at_ns`` is a tracker's only time, and it is recorded, so that a replay gives the same results.
     """

@@ -7,9 +7,9 @@ from typing import Final
 Colour = tuple[int, int, int]
 
 OUTSIDE: Final[Colour] = (255, 60, 60)
-"""The image's contour outside of the model's: the model should move outwards there."""
+"""Colour of the image's contour where it is outside the model's outline: the model should move outwards there."""
 INSIDE: Final[Colour] = (60, 150, 255)
-"""The image's contour inside of the model's."""
+"""Colour of the image's contour where it is inside the model's outline."""
 BODIES: Final[tuple[Colour, ...]] = ((60, 255, 90), (255, 214, 64), (226, 120, 255), (255, 150, 40), (64, 240, 220))
 """Colours of models, in the order of the people; neither red nor blue."""
 

@@ -17,18 +17,21 @@ class PartType:
     """The descriptor of a type of scene part.
 
     Attributes:
-        interface: of `mocapella.registry`.
+        interface: version of the descriptor's interface, see `mocapella.registry`.
         name: key in `Scene.parts`, in the plural: ``people``.
         type: class of the parts.
-        encode: returns a part's message, or bytes if ``field`` is empty.
-        decode: returns the part of such a message or bytes and the scene's topology, validated; raises `WireError`.
-        field: of the message ``Scene`` that has them; empty if they are in ``Scene.parts``, like a plug-in's.
+        encode: function that encodes a part as a message, or as bytes if ``field`` is empty.
+        decode: function of a message or bytes and the scene's topology that returns the validated part; raises
+            `WireError`.
+        field: field of the protobuf message ``Scene`` that contains the parts; empty if they are in its ``parts``, like
+            a plug-in's.
         counted: singular and plural noun, for the view and the summary; None if they are not counted.
         none: text that the view shows while there are no parts.
-        there: whether a part is present at this instant; parts that only wait are not counted.
+        there: function that returns whether a part is present now; others, such as a body that has not appeared yet,
+            are not counted.
         drawing: ``module:name`` of a `mocapella.viewer.room.DrawPart`, which draws them life-size; may be empty.
-        meter: ``module:name`` of a class with ``update(parts, at_s)`` and ``quality.as_json()``, or empty: their
-            quality.
+        meter: ``module:name`` of a class that measures the parts' quality, with ``update(parts, at_s)`` and
+            ``quality.as_json()``; may be empty.
         meter_name: key of the meter's values in the summary.
     """
 

@@ -18,12 +18,12 @@ class ImageTracks(msgspec.Struct, frozen=True, eq=False):
     """Image positions of named points, by frame and camera.
 
     Attributes:
-        cameras, points: their names.
-        frames: (frames,) their numbers in the file, ascending.
-        at_s: (frames, cameras) capture times [s]; NaN if not in the file.
-        pixels: (frames, cameras, points, 2) [px]; NaN where not seen.
-        confidences: (frames, cameras, points) 0 to 1, of the detector; 1 if the file has none.
-        notes: omissions and choices of the reader, a line each.
+        cameras, points: names of the cameras and of the points.
+        frames: (frames,) numbers of the frames in the file, ascending.
+        at_s: (frames, cameras) capture times, on each camera's own clock [s]; NaN if not in the file.
+        pixels: (frames, cameras, points, 2) x, y [px]; NaN where not seen.
+        confidences: (frames, cameras, points) the detector's confidence, 0 to 1; 1 if the file has none.
+        notes: sentences for the user about omissions and choices in reading the file.
     """
 
     cameras: tuple[str, ...]
@@ -39,12 +39,12 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
     """World positions of named points, by frame.
 
     Attributes:
-        points: their names.
-        frames: (frames,) their numbers.
-        at_s: (frames,) [s].
-        positions: (frames, points, 3) [m]; NaN where not known.
+        points: names of the points.
+        frames: (frames,) numbers of the frames.
+        at_s: (frames,) capture times, on the rig's clock [s]; NaN if unknown.
+        positions: (frames, points, 3) in the world [m]; NaN where not known.
         sds: (frames, points) root of the mean variance of a coordinate [m]; NaN if unknown.
-        residuals_px: (frames, points) root mean square reprojection error over the cameras used.
+        residuals_px: (frames, points) root mean square reprojection error over the cameras used [px].
         views: (frames, points) number of cameras used.
         states: (frames, points) a `geometry.triangulation.PointState`.
     """
@@ -61,6 +61,14 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
 
 def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
     """Match a file's camera names with a rig's, ignoring case, ``_json``, ``cam`` and leading zeros.
+
+    Args:
+        seen: the file's names.
+        rig: the rig's names.
+        file: named in errors, if given.
+
+    Returns:
+        The rig's name for each of ``seen``.
 
     Raises:
         InputError: a camera has no match, or two have the same.

@@ -21,8 +21,8 @@ class PoseFrame(SensorFrame, frozen=True, eq=False):
     """The bodies of one tracker at one instant.
 
     Attributes:
-        space: name of the space that the poses are in; right-handed, metres.
-        names: (bodies,).
+        space: name of the other tracker's frame of reference, in which the poses are given; right-handed, metres.
+        names: (bodies,) names of the bodies.
         positions: (bodies, 3) [m]; NaN where not tracked.
         orientations: (bodies, 4) unit quaternions w, x, y, z, from the body to the space; NaN where not tracked.
         states: (bodies,) `mocapella.model.observations.JointState`: 2 measured, 1 inferred, 0 not tracked.
@@ -40,7 +40,7 @@ class PoseFrame(SensorFrame, frozen=True, eq=False):
         return int((self.states > 0).sum())
 
     def T_space_body(self, name: str) -> Float64 | None:  # noqa: N802 - the field's notation
-        """Return (4, 4) the pose of one body; None if it is missing or not tracked."""
+        """Return the pose (4, 4) of the body ``name``; None if it is missing or not tracked."""
         if name not in self.names:
             return None
         k = self.names.index(name)
@@ -64,7 +64,7 @@ def pose_frame(
 ) -> PoseFrame:
     """Make a `PoseFrame` of array-likes; bodies with values that are not finite are not tracked.
 
-    Quaternions are normalised.
+    The arguments have the meaning, shapes and units of the fields of `PoseFrame`. Quaternions are normalised.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.
@@ -91,7 +91,7 @@ def pose_frame(
 
 
 def rotation_of(quaternions: Any) -> Float64:
-    """Return (..., 3, 3) rotations of unit quaternions (..., 4) w, x, y, z."""
+    """Return the rotations (..., 3, 3) of unit quaternions (..., 4), w, x, y, z."""
     q = np.asarray(quaternions, dtype=np.float64)
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = (
@@ -103,7 +103,7 @@ def rotation_of(quaternions: Any) -> Float64:
 
 
 def quaternion_of(R: Float64) -> Float64:
-    """Return (4,) the unit quaternion w, x, y, z, w ≥ 0, of a rotation (3, 3)."""
+    """Return the unit quaternion (4,) w, x, y, z, w ≥ 0, of a rotation (3, 3)."""
     from mocapella.geometry.twists import log_motion
 
     phi = log_motion(rigid(R, np.zeros(3)))[3:]

@@ -25,8 +25,8 @@ class Landmark(msgspec.Struct, frozen=True, eq=False):
     """A named point of a body, such as a knee.
 
     Attributes:
-        part: the part that it moves with.
-        point: (3,) its position at rest [m].
+        part: index of the part that moves it.
+        point: (3,) its position at rest, in the mesh's rest frame [m].
     """
 
     part: int
@@ -37,15 +37,15 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
     """A surface of triangles, and the tree of parts that moves it.
 
     Attributes:
-        name: of the mesh.
+        name: name of the mesh.
         tree: parts and joints, in the mesh's rest frame.
         part_names: one for each part of the tree, all different.
         joint_names: one for each angle of the tree, all different.
         vertices: (n, 3) at rest [m].
-        faces: (m, 3) corners, counter-clockwise as seen from outside.
-        bones: (n, most) parts that move each vertex, by descending weight.
-        shares: (n, most) their weights, descending; they add up to 1, and all after a 0 are 0.
-        landmarks: by name.
+        faces: (m, 3) indices of each triangle's vertices, counter-clockwise as seen from outside.
+        bones: (n, most) indices of the parts that move each vertex, by descending weight.
+        shares: (n, most) skinning weights of these parts, descending; they add up to 1, and all after a 0 are 0.
+        landmarks: named points of the mesh.
 
     Raises:
         SettingsError: arrays that do not fit this description; names the vertex, face, part or landmark.
@@ -103,9 +103,9 @@ def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any
     """Return a rigid object: six degrees of freedom, about the centre of its vertices.
 
     Args:
-        name: of the object and its only part.
-        vertices: (n, 3) [m].
-        faces: (m, 3) corners, counter-clockwise as seen from outside.
+        name: name of the object and of its only part.
+        vertices: (n, 3) in the object's frame [m].
+        faces: (m, 3) indices of each triangle's vertices, counter-clockwise as seen from outside.
         landmarks: points (3,) [m] by name.
 
     Raises:
@@ -127,7 +127,7 @@ def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any
 
 
 def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return (..., n, 3) vertices in the world, by linear blend skinning; poses may have leading batch axes."""
+    """Return the vertices (..., n, 3) in the world [m], by linear blend skinning; poses may have leading batch axes."""
     T = part_motions(mesh.tree, pose)
     batch, parts = T.shape[:-3], T.shape[-3]
     R = np.ascontiguousarray(T[..., :3, :3]).reshape(-1, parts, 9)
@@ -139,11 +139,12 @@ def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float64, Float64]) -> Float64:
-    """Return (n, 3) points moved with their parts, by the weights of `RiggedMesh`, in one pose.
+    """Move points (n, 3) from rest into one pose, by linear blend skinning; return world positions (n, 3) [m].
 
     Args:
-        points, bones, shares: such as the vertices of a mesh.
-        motions: of `twist_tree.motions`.
+        points: (n, 3) at rest, such as the vertices of a mesh [m].
+        bones, shares: (n, most) as in `RiggedMesh`.
+        motions: R (parts, 9) and t (parts, 3) of `twist_tree.motions`.
     """
     out = np.empty(points.shape)
     _kernels().skin(points, bones, shares, *motions, out)
@@ -151,11 +152,12 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
 
 
 def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> Float64:
-    """Return (n, 3) rest positions of points that one part (n,) each moves; the inverse of `carried`.
+    """Return the rest positions (n, 3) of points that are moved by one part each; the inverse of `carried` [m].
 
     Args:
-        points, part: such as vertices of a posed mesh, and the parts that move them most.
-        motions: of `twist_tree.motions`.
+        points: (n, 3) in the world, such as vertices of a posed mesh [m].
+        part: (n,) index of the part that moves each point.
+        motions: R (parts, 9) and t (parts, 3) of `twist_tree.motions`.
     """
     out = np.empty(points.shape)
     _kernels().at_rest(points, part, *motions, out)
@@ -168,7 +170,7 @@ def farthest_apart_m(these: Float64, those: Float64) -> float:
 
 
 def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return (..., landmarks, 3) landmarks in the world, in the mapping's order."""
+    """Return the landmarks (..., landmarks, 3) in the world [m], in the order of ``mesh.landmarks``."""
     if not mesh.landmarks:
         return np.empty((*np.shape(pose.angles)[:-1], 0, 3))
     T = part_motions(mesh.tree, pose)[..., [landmark.part for landmark in mesh.landmarks.values()], :, :]
@@ -177,14 +179,14 @@ def landmarks_at(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def rest(mesh: RiggedMesh) -> TreePose:
-    """The rest pose: the identity for the root, all angles 0."""
+    """Return the rest pose: the identity for the root, all angles 0."""
     return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
 
 
 def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
-    """Convert weights (n, parts) of 0 or more to bones and shares (n, most) of `RiggedMesh`.
+    """Convert dense skinning weights (n, parts), 0 or more, to ``bones`` and ``shares`` (n, most) of `RiggedMesh`.
 
-    Weights below a thousandth of a vertex' largest are dropped.
+    The ``most`` largest weights of a vertex are kept; weights below a thousandth of its largest are dropped.
     """
     order = np.argsort(-weights, axis=1, kind="stable")[:, :most]
     kept = np.take_along_axis(weights, order, axis=1)

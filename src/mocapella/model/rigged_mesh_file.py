@@ -86,14 +86,14 @@ def load_rigged_mesh(path: Path | str) -> RiggedMesh:
 
 
 def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
-    """Return the mesh of the bytes of a self-contained .glb or .gltf file.
+    """Decode the content of a self-contained .glb or .gltf file.
 
     Args:
-        data: the whole file.
-        name: of the file, for errors.
+        data: the content.
+        name: name of the file, which errors name.
 
     Raises:
-        InputError, SettingsError: as of `load_rigged_mesh`.
+        InputError, SettingsError: as in `load_rigged_mesh`.
     """
     return _loaded(Path(name), data)
 

@@ -37,7 +37,7 @@ class TrackerState(msgspec.Struct, frozen=True):
         phase: the state.
         sensors_missing: number of sensors that it waits for.
         frames_remaining: number of frames of the slowest sensor that the calibration still needs.
-        frames_wanted: number that it needs in total.
+        frames_wanted: number of frames that the calibration needs in total.
         reason: why the calibration restarted, or what to do; empty if there is neither.
     """
 
@@ -55,8 +55,8 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
         sensor: name of the sensor.
         tracking_id: the sensor's id of the body.
         time_ns: capture time, on the sensor's own clock.
-        tilt: of the sensor, upwards positive [rad].
-        height: of the sensor above the floor [m].
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m].
         T_world_sensor: (4, 4), from the sensor's camera space to the world of this person.
         positions: (joints, 3), world [m], with the sensor's own labels; NaN where not tracked.
         states: (joints,), `JointState`.
@@ -84,8 +84,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         views: the potential skeletons, in the order of their sensors' names. A sensor that has lost the person for
             now may keep a view without tracked joints.
         sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None if the method does
-            not
-            estimate it.
+            not estimate it.
         name: name given to the person in this session; empty without one.
     """
 
@@ -113,11 +112,11 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     """A sensor's pose and its uncertainty.
 
     Attributes:
-        sensor: its name.
-        T_world_sensor: (4, 4), from its camera space to the world; None where not known yet.
+        sensor: name of the sensor.
+        T_world_sensor: (4, 4), from the sensor's camera space to the world; None where not known yet.
         position_sd: standard deviation of a point at people's positions [m]; NaN if unknown.
         rotation_sd: standard deviation of the rotation [rad]; NaN if unknown.
-        quality: of the pose, in words.
+        quality: quality of the pose, in words.
         problem: why its views are not used, or what to do; empty if there is no problem.
     """
 
@@ -134,13 +133,13 @@ class TrackedHand(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         id: constant for one hand.
-        left: whether it is a left one.
+        left: whether it is a left hand.
         landmarks: (21, 3), world [m]; NaN where not known.
         states: (21,) `JointState`: tracked = the markers of this instant determine it; inferred; not tracked.
         sd: (21,) float32, standard deviation of a coordinate [m]; NaN where not known.
         angles: (21,) [rad]; NaN where not known.
-        T_world_palm: (4, 4); None where not known.
-        holds: name of the object in it; empty where there is none.
+        T_world_palm: (4, 4) pose of the palm; None where not known.
+        holds: name of the object that the hand holds; empty for none.
     """
 
     id: int
@@ -158,12 +157,12 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         id: constant for one arm.
-        left: whether it is a left one.
+        left: whether it is a left arm.
         points: (23, 3), world [m]; NaN where not known.
         states: (23,) `JointState`: tracked = at least one camera measures it; inferred; not tracked.
         sd: (23,) float32, standard deviation of a coordinate [m]; NaN where not known.
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
-        T_world_palm: (4, 4); None where not known.
+        T_world_palm: (4, 4) pose of the palm; None where not known.
         gesture: name, such as open or fist; empty if none is recognised.
         gesture_sure: confidence of the gesture, from 0 to 1.
         grabbing: whether the hand holds on to something.
@@ -186,12 +185,12 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def joints(self) -> Float64:
-        """(8, 3) of `mocapella.model.arms.ARM_JOINTS`, world [m]."""
+        """(8, 3) positions of `mocapella.model.arms.ARM_JOINTS`, world [m]."""
         return self.points[list(ARM_JOINTS)]
 
     @property
     def joint_states(self) -> UInt8:
-        """(8,) of `mocapella.model.arms.ARM_JOINTS`."""
+        """(8,) `JointState` of `mocapella.model.arms.ARM_JOINTS`."""
         return self.states[list(ARM_JOINTS)]
 
 
@@ -199,7 +198,7 @@ class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
     """Points triangulated from several cameras.
 
     Attributes:
-        names: (points,) of the markers or keypoints.
+        names: (points,) names of the markers or keypoints.
         positions: (points, 3), world [m]; NaN where not known.
         sd: (points,) float32, standard deviation of a coordinate [m]; NaN where not known.
         cameras: (points,) uint8, number of cameras that agree.
@@ -215,10 +214,10 @@ class TrackedObject(msgspec.Struct, frozen=True, eq=False):
     """A rigid object.
 
     Attributes:
-        name: of the object.
-        T_world_object: (4, 4); None before it is seen.
-        outline: (k, 3) a closed line in its own frame, to be drawn [m].
-        state: `JointState`: tracked; inferred = as last seen, or in the hand; not tracked.
+        name: name of the object.
+        T_world_object: (4, 4) pose of the object; None before it is seen.
+        outline: (k, 3) a closed line in the object's frame, for drawing [m].
+        state: `JointState`: tracked; inferred = at its last seen pose, or carried by the hand; not tracked.
     """
 
     name: str
@@ -228,7 +227,12 @@ class TrackedObject(msgspec.Struct, frozen=True, eq=False):
 
 
 class UnknownPart(msgspec.Struct, frozen=True):
-    """A part of a type that no installed package decodes; it is re-encoded unchanged."""
+    """A part of a type that no installed package decodes; it is re-encoded unchanged.
+
+    Attributes:
+        kind: name of its type.
+        content: bytes encoded by the plug-in.
+    """
 
     kind: str
     content: bytes
@@ -240,11 +244,11 @@ class TrackedBodyView(msgspec.Struct, frozen=True, eq=False):
     Lines are closed, one after the other, with a row of NaN between two; empty where there is nothing to draw.
 
     Attributes:
-        camera: whose image it is.
+        camera: name of the camera.
         overlap: intersection over union of the model's and the image's silhouettes; NaN if the camera does not see it.
         left_out: why the image is not used; empty if it is.
-        outline_px: (k, 2) float32, of the model [px].
-        contour_px: (k, 2) float32, of the segmented region in the image [px].
+        outline_px: (k, 2) float32, outline of the posed model [px].
+        contour_px: (k, 2) float32, contour of the region segmented in the image [px].
     """
 
     camera: str
@@ -259,20 +263,19 @@ class TrackedBody(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         id: constant for one body.
-        name: the person's; empty if none was given.
+        name: name of the person; empty if unknown.
         build: JSON from which a reader rebuilds the mesh: ``model``, ``height_m`` and ``proportions``, or
             ``model`` and ``sha256`` of a mesh's file. Empty if not given.
-        T_world_model: (4, 4) of the root.
-        angles: (dof,) [rad].
-        joint_names: (dof,).
-        landmark_names: (landmarks,).
+        T_world_model: (4, 4) from the model's rest frame to the world, of the root part.
+        angles: (dof,) joint angles [rad].
+        joint_names: (dof,) names of the angles.
+        landmark_names: (landmarks,) names of the landmarks.
         landmarks: (landmarks, 3), world [m].
         states: (landmarks,) uint8 `JointState`: tracked = in the image of a camera that sees the body now; inferred =
-            predicted, or where the body waits; not tracked = the tracker does not look for the body yet.
+            predicted, or of a lost body; not tracked = the tracker does not search for the body yet.
         lost: whether the person is absent, because not yet arrived or gone; the pose is then the initial one, or the
-            last
-            one seen.
-        views: in the order of the rig's cameras.
+            last one seen.
+        views: the body in each camera's image, in the order of the rig's cameras.
         person: id of the body's `Person`; -1 if unassigned.
     """
 
@@ -297,10 +300,10 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         step: number of the scene, from 0 with each new tracker.
         at_ns: capture time of the frame on the common clock.
         sensor, node_id, sequence: identity of the frame (`SensorFrame`).
-        topology: of all skeletons in the scene.
-        state: of the tracker.
-        parts: by the name of their type (`mocapella.model.part_types`), each in the order of their ids or names.
-        sensors: by name; empty if the method gives sensors no poses.
+        topology: topology of all skeletons in the scene.
+        state: state of the tracker.
+        parts: the parts, by the name of their type (`mocapella.model.part_types`), each in the order of ids or names.
+        sensors: poses of the sensors, in the order of names; empty if the method does not estimate them.
     """
 
     step: int
@@ -319,34 +322,34 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def people(self) -> tuple[Person, ...]:
-        """In the order of their ids."""
+        """The people, in the order of their ids."""
         return self.of("people")
 
     @property
     def hands(self) -> tuple[TrackedHand, ...]:
-        """In the order of their ids."""
+        """The hands, in the order of their ids."""
         return self.of("hands")
 
     @property
     def arms(self) -> tuple[TrackedArm, ...]:
-        """In the order of their ids."""
+        """The arms, in the order of their ids."""
         return self.of("arms")
 
     @property
     def bodies(self) -> tuple[TrackedBody, ...]:
-        """In the order of their ids."""
+        """The fitted bodies, in the order of their ids."""
         return self.of("bodies")
 
     @property
     def objects(self) -> tuple[TrackedObject, ...]:
-        """By name."""
+        """The objects, in the order of their names."""
         return self.of("objects")
 
     @property
     def points(self) -> TrackedPoints | None:
-        """The points behind hands and objects; None if the method makes none."""
+        """The triangulated points that hands and objects are computed from; None if the method reports none."""
         return next(iter(self.of("points")), None)
 
     def with_parts(self, **parts: tuple[Any, ...]) -> Scene:
-        """Return the scene with other parts of these types."""
+        """Return a copy of the scene with the parts of some types replaced, by the name of their type."""
         return msgspec.structs.replace(self, parts={**self.parts, **parts})

@@ -14,8 +14,8 @@ class Solid:
     """A static object as triangles.
 
     Attributes:
-        vertices: (n, 3) float32, room [m].
-        faces: (m, 3) uint32, counter-clockwise as seen from outside.
+        vertices: (n, 3) float32, in the room's frame [m].
+        faces: (m, 3) uint32, indices of each triangle's vertices, counter-clockwise as seen from outside.
     """
 
     vertices: NDArray[np.float32]

@@ -14,9 +14,9 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         origin_px: (x, y) of the window's first sample in the image; whole pixels.
-        step_px: between samples; 1 is the image's own grid.
-        phi: (rows, columns) signed distance to the contour [px of the image], above 0 inside; cut off at a few
-            pixels. The body lies within the window.
+        step_px: stride of the samples [px]; 1 samples every pixel.
+        phi: (rows, columns) signed distance of each sample to the contour, in pixels of the image, above 0 inside,
+            clipped to a few pixels. The body lies within the window.
     """
 
     origin_px: tuple[int, int]
@@ -24,7 +24,7 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
     phi: Float32
 
     def mask(self, size_px: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return (height, width) the mask in an image of size (width, height); each sample covers its square."""
+        """Return the mask (height, width) in an image of size (width, height); each sample covers its square."""
         width, height = size_px
         out = np.zeros((height, width), dtype=np.bool_)
         x, y = self.origin_px

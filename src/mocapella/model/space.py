@@ -29,12 +29,12 @@ class SpaceAlignment:
     """The pose of another tracker's frame, with uncertainties.
 
     Attributes:
-        space: its name, as in the `mocapella.model.poses.PoseFrame` that are in it.
+        space: name of the frame, as in that tracker's `mocapella.model.poses.PoseFrame`.
         rows: the upper three rows of ``T_world_space``.
         clock_s: delay of that tracker's poses relative to the cameras' frames [s].
-        position_sd_m: of a point where the alignment was made; 0 where not known.
-        rotation_sd_rad: of the rotation; 0 where not known.
-        clock_sd_s: of ``clock_s``; 0 where not known.
+        position_sd_m: standard deviation of a point's position where the alignment was made; 0 if unknown [m].
+        rotation_sd_rad: standard deviation of the rotation; 0 if unknown [rad].
+        clock_sd_s: standard deviation of ``clock_s``; 0 if unknown [s].
     """
 
     space: str
@@ -55,20 +55,20 @@ class SpaceAlignment:
 
     @property
     def T_world_space(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4)."""
+        """(4, 4) from the other tracker's frame to the world."""
         T = np.eye(4)
         T[:3] = self.rows
         return T
 
 
 def rows_of(T: Float64) -> tuple[_Row, _Row, _Row]:
-    """Return the upper three rows of a transform (4, 4)."""
+    """Return the upper three rows of a transform T (4, 4), as nested tuples."""
     first, second, third = (tuple(map(float, row)) for row in T[:3])
     return first, second, third  # type: ignore[return-value]
 
 
 def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
-    """Write it as TOML atomically: the file is complete or unchanged.
+    """Write an alignment as TOML atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -80,7 +80,7 @@ def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
 
 
 def as_settings(alignment: SpaceAlignment) -> dict[str, Any]:
-    """Return plain values; `parse` rebuilds the alignment from them."""
+    """Convert an alignment to plain values by field name; `parse` rebuilds it from them."""
     values = dataclasses.asdict(alignment)
     return values | {"rows": [list(row) for row in alignment.rows]}
 

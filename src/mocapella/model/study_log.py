@@ -17,7 +17,7 @@ TICK_NS = 100
 """A tick of ``Skeleton_Time`` [ns]."""
 
 YEAR_1_TO_1970_MS = 62_135_596_800_000
-"""From the zero of ``Tracker_Time`` (1 January of year 1) to that of Unix time [ms]."""
+"""Time from the zero of ``Tracker_Time`` (1 January of year 1) to the zero of Unix time [ms]."""
 
 
 TITLES: dict[str, str] = {
@@ -34,7 +34,7 @@ TITLES: dict[str, str] = {
     "tilt_deg": "Kinect_Tilt_Angle",
     "height_cm": "Kinect_Height",
 }
-"""A field of `StudyRow` → what the file calls it, in the file's order; the joints' coordinates follow."""
+"""Title of each column in the file, by field of `StudyRow`, in the file's order; the joints' coordinates follow."""
 
 
 class StudyRow(msgspec.Struct, frozen=True, eq=False):
@@ -51,8 +51,8 @@ class StudyRow(msgspec.Struct, frozen=True, eq=False):
         init_angle: the view's stand-still angle θ [rad].
         init_dist: the z of the view's stand-still centre C, camera space [m].
         kinect_id: the sensor, by its address or name.
-        tilt_deg: of the sensor, upwards positive [°].
-        height_cm: of the sensor above the floor [cm].
+        tilt_deg: tilt of the sensor, upwards positive [°].
+        height_cm: height of the sensor above the floor [cm].
         positions: (25, 3) float32 in kinect_v2's order, camera space *of the reference view* [m]; NaN = missing.
     """
 
@@ -75,8 +75,8 @@ class StudyLog(msgspec.Struct, frozen=True, eq=False):
     """A whole study log: each field of `StudyRow` as an array over the rows, in the file's order.
 
     Attributes:
-        source: the file that it was read from.
-        positions: (rows, 25, 3) float32; the others are (rows,).
+        source: the file that the log was read from.
+        positions: (rows, 25, 3) float32; all other fields are (rows,), with the units of `StudyRow`.
     """
 
     source: str

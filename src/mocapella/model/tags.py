@@ -9,16 +9,16 @@ Float64 = NDArray[np.float64]
 
 
 def corner_names(number: int) -> tuple[str, str, str, str]:
-    """Names of a tag's corners, clockwise from the upper left one of the upright tag: ``tag7.0`` to ``tag7.3``."""
+    """Return the names of a tag's corners, clockwise from the upper left if upright: ``tag7.0`` to ``tag7.3``."""
     first, second, third, fourth = (f"tag{number}.{k}" for k in range(4))
     return first, second, third, fourth
 
 
 def corner_places(side_m: float) -> Float64:
-    """Return (4, 3) corners in the tag's frame [m]: origin at the centre, x right, y up, z towards the viewer.
+    """Return the corners (4, 3) in the tag's frame [m]: origin at the centre, x right, y up, z towards the viewer.
 
     Args:
-        side_m: of the tag's dark square.
+        side_m: side of the tag's dark square [m].
     """
     h = 0.5 * side_m
     return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])

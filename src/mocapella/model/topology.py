@@ -14,7 +14,7 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check
 
 UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
-"""Default field of view, horizontal and vertical [°]: that of common depth cameras, or less."""
+"""Default field of view, horizontal and vertical [°], at most as large as that of common depth cameras."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Topology:
     """Joints, bones, mirror pairs and named parts of a sensor's skeletons.
 
     Attributes:
-        name: in messages and files, such as ``kinect_v2``.
+        name: name in messages and files, such as ``kinect_v2``.
         joints: the joints' names in the sensor's own order, which is the order of every joint axis.
         bones: (parent, child) indices; a tree that reaches every joint from ``root``.
         mirror: for each joint, the index of its mirror image (itself for central joints).

@@ -14,10 +14,10 @@ class Truth(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         sensor, sequence: identity of the frame.
-        room_ns: capture time in room time.
-        topology: of the people.
+        room_ns: capture time, on the simulated room's clock.
+        topology: topology of the skeletons.
         people: (people,) int, numbers of the people, which never change.
-        positions: (people, joints, 3) float64, world [m].
+        positions: (people, joints, 3) float64, the room's world [m].
         T_world_sensor: (4, 4) true pose of the sensor.
         body_people: (bodies,) int, number of the person of each body in the frame.
         mirrored: (bodies,) bool, whether the sensor swapped left and right.

@@ -27,12 +27,14 @@ class TwistTree(msgspec.Struct, frozen=True, eq=False):
     """Parts and joints of a model. A rigid object is a tree of one part and no joints.
 
     Attributes:
-        parents: (parts,) parent of each part, earlier in the order; -1 for the first, the root, which moves freely.
-        joint_parts: (joints,) the part that each joint rotates, with its descendants; ascending. Several joints of a
-            part act in sequence, the last one next to it.
-        twists: (joints, 6) translation part [m], then the unit axis; of zero pitch; see `geometry.twists.revolute`.
+        parents: (parts,) index of each part's parent, earlier in the order; -1 for the first, the root, which moves
+            freely.
+        joint_parts: (joints,) index of the part that each joint rotates, with its descendants; ascending. Several
+            joints of a part act in sequence, the last one next to it.
+        twists: (joints, 6) twist of each joint in the rest frame: translation part [m], then the unit axis; of zero
+            pitch; see `geometry.twists.revolute`.
         limits: (joints, 2) least and most angle [rad]; may be infinite.
-        root: (3,) reference point of the model on the root [m], such as the middle of the hips.
+        root: (3,) reference point of the model on the root part, in the rest frame [m], such as the middle of the hips.
 
     Raises:
         SettingsError: arrays that do not fit this description.
@@ -62,19 +64,19 @@ class TwistTree(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def dofs(self) -> int:
-        """Degrees of freedom: the root's six and the joints' angles."""
+        """Number of degrees of freedom: the root's six and the joints' angles."""
         return ROOT_DOFS + len(self.joint_parts)
 
     @property
     def arrays(self) -> tuple[Int64, Int64, Float64]:
-        """The first arguments of the kernels of forward kinematics."""
+        """``parents``, ``joint_parts`` and ``twists``: the first arguments of the kernels of forward kinematics."""
         return self.parents, self.joint_parts, self.twists
 
 
 def twist_tree(
     parents: Any, joint_parts: Any = (), twists: Any = (), limits: Any = None, root: Any = (0, 0, 0)
 ) -> TwistTree:
-    """Make a tree of array-likes; without limits, joints are unbounded.
+    """Make a `TwistTree` of array-likes; without limits, joints are unbounded.
 
     Raises:
         SettingsError: see `TwistTree`.
@@ -91,7 +93,7 @@ def twist_tree(
 
 
 def limbs_of(tree: TwistTree) -> list[tuple[Int64, Int64]]:
-    """Return joints and parts of each chain, which starts at the root or at a branching part."""
+    """Return indices of the joints and of the parts of each chain, which starts at the root or at a branching part."""
     limbs: dict[int, list[int]] = {}
     of = np.zeros(len(tree.parents), dtype=np.int64)
     for part in range(1, len(tree.parents)):
@@ -106,8 +108,8 @@ class TreePose(msgspec.Struct, frozen=True, eq=False):
     """The pose of a tree; leading axes are batches.
 
     Attributes:
-        T_world_model: (..., 4, 4) the root's motion from the rest frame.
-        angles: (..., joints) [rad].
+        T_world_model: (..., 4, 4) rigid motion of the root part, from the rest frame to the world.
+        angles: (..., joints) joint angles [rad].
     """
 
     T_world_model: Float64
@@ -115,7 +117,7 @@ class TreePose(msgspec.Struct, frozen=True, eq=False):
 
 
 def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
-    """Return (..., parts, 4, 4) transforms of the parts from the rest frame to the world."""
+    """Return the transforms (..., parts, 4, 4) of the parts from the rest frame to the world."""
     R, t, _ = _forward(tree, pose)
     T = np.zeros((*R.shape[:-1], 4, 4))
     T[..., :3, :3] = R.reshape(*R.shape[:-1], 3, 3)
@@ -125,7 +127,7 @@ def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
 
 
 def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
-    """Return the parts' transforms in one pose, for kernels: R (parts, 9), row by row, and t (parts, 3)."""
+    """Return the parts' transforms from rest to one pose, for kernels: R (parts, 9), row by row; t (parts, 3) [m]."""
     parts = len(tree.parents)
     R, t, xi = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((len(tree.joint_parts), 6))
     _kernels().forward(*tree.arrays, pose.T_world_model, pose.angles, np.zeros(3), R, t, xi)

@@ -22,7 +22,7 @@ RATE_OVER_S: Final = 3.0
 RATE_OF: Final = 10
 """The frame rate is measured over `RATE_OVER_S` seconds or `RATE_OF` images, whichever is longer."""
 TOO_FEW: Final = 0.9
-"""A source below this share of its nominal rate is reported as too slow."""
+"""A source whose frame rate is below this fraction of its nominal rate is reported as too slow."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,10 @@ class AcquisitionSettings:
     """Timing of the acquisition.
 
     Attributes:
-        retry_s, longest_retry_s: first and longest wait before a lost camera is reopened; the wait doubles each time.
-        silent_s: time without an image after which a camera is reported as silent.
-        close_s: longest wait at the end for a driver that does not answer.
+        retry_s, longest_retry_s: first and longest wait before a lost camera is reopened [s]; the wait doubles each
+            time.
+        silent_s: time without an image after which a camera is reported as silent [s].
+        close_s: longest wait at the end for a driver that does not answer [s].
     """
 
     retry_s: float = 0.5
@@ -52,11 +53,11 @@ class AcquisitionReport:
     """Counts and rate of an acquisition.
 
     Attributes:
-        taken: images received.
-        dropped: images of these that a newer one replaced before they were read.
-        lost: how often the camera was lost.
-        fps: measured frame rate of the last seconds, by the capture times; 0 while unknown.
-        asked_fps: requested or stated frame rate; None if unknown.
+        taken: number of images received from the source.
+        dropped: number of these images that a newer one replaced before they were read.
+        lost: number of losses of the camera.
+        fps: measured frame rate of the last seconds, by the capture times [Hz]; 0 while unknown.
+        asked_fps: requested or stated frame rate [Hz]; None if unknown.
         live: whether the source is a camera.
     """
 
@@ -81,8 +82,8 @@ class Acquisition:
     """Reader of one source in a thread. A context manager; leaving it ends the thread.
 
     Args:
-        source: closed; it is opened at once.
-        settings: timing.
+        source: the source, not opened yet; it is opened at once.
+        settings: the timing.
         say: receives messages when the source is lost, silent, and available again.
         changed: notified when an image arrives or the source ends; several acquisitions may share one, to be waited
             for together.
@@ -112,7 +113,7 @@ class Acquisition:
         self._thread: threading.Thread | None = None
 
     def start(self, zero_s: float | None = None) -> None:
-        """Start the thread; ``zero_s`` is the source's time 0 on the monotonic clock, None for now."""
+        """Start the thread; ``zero_s`` is the source's time 0 on the monotonic clock [s], None for now."""
         self.source.begin(time.monotonic() if zero_s is None else zero_s)
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -137,7 +138,7 @@ class Acquisition:
         return found[-1] if found else None
 
     def take_all(self, timeout: float) -> list[Picture]:
-        """As `take`, but all images that are kept, the oldest first."""
+        """Take all kept images, the oldest first; otherwise as `take`."""
         with self._changed:
             if not self._slot and not self._ended:
                 self._changed.wait(timeout)
@@ -163,7 +164,7 @@ class Acquisition:
             return self._ended and not self._slot
 
     def report(self) -> AcquisitionReport:
-        """The counts and the rate so far."""
+        """Return the counts and the rate so far."""
         with self._changed:
             times = self._times
             long = len(times) > 1 and times[-1] - times[0] > 0.5 * RATE_OVER_S

@@ -10,7 +10,7 @@ from mocapella.errors import AddressInUseError, BusError
 
 
 def bound_socket(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    """Make a non-blocking socket that is bound, and listens if it is a stream's.
+    """Return a non-blocking socket that is bound to an address; a stream socket also listens.
 
     Args:
         host: a name or address of this machine.

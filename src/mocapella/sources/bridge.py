@@ -41,10 +41,10 @@ class BridgeSettings:
 
     host: str = "127.0.0.1"
     port: int = 7450
-    """0 takes any free one."""
+    """TCP port; 0 takes any free one."""
     max_connections: int = 32
     max_sensors: int = 16
-    """Per connection. Each sensor becomes a node of its own, and opening one delays the others."""
+    """Largest number of sensors per connection. Each becomes a node of its own, and opening one delays the others."""
     max_message_bytes: int = MAX_MESSAGE_BYTES
     message_timeout: float = 5.0
     """Longest time from a message's first byte to its last [s]."""
@@ -66,12 +66,12 @@ class BridgeReport:
     """Counts of frames and connections.
 
     Attributes:
-        frames: passed on.
-        refused: connections refused, or ended because of an invalid message.
-        timed_out: connections ended because they were too slow or silent.
-        connections: open now.
+        frames: number of frames passed on.
+        refused: number of connections that were refused, or ended because of an invalid message.
+        timed_out: number of connections that were ended because they were too slow or silent.
+        connections: number of connections that are open now.
         last_problem: reason for the last refusal or timeout; empty if none.
-        errors: unexpected errors.
+        errors: number of unexpected errors.
     """
 
     frames: int = 0
@@ -122,7 +122,7 @@ class Bridge:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port that it listens at; before `start`, those of the settings."""
+        """Host and port of the listening socket; before `start`, as in the settings."""
         if self._listener is None:
             return self._settings.host, self._settings.port
         host, port = self._listener.getsockname()[:2]

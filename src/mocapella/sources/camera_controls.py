@@ -39,10 +39,10 @@ class CameraWishes:
     """The requested settings of a camera; None keeps the present value.
 
     Attributes:
-        size_px: (width, height).
-        fps: frame rate.
+        size_px: (width, height) of the images.
+        fps: frame rate [Hz].
         fourcc: pixel format on the cable, such as MJPG, which many cameras need for a high rate.
-        controls: in the driver's own units; automatic modes are always switched off.
+        controls: exposure, gain and others, in the driver's own units; automatic modes are always switched off.
     """
 
     size_px: tuple[int, int] | None = None

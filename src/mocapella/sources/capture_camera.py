@@ -19,9 +19,9 @@ from mocapella.sources.picture_source import Picture, SourceState
 
 OPEN_TIMEOUT_S: Final = 5.0
 READ_TIMEOUT_S: Final = 3.0
-"""Timeout for the next frame of a stream."""
+"""Timeout for the next frame of a stream [s]."""
 NEWEST_S: Final = 0.5
-"""Greatest plausible age of a driver's time stamp; an older one belongs to another clock."""
+"""Greatest plausible age of a driver's time stamp; an older one belongs to another clock [s]."""
 _FROM_GRAB: Final = "the monotonic clock, when a frame was there"
 _FROM_DRIVER: Final = "the driver's stamps on the monotonic clock"
 
@@ -35,7 +35,7 @@ class CaptureCamera:
 
     Args:
         target: number of the camera, or address of the stream.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         wishes: requested settings; a stream's controls are not set.
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the monotonic clock, in seconds.
@@ -59,7 +59,7 @@ class CaptureCamera:
         self._number, self._last_ns = 0, 0
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.close()
         capture = self._opened()
         if not capture.isOpened():
@@ -82,7 +82,7 @@ class CaptureCamera:
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None if the camera gave no frame."""
+        """Wait for the next image; None if the camera gave no frame. See `PictureSource.read`."""
         if self._capture is None or not self._capture.grab():
             return None
         came_s = self._clock()
@@ -97,7 +97,7 @@ class CaptureCamera:
         return Picture(np.asarray(image, dtype=np.uint8), self._last_ns, number, ready_s, ready_s - came_s)
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None
@@ -121,7 +121,7 @@ class CaptureCamera:
 
 
 def camera_number(path: str) -> int | None:
-    """Number of ``/dev/video0`` and of links to such devices; None for any other path."""
+    """Return the camera number of ``/dev/video0`` or of a link to such a device; None for any other path."""
     if not path.startswith("/dev/"):
         return None
     match = re.fullmatch(r"/dev/video(\d+)", str(Path(path).resolve()))

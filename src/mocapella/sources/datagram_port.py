@@ -41,15 +41,15 @@ class DatagramPort:
     """One camera's port. It belongs to the first sender with a readable datagram, until that sender falls silent.
 
     Args:
-        name: of the camera.
-        listener: bound socket.
-        settings: of all cameras.
+        name: name of the camera.
+        listener: bound UDP socket.
+        settings: the settings, for all cameras.
         say: receives messages about senders and refused datagrams.
 
     Attributes:
         address: host and port of the listener.
-        rests_until_ns: time before which the port is not read again.
-        sender: address of the sender that it belongs to, or None.
+        rests_until_ns: time on the monotonic clock before which the port is not read again.
+        sender: address of the sender that the port belongs to; None if it belongs to none.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class DatagramPort:
 
 
 class SenderClock:
-    """Converts a sender's clock to this machine's, by the least delay of the last seconds as the constant offset.
+    """Converts times of a sender's clock to this machine's clock, by the least delay of the last seconds.
 
     With this window, clocks whose rates differ by 50 parts in a million cause an error of a quarter of a millisecond.
     """
@@ -235,10 +235,15 @@ class SenderClock:
         self._least_ns = self._least_before_ns = math.inf
 
     def at(self, sent_ns: int, arrived_ns: int) -> tuple[int, bool]:
-        """Return the time of sending on this machine's clock, never after the arrival, and whether the sender's clock
-        jumped.
+        """Convert a time of sending.
 
-        Both arguments are times [ns]: of sending, on the sender's clock, and of arrival, on this machine's.
+        Args:
+            sent_ns: time of sending, on the sender's clock.
+            arrived_ns: time of arrival, on this machine's clock.
+
+        Returns:
+            The time of sending on this machine's clock [ns], never after the arrival; and whether the sender's clock
+            jumped.
         """
         delay_ns = arrived_ns - sent_ns
         least_ns = min(self._least_ns, self._least_before_ns)

@@ -14,19 +14,19 @@ class DatagramSettings:
     """Which cameras send to which ports, and how their datagrams are read.
 
     Attributes:
-        cameras: name and UDP port of each; port 0 takes any free one.
-        markers: names, in the order of a datagram's pairs.
+        cameras: name and UDP port of each camera; port 0 takes any free one.
+        markers: names of the markers, in the order of the coordinate pairs in a datagram.
         size_px: (width, height) of the images.
         host: address of this machine to listen at; 0.0.0.0 listens at all.
-        sd_px: standard deviation of a coordinate; 0 if unknown.
-        delay: from the middle of an image's exposure to its datagram's arrival [s].
+        sd_px: standard deviation of a marker's coordinate; 0 if unknown [px].
+        delay: time from the middle of an image's exposure to its datagram's arrival [s].
         zero_is_lost: whether ``0,0`` means a marker that is not detected.
-        max_rate_hz: highest rate at which a port is read, and of its frames.
+        max_rate_hz: highest rate at which a port is read, and so of its frames [Hz].
         by_host: identify a sender by its address only, for programs that open a socket for each datagram.
         source_timeout: time without a datagram from its sender after which a port accepts another sender [s].
         start_to: address and port of the start command; None sends none.
         start_text: the start command.
-        start_every: interval at which it is repeated while a camera is silent [s].
+        start_every: interval at which the start command is repeated while a camera is silent [s].
     """
 
     cameras: tuple[tuple[str, int], ...]
@@ -71,17 +71,17 @@ class PortReport:
     """Counts of one camera's datagrams. Every datagram that was read is in one of the first six.
 
     Attributes:
-        frames: passed on.
-        refused: could not be decoded, by reason.
-        superseded: skipped because a newer one was waiting.
-        other_senders: from a sender that the port does not belong to.
-        out_of_order: with a lower sequence number than the one before.
-        repeated: with the sequence number of the one before.
-        missing: gaps in the sequence numbers, if the program sends them.
-        overflowed: dropped by this machine before they could be read, if it reports them.
-        clock_jumps: jumps of the sender's clock, if the program sends times.
+        frames: number of datagrams that became frames.
+        refused: number of datagrams that could not be decoded, by reason.
+        superseded: number of datagrams skipped because a newer one was waiting.
+        other_senders: number of datagrams from a sender that the port does not belong to.
+        out_of_order: number of datagrams with a lower sequence number than the one before.
+        repeated: number of datagrams with the sequence number of the one before.
+        missing: number of missing sequence numbers, if the program sends them.
+        overflowed: number of datagrams dropped by this machine before they could be read, if it reports them.
+        clock_jumps: number of jumps of the sender's clock, if the program sends times.
         senders: number of senders that the port has belonged to so far.
-        sender: the one that it belongs to; empty if none.
+        sender: address of the sender that the port belongs to; empty if none.
         last_problem: reason of the last refusal.
     """
 

@@ -23,7 +23,7 @@ _LINUX: Final = sys.platform == "linux"
 
 
 def prepare(listener: socket.socket) -> None:
-    """Set the buffer's size and, on Linux, ask for arrival times and drop counts."""
+    """Set a socket's buffer size and, on Linux, enable arrival times and drop counts."""
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
     if _LINUX:
         for option in (_SO_TIMESTAMPNS, _SO_RXQ_OVFL):
@@ -66,7 +66,11 @@ def readable(sockets: list[socket.socket], timeout: float) -> list[socket.socket
 
 
 def receive(from_socket: socket.socket) -> tuple[bytes, Any, int | None, int | None]:
-    """Receive a datagram: data, sender, arrival on the wall clock [ns], and the number dropped before it.
+    """Receive a datagram.
+
+    Returns:
+        The data, the sender's address, the time of arrival on the wall clock [ns], and the number of datagrams dropped
+        before it; the last two are None if the system does not report them.
 
     A datagram that is too long is cut off one byte above the limit, so that it is recognised.
     """
@@ -86,5 +90,5 @@ def receive(from_socket: socket.socket) -> tuple[bytes, Any, int | None, int | N
 
 
 def address_text(address: Any) -> str:
-    """Host and port of a socket address, as text."""
+    """Return host and port of a socket address, as text."""
     return f"{address[0]}:{address[1]}"

@@ -36,10 +36,10 @@ class RecordedDepth:
     """One depth image of a recording.
 
     Attributes:
-        file: its file, or its take and frame number.
-        time_ns: capture time, rising.
-        depth: (height, width) units; None if unreadable.
-        problem: why it is unreadable.
+        file: name of its file, or its take and frame number.
+        time_ns: capture time on the recording's clock, rising.
+        depth: (height, width) distance along the optical axis, in the recording's unit; None if unreadable.
+        problem: why it is unreadable; empty if it is readable.
     """
 
     file: str
@@ -52,8 +52,8 @@ class DepthRecording(Protocol):
     """A recording of depth images.
 
     Attributes:
-        name: of the file, folder or take.
-        state: the camera; lens and unit are None if unknown.
+        name: name of the file, folder or take.
+        state: the camera's parameters; lens and unit are None if unknown.
         count: number of images.
     """
 
@@ -71,10 +71,10 @@ class DepthSidecar:
     """The camera's parameters in a ``depth.toml``.
 
     Attributes:
-        unit_m: metres per unit.
+        unit_m: length of a unit of the images [m].
         raw: ``kinect-raw`` if the images are a Kinect v1's disparities; empty if they are depths.
-        lens: [F, CX, CY], [FX, FY, CX, CY], or the latter and K1, K2, P1, P2, K3.
-        fps: frame rate.
+        lens: F, CX, CY, or FX, FY, CX, CY [px], or these four and the distortion K1, K2, P1, P2, K3.
+        fps: frame rate [Hz].
     """
 
     unit_m: float | None = None
@@ -121,7 +121,7 @@ class DepthFiles:
         self.state = SourceState((width, height), self.fps, unit_m=unit_m, lens=lens)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`; a damaged or truncated file is yielded without an image, with the problem.
+        """Yield all images, from the first; a damaged or truncated file is yielded without an image, with the problem.
 
         Raises:
             InputError: a file is not a 16-bit image, has another size than the first, or has values above a Kinect's
@@ -223,7 +223,7 @@ def read_sidecar(path: Path) -> DepthSidecar:
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """Key for sorting names by their numbers, so that 9 comes before 10."""
+    """Return the key for sorting names by their numbers, so that 9 comes before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
 
 

@@ -24,10 +24,10 @@ KINECT_RAW: Final = "kinect-raw"
 """Value of ``--unit`` for images that are a Kinect v1's disparities."""
 NARROWEST_DEG: Final = 15.0
 WIDEST_DEG: Final = 140.0
-"""Range of depth cameras' horizontal field of view."""
+"""Range of plausible horizontal fields of view of depth cameras [deg]."""
 NEAREST_M: Final = 0.05
 FARTHEST_M: Final = 20.0
-"""Range of plausible median distances of an image."""
+"""Range of plausible median distances in a depth image [m]."""
 _USUAL_M: Final = (0.2, 6.0)
 """Range of usual median distances; a unit that gives one is suggested."""
 _UNITS_M: Final = (0.001, 0.000125, 0.0001, 0.00025, 0.0002, 0.01, 1e-6)
@@ -39,7 +39,7 @@ _FOCAL_PX: Final = {
 """Focal lengths of common cameras by image size, for suggestions."""
 SHORTEST_HAND_M: Final = 0.14
 LONGEST_HAND_M: Final = 0.235
-"""Range of hand lengths, from the wrist to the tip of the middle finger, including errors of the fit."""
+"""Range of hand lengths, from the wrist to the tip of the middle finger, including errors of the fit [m]."""
 _SHORTEST_BENT_M: Final = 0.12
 """Shortest hand with bent or partly hidden fingers, whose fitted lengths are inferred and mostly too short."""
 _HAND_M: Final = 0.186
@@ -61,7 +61,7 @@ class DepthOptions:
     """A depth camera's parameters as a user gives them; they take precedence over a file's or camera's own.
 
     Attributes:
-        unit_m: metres per unit.
+        unit_m: length of a unit of the depth images [m].
         kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths.
         lens: the nine numbers of `mocapella.geometry.lens`.
         fps: frame rate to assume for files, or to request from a camera [Hz].
@@ -96,7 +96,7 @@ def parse_unit(text: str | None) -> tuple[float | None, bool]:
 
 
 def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
-    """Complete F,CX,CY or FX,FY,CX,CY to nine numbers with distortion; None if the numbers are no lens."""
+    """Complete F,CX,CY or FX,FY,CX,CY [px] to the nine numbers of a lens, with distortion; None if they are no lens."""
     values = tuple(map(float, numbers))
     if len(values) == 3:
         values = (values[0], *values)
@@ -136,7 +136,12 @@ def _usual_lens(size_px: tuple[int, int]) -> str:
 
 
 def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) -> None:
-    """Refuse a lens that is implausible for a depth camera with images of this size.
+    """Check that a lens is plausible for a depth camera with images of this size.
+
+    Args:
+        lens: the nine numbers of `mocapella.geometry.lens`.
+        size_px: (width, height) of the images.
+        source: named in the error.
 
     Raises:
         InputError: the principal point is outside the image, or the field of view is too narrow or too wide; suggests a
@@ -156,7 +161,7 @@ def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) 
 
 
 def complete(state: SourceState, source: object) -> Camera:
-    """Make the camera of a source whose size, lens and unit are known.
+    """Return the camera of a depth source whose size, lens and unit are known; errors name ``source``.
 
     Raises:
         InputError: one of these is missing or implausible; states how to give it.
@@ -175,12 +180,12 @@ class UnitCheck:
     """Check of the unit on the first image with enough measured pixels.
 
     Args:
-        unit_m: metres per unit.
+        unit_m: length of a unit of the images [m].
         source: named in the error.
 
     Attributes:
         images: number of images checked.
-        empty: number of these without a measured pixel.
+        empty: number of checked images without a measured pixel.
     """
 
     def __init__(self, unit_m: float, source: object) -> None:
@@ -226,10 +231,10 @@ class UnitCheck:
 
 
 def check_disparities(raw: UInt16, source: object) -> None:
-    """Refuse an image (height, width) with more than 11 bits as a Kinect v1's disparities.
+    """Check that an image (height, width) can be a Kinect v1's disparities, which have 11 bits.
 
     Raises:
-        InputError: suggests a unit.
+        InputError: it has more than 11 bits; names ``source`` and suggests a unit.
     """
     if (most := int(raw.max(initial=0))) <= NOTHING:
         return
@@ -239,11 +244,11 @@ def check_disparities(raw: UInt16, source: object) -> None:
 
 
 def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
-    """Problem with a unit and a suggestion; None if the unit is plausible.
+    """Return the problem with a unit, and a suggestion; None if the unit is plausible.
 
     Args:
-        there: (pixels,) measured depths, in units.
-        unit_m: metres per unit.
+        there: (pixels,) the measured depths of an image, in units.
+        unit_m: length of a unit [m].
     """
     units = float(np.median(there))
     median_m = units * unit_m
@@ -264,9 +269,9 @@ class HandSizeCheck:
     hands with a straight and measured middle finger count, or all hands if these are too few.
 
     Args:
-        lens: the nine numbers in use.
+        lens: the nine numbers of the lens in use, see `mocapella.geometry.lens`.
         size_px: (width, height) of the images.
-        unit_m: metres per unit.
+        unit_m: length of a unit of the images [m].
     """
 
     def __init__(self, lens: Sequence[float] | NDArray[np.float64], size_px: tuple[int, int], unit_m: float) -> None:

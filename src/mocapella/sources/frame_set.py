@@ -31,9 +31,9 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
     """One frame: an image of each camera.
 
     Attributes:
-        frame: its number.
-        time_ns: capture time; 0 is the first frame of a video, or of a live run.
-        images: (height, width, 3) BGR by camera; a camera without an image is missing.
+        frame: number of the frame.
+        time_ns: capture time since the first frame of the video, or of the live run.
+        images: (height, width, 3) uint8 BGR, by camera; a camera without an image is missing.
     """
 
     frame: int
@@ -42,7 +42,7 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def at_rate(cls, frame: int, rate_hz: float, images: Mapping[str, UInt8]) -> FrameSet:
-        """Make the frame of a video with a constant frame rate."""
+        """Return the frame with this number of videos with a constant frame rate [Hz]."""
         return cls(frame, time_of_frame(frame, rate_hz), images)
 
 
@@ -52,7 +52,7 @@ class FrameSource(Protocol):
     rig: CameraRig
     """The cameras that have images, with intrinsics for the images' sizes."""
     rate_hz: float
-    """Frame rate."""
+    """Frame rate [Hz]."""
     notes: list[str]
     """Choices and omissions to report, one line each."""
 
@@ -73,7 +73,7 @@ class FrameSource(Protocol):
 
 
 def time_of_frame(frame: int, rate_hz: float) -> int:
-    """Capture time of a video's frame [ns]."""
+    """Return the capture time of a video's frame since its first frame [ns]."""
     return round(frame * NS_PER_S / rate_hz)
 
 
@@ -95,8 +95,9 @@ def fitted(
     Args:
         placed: the calibrated camera.
         size: (width, height) of the images.
-        other_size: of `OTHER_SIZES`; None refuses another size.
-        source: of the images, as the user wrote it.
+        other_size: how the images' size may differ from the calibration's, one of `OTHER_SIZES`; None refuses another
+            size.
+        source: the images' source, as the user wrote it; named in errors.
 
     Raises:
         InputError: the size differs and ``other_size`` is None, or scaling does not explain the size.

@@ -30,15 +30,15 @@ from mocapella.sources.picture_source import Picture, PictureSource
 UInt8 = NDArray[np.uint8]
 
 FIRST_S: Final = 5.0
-"""Longest wait for a camera's first image."""
+"""Longest wait for a camera's first image [s]."""
 MEASURED: Final = FEWEST + 1
 """Number of images after which a camera's frame rate is known."""
 POLL_S: Final = 0.1
-"""Longest wait for an image before checking for the end (Ctrl-C)."""
+"""Longest wait for an image before checking for the end (Ctrl-C) [s]."""
 LAGS_EVERY_S: Final = 3.0
-"""Interval between two measurements of the cameras' lags from motion."""
+"""Interval between two measurements of the cameras' lags from motion [s]."""
 SAME_LAG_S: Final = 0.02
-"""Greatest difference of two successive lags at which the lag is reported."""
+"""Greatest difference of two successive lags at which the lag is reported [s]."""
 UNUSED: Final = 60
 """Number of successive unused images of a camera after which that is reported."""
 
@@ -49,16 +49,17 @@ class LiveSet:
     Videos and folders may stand in for cameras, in real time, if all sources are such.
 
     Args:
-        sources: closed, by any name that `match_cameras` knows; they are opened at once.
+        sources: the sources, not opened yet, by any camera name that `match_cameras` knows; they are opened at once.
         rig: calibrated cameras; not all need a source.
-        other_size: of `OTHER_SIZES`, for images of another size than the calibration's; None refuses them.
-        late_s: known latency of cameras without capture times, by the names of ``sources``.
-        settings: of the threads.
+        other_size: how the images' size may differ from the calibration's, one of `OTHER_SIZES`; None refuses another
+            size.
+        late_s: known latency of cameras without capture times, by the names of ``sources`` [s].
+        settings: timing of the threads.
         clock: the monotonic clock, in seconds.
 
     Attributes:
         rig: the cameras that have sources, with intrinsics for the sources' image sizes.
-        rate_hz: frame rate, measured at the start.
+        rate_hz: frame rate, measured at the start [Hz].
         notes: findings from opening the cameras, one line each.
 
     Raises:
@@ -131,7 +132,7 @@ class LiveSet:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """By camera, images of this run that were dropped unread."""
+        """Number of images of this run that were dropped unread, by camera."""
         now = self._all_dropped()
         return {name: count - self._dropped_before.get(name, 0) for name, count in now.items()}
 
@@ -147,7 +148,7 @@ class LiveSet:
         return {"dropped": self.dropped}
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """As `until`, without an end."""
+        """Yield frames as `until`, without an end."""
         return self.until(threading.Event())
 
     def until(
@@ -159,7 +160,7 @@ class LiveSet:
 
         Args:
             stop: ends it within `POLL_S`.
-            seconds: duration; None for no limit.
+            seconds: duration [s]; None for no limit.
             say: receives messages when cameras are lost, silent, late or available again.
         """
         begin_s = self._begin()

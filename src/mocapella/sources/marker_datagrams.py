@@ -28,7 +28,7 @@ class MarkerDatagrams:
     Args:
         settings: cameras and ports.
         say: receives messages about senders and problems, each kind once per camera and sender.
-        clock: monotonic, in ns.
+        clock: the monotonic clock [ns].
     """
 
     def __init__(

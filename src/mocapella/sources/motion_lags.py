@@ -24,25 +24,25 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 LONGEST_S: Final = 0.6
-"""Largest lag that is searched."""
+"""Largest lag that is searched [s]."""
 OVER_S: Final = 15.0
-"""Length of the signals that are compared."""
+"""Length of the signals that are compared [s]."""
 LEAST_S: Final = 6.0
-"""Shortest overlap of two signals that gives an estimate."""
+"""Shortest overlap of two signals that gives an estimate [s]."""
 STEP_S: Final = 0.01
-"""Sampling interval of the signals, and step of the shift."""
+"""Sampling interval of the signals, and step of the shift [s]."""
 SLOW_S: Final = 1.5
-"""Period of the high-pass filter: slower changes, such as the light, do not count."""
+"""Period of the high-pass filter: slower changes, such as the light, do not count [s]."""
 ALIKE: Final = 0.5
 """Least correlation of two signals of the same motion."""
 RIVAL: Final = 0.9
 """Share of the best correlation at which a second maximum makes the shift ambiguous."""
 AGREE_S: Final = 0.03
-"""Largest residual of the shifts of all pairs of cameras."""
+"""Largest residual of the shifts of all pairs of cameras [s]."""
 APART_S: Final = 0.1
-"""Least distance of two different maxima."""
+"""Least distance of two different maxima [s]."""
 GAP_S: Final = 0.4
-"""A longer gap between two images of a camera clears its signal."""
+"""A longer gap between two images of a camera clears its signal [s]."""
 _WIDE_PX: Final = 80
 _NOISE: Final = 10
 """Change of a pixel by noise, in grey levels."""
@@ -56,7 +56,7 @@ class MotionLags:
         self._courses: dict[str, deque[tuple[float, float]]] = {name: deque() for name in cameras}
 
     def add(self, camera: str, time_ns: int, image: UInt8) -> None:
-        """Add a camera's next image (height, width, 3) and its time."""
+        """Add a camera's next image (height, width, 3) uint8, and its capture or arrival time, on one clock for all."""
         at_s, step = time_ns / NS_PER_S, max(1, image.shape[1] // _WIDE_PX)
         small = image[::step, ::step, 1].astype(np.int16)
         before_s, before = self._last.get(camera, (at_s, small))
@@ -71,7 +71,7 @@ class MotionLags:
                 course.popleft()
 
     def measure(self) -> dict[str, float]:
-        """Estimate each camera's lag behind the most prompt one [s]; without the cameras that allow no estimate."""
+        """Estimate each camera's lag behind the camera with the least latency [s]; omit cameras without an estimate."""
         names = list(self._courses)
         courses = {name: np.array(course) for name, course in self._courses.items()}
         shifts = {

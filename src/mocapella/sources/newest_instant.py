@@ -36,15 +36,15 @@ LATE, LATE_AGAIN = 1.0, 0.5
 STEADY: Final = 0.5
 """Largest interquartile range of a camera's latency at which it is known, in periods."""
 LATEST_S: Final = 0.5
-"""Largest additional latency that the other cameras wait for; it limits the number of images kept."""
+"""Largest additional latency that the other cameras wait for; it limits the number of images kept [s]."""
 
 
 class PictureSet(msgspec.Struct, frozen=True, eq=False):
     """Images of one instant.
 
     Attributes:
-        time_ns: the middle of their capture times.
-        pictures: by camera, each within half a period of it.
+        time_ns: midpoint of the earliest and the latest capture time, on the clock of the images.
+        pictures: the images, by camera, each within half a period of ``time_ns``.
     """
 
     time_ns: int
@@ -112,8 +112,8 @@ class NewestInstant:
     """Synchroniser of the newest images of several cameras.
 
     Args:
-        cameras: their names.
-        period_ns: assumed for all cameras until their images show it.
+        cameras: names of the cameras.
+        period_ns: frame period that is assumed until a camera's images show it.
     """
 
     def __init__(self, cameras: Iterable[str], period_ns: float) -> None:
@@ -126,13 +126,13 @@ class NewestInstant:
 
     @property
     def period_ns(self) -> float:
-        """The median of the known periods of the cameras."""
+        """The median of the cameras' known frame periods [ns]."""
         known = sorted(one.period_ns for one in self._cameras.values() if one.period_ns)
         return known[len(known) // 2] if known else self._first_ns
 
     @property
     def dropped(self) -> dict[str, int]:
-        """By camera, number of images that newer ones replaced unread."""
+        """Number of images that newer ones replaced unread, by camera."""
         return {name: camera.dropped for name, camera in self._cameras.items()}
 
     @property
@@ -142,11 +142,11 @@ class NewestInstant:
 
     @property
     def held_ns(self) -> float | None:
-        """Latency to which all images are delayed because of a late camera; None if they are not delayed."""
+        """Latency to which all images are delayed because of a late camera [ns]; None if they are not delayed."""
         return self._out_ns
 
     def late_ns(self) -> dict[str, float]:
-        """Each camera's latency above that of the most prompt one, as far as known."""
+        """Return each camera's latency relative to the camera with the least latency [ns], as far as known."""
         period = self.period_ns
         known = {name: late for name, one in self._cameras.items() if (late := one.late_ns(period)) is not None}
         least = min(known.values(), default=0.0)
@@ -182,7 +182,8 @@ class NewestInstant:
         appear as speed.
 
         Args:
-            now_s: on the clock of the images' ``ready_s``; infinite if no more will arrive.
+            now_s: the present time on the monotonic clock, as the images' ``ready_s`` [s]; infinite if no more images
+                will arrive.
         """
         period = self.period_ns
         self._hold(period, now_s)

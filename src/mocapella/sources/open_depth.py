@@ -28,10 +28,10 @@ def open_depth(
     loop: bool = False,
     recorded: Callable[[str], DepthRecording | None] = lambda text: None,
 ) -> PictureSource:
-    """Make the source of a name, without opening it.
+    """Return the source of depth images of a name, without opening it.
 
     Args:
-        text: one of `KINDS`.
+        text: the name, in one of the forms of `KINDS`.
         options: the camera's parameters as the user gives them.
         loop: whether recordings repeat.
         recorded: opens other recordings (takes); returns None if the name is not such a recording.

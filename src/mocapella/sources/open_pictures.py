@@ -19,20 +19,20 @@ from mocapella.sources.video import LIVE, Frames, pictures
 STREAMS: Final = ("http://", "https://", "rtsp://", "rtmp://", "udp://", "tcp://")
 RENDERED: Final = "rendered:"
 SETTLED: Final = 30
-"""Images after which a camera's automatic control has settled, if it cannot be switched off."""
+"""Number of images after which a camera's automatic control has settled, if it cannot be switched off."""
 KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
 
 
 def open_pictures(
     text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
 ) -> PictureSource:
-    """Make the source of a name, without opening it.
+    """Return the image source of a name, without opening it.
 
     Args:
-        text: one of `KINDS`.
+        text: the name, in one of the forms of `KINDS`.
         wishes: requested camera settings; for videos and folders only the frame rate counts.
         loop: whether videos and folders repeat.
-        seed: of a rendered scene.
+        seed: random seed of a rendered scene.
         rate_option: the command's option for the frame rate, named in the note on a video that states none.
 
     Raises:
@@ -72,11 +72,11 @@ def one_picture(
     """Read one image of a source without waiting for real time; return it and the source's state.
 
     Args:
-        text, wishes, seed: as for `open_pictures`.
-        frame: its number, from 0; None is the first of a video and the `SETTLED`-th of a camera.
+        text, wishes, seed: as in `open_pictures`.
+        frame: number of the image, from 0; None is the first of a video and the `SETTLED`-th of a camera.
 
     Raises:
-        SettingsError: as for `open_pictures`.
+        SettingsError: as in `open_pictures`.
         InputError: the source cannot be opened, or has no such image.
     """
     source = open_pictures(text, wishes, seed=seed)

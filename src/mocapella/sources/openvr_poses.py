@@ -41,7 +41,7 @@ class OpenVrPoses:
         self._serials: dict[int, str] = {}
 
     def poll(self, at_ns: int) -> PoseFrame:
-        """Read the newest poses of all devices, without prediction."""
+        """Read the newest poses of all devices, without prediction, as a frame with the capture time ``at_ns``."""
         vr = self._openvr
         poses = self._system.getDeviceToAbsoluteTrackingPose(
             vr.TrackingUniverseStanding, 0.0, vr.k_unMaxTrackedDeviceCount

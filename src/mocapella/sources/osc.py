@@ -54,7 +54,7 @@ class OscMessage(NamedTuple):
 
 
 def messages(data: bytes, depth: int = 0) -> Iterator[OscMessage]:
-    """Decode a datagram's messages, including nested bundles.
+    """Decode a datagram's messages, including nested bundles; ``depth`` is the present nesting.
 
     Raises:
         BadOscError: the datagram is not valid OSC, or is nested too deeply.
@@ -130,12 +130,12 @@ class OscReport:
     """Counts of the datagrams.
 
     Attributes:
-        datagrams: received.
-        poses: of bodies, passed on in frames.
-        bad: datagrams that are not valid OSC.
-        unknown: messages with unsupported addresses.
-        refused: messages with a supported address and unusable arguments, by reason.
-        too_soon: datagrams above the highest rate.
+        datagrams: number of received datagrams.
+        poses: number of bodies' poses passed on in frames.
+        bad: number of datagrams that are not valid OSC.
+        unknown: number of messages with unsupported addresses.
+        refused: number of messages with a supported address and unusable arguments, by reason.
+        too_soon: number of datagrams above the highest rate.
         addresses: the first few of the unsupported addresses.
     """
 
@@ -169,7 +169,7 @@ class OscPoses:
 
         Args:
             data: the datagram.
-            at_ns: its arrival; OSC's own times are not reliable.
+            at_ns: its time of arrival, which becomes the frame's capture time; OSC's own times are not reliable.
         """
         report = self.report
         report.datagrams += 1
@@ -299,5 +299,5 @@ def bundle(*parts: bytes) -> bytes:
 
 
 def as_json(report: OscReport) -> Mapping[str, Any]:
-    """The counts for ``--json``."""
+    """Return the counts for ``--json``."""
     return {**vars(report), "refused": dict(report.refused)}

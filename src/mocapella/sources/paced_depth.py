@@ -15,7 +15,7 @@ class PacedDepth:
     """A recording of depth images as an image source. Unreadable images are skipped.
 
     Args:
-        recording: its first image is due at `begin`.
+        recording: the recording; its first image is due at `begin`.
         loop: whether it repeats.
         clock: the monotonic clock, in seconds.
 
@@ -35,17 +35,17 @@ class PacedDepth:
         self._images: Iterator[tuple[int, RecordedDepth]] = iter(())
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self._number = self._last_ns = self.damaged = 0
         self._images = self._timed()
         return self.recording.state
 
     def begin(self, zero_s: float) -> None:
-        """As `PictureSource.begin`."""
+        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`."""
+        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
         begin_s = self._clock()
         for due_ns, image in self._images:
             if image.depth is None:
@@ -60,7 +60,7 @@ class PacedDepth:
         return None
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         self._images = iter(())
 
     def _timed(self) -> Iterator[tuple[int, RecordedDepth]]:

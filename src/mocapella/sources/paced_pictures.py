@@ -21,7 +21,7 @@ from mocapella.sources.video import IMAGES, open_video, read_image
 UInt8 = NDArray[np.uint8]
 
 USUAL_FPS: Final = 30.0
-"""Frame rate assumed for a folder of images, and for a video that states none."""
+"""Frame rate assumed for a folder of images, and for a video that states none [Hz]."""
 
 
 class PacedPictures:
@@ -31,8 +31,8 @@ class PacedPictures:
     these rise; otherwise a frame follows the last one after one period of the frame rate.
 
     Args:
-        path: of the video, image or folder.
-        fps: frame rate; None uses the video's own times, and `USUAL_FPS` for a folder.
+        path: path of the video, image or folder.
+        fps: frame rate [Hz]; None uses the video's own times, and `USUAL_FPS` for a folder.
         loop: whether it repeats.
         rate_option: the command's option for ``fps``, named in the note on a video that states no rate.
         clock: the monotonic clock, in seconds.
@@ -58,7 +58,7 @@ class PacedPictures:
         self._capture: cv2.VideoCapture | None = None
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.close()
         self._number, self._next_s = 0, 0.0
         path = self._path
@@ -85,11 +85,11 @@ class PacedPictures:
         return SourceState((size[0], size[1]), self._fps, problems=problems)
 
     def begin(self, zero_s: float) -> None:
-        """As `PictureSource.begin`."""
+        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`."""
+        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
         found = next(self._frames, None)
         if found is None:
             return None
@@ -101,7 +101,7 @@ class PacedPictures:
         return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), retrieval_s)
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         self._frames = iter(())
         if self._capture is not None:
             self._capture.release()

@@ -27,11 +27,12 @@ class Picture:
     """One image and its capture time.
 
     Attributes:
-        image: (height, width, 3) uint8 blue, green, red; of a depth camera, (height, width) uint16 units.
+        image: (height, width, 3) uint8 BGR; of a depth camera, (height, width) uint16 distances along the optical axis,
+            in the unit of the source's state.
         time_ns: capture time on the source's own clock, above 0 and rising.
-        number: 0, 1, 2, … of the source.
-        ready_s: when the decoded image was available, on this machine's monotonic clock.
-        retrieval_s: how long decoding took, without the wait for the image.
+        number: index of the image among those of the source, from 0.
+        ready_s: time at which the decoded image was available, on this machine's monotonic clock [s].
+        retrieval_s: duration of the decoding, without the wait for the image [s].
     """
 
     image: Image
@@ -42,7 +43,7 @@ class Picture:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """(width, height)."""
+        """(width, height) of the image."""
         return self.image.shape[1], self.image.shape[0]
 
 
@@ -53,10 +54,10 @@ class SourceState:
     Attributes:
         size_px: (width, height) that the source states; None if unknown before the first image.
         fps: requested frame rate, or the rate that the source states [Hz]; None if unknown.
-        controls: as read back from the camera.
+        controls: exposure, gain and others, as read back from the camera.
         problems: requested settings that the source did not accept, each a sentence with a remedy.
-        unit_m: metres per unit of a depth camera's image.
-        lens: the nine numbers of `mocapella.geometry.lens` of a depth camera.
+        unit_m: length of a unit of a depth camera's image [m]; None if unknown, or no depth camera.
+        lens: (9,) intrinsics of a depth camera, see `mocapella.geometry.lens`; None if unknown, or no depth camera.
     """
 
     size_px: tuple[int, int] | None = None
@@ -71,7 +72,7 @@ class PictureSource(Protocol):
     """A source of images. It is opened and read by one thread at a time; reading ends early when ``stop`` is set."""
 
     name: str
-    """As the user wrote it."""
+    """Name of the source, as the user wrote it."""
     live: bool
     """Whether a missing image means that a camera was lost and must be reopened; otherwise the source has ended."""
     times: str
@@ -86,7 +87,7 @@ class PictureSource(Protocol):
         ...
 
     def begin(self, zero_s: float) -> None:
-        """Set its time 0, on the monotonic clock; cameras ignore this, since they have their own clock."""
+        """Set the source's time 0, on the monotonic clock [s]; cameras ignore this, since they have their own clock."""
         ...
 
     def read(self, stop: threading.Event) -> Picture | None:

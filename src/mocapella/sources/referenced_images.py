@@ -30,8 +30,8 @@ class ImageReference(msgspec.Struct, frozen=True):
     """A reference that a frame has instead of pixels.
 
     Attributes:
-        path: of the video, image or folder of images.
-        sha256: of its content, see `checksum`.
+        path: path of the video, image or folder of images.
+        sha256: hash of its content, see `checksum`.
         frame: number of the frame, from 0.
     """
 
@@ -41,7 +41,7 @@ class ImageReference(msgspec.Struct, frozen=True):
 
 
 def checksum(path: Path) -> str:
-    """SHA-256 of a file, or of a folder's images in the order of their names, in hexadecimal digits.
+    """Return the SHA-256 of a file, or of a folder's images in the order of their names, in hexadecimal digits.
 
     Raises:
         InputError: it cannot be read.
@@ -61,7 +61,14 @@ def checksum(path: Path) -> str:
 
 
 def referred(frame: ImageFrame, path: Path, sha256: str, number: int) -> ImageFrame:
-    """Replace a frame's pixels by a reference."""
+    """Return a frame with a reference instead of its pixels.
+
+    Args:
+        frame: the frame.
+        path: path of the video, image or folder of images.
+        sha256: hash of its content, see `checksum`.
+        number: number of the video's frame, from 0.
+    """
     data = msgspec.json.encode(ImageReference(str(path.absolute()), sha256, number))
     return msgspec.structs.replace(frame, format=FORMAT, data=data)
 

@@ -10,7 +10,14 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of `mocapella doctor`: the subject, the finding, and the remedy."""
+    """One line of `mocapella doctor`.
+
+    Attributes:
+        what: the subject, such as a device or package.
+        verdict: ``ok``, ``note`` or ``problem``.
+        found: the finding, in words.
+        advice: the remedy; may be empty.
+    """
 
     what: str
     verdict: Literal["ok", "note", "problem"]
@@ -23,9 +30,9 @@ class Source:
     """A source of frames.
 
     Attributes:
-        interface: of `mocapella.registry`.
+        interface: version of the descriptor's interface, see `mocapella.registry`.
         name: the verb after ``mocapella node``.
-        summary: its purpose, in one line.
+        summary: purpose of the source, in one line.
         frame_types: names of the frame types that it sends; empty for all that are installed.
         command: ``module:function`` of its typer command. The module is imported when the verb runs.
         looks: ``module:function`` that returns `Finding` values for `mocapella doctor`, such as which devices are

@@ -47,11 +47,11 @@ class ReplayReport(msgspec.Struct, frozen=True):
     """Counts of a replay.
 
     Attributes:
-        rows: rows of the file with the chosen placement.
-        frames: frames made of them; a sensor's bodies of one instant are one frame.
-        duplicates_dropped: rows that repeat a person's skeleton of the same sensor and instant.
-        sorted: rows that follow a newer row of their sensor in the file.
-        joints_not_tracked: number of such joints in the frames.
+        rows: number of rows of the file with the chosen placement.
+        frames: number of frames made of these rows; a sensor's bodies of one instant are one frame.
+        duplicates_dropped: number of rows that repeat a person's skeleton of the same sensor and instant.
+        sorted: number of rows that follow a newer row of their sensor in the file.
+        joints_not_tracked: number of joints in the frames that are not tracked.
     """
 
     rows: int
@@ -106,13 +106,14 @@ class StudyReplay:
 
     Attributes:
         log: the file.
-        sensors: names, the reference sensor first.
+        sensors: names of the sensors, the reference sensor first.
         placement: key of `mocapella.model.session.PLACEMENTS`; empty if the file has one sensor and states none.
         T_reference_second: (4, 4), from the nominal camera frame of the second sensor to the reference's; the identity
             without a second sensor.
-        T_reference_second_of: the same by person. The first person has ``T_reference_second``; the others' differ from
-            it as the thesis' calibrations for the two differ, so that the replayed sensor has one camera frame.
-        report: counts.
+        T_reference_second_of: transform (4, 4) of each person's logged skeletons. The first person's is
+            ``T_reference_second``; the others' differ from it as the thesis' calibrations for the two people differ, so
+            that the replayed sensor has one camera frame.
+        report: counts of rows and frames.
     """
 
     def __init__(
@@ -163,7 +164,7 @@ class StudyReplay:
         """Yield one sensor's frames in the order of capture, each with its due time.
 
         Returns:
-            (due_s, frame): seconds since the first frame of the *file*, so that nodes started together stay in step.
+            (due_s, frame): time since the first frame of the *file* [s], so that nodes started together stay in step.
 
         Raises:
             SettingsError: the file has no such sensor; lists its sensors.

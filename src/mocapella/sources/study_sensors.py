@@ -17,7 +17,7 @@ from mocapella.model.session import PLACEMENTS
 from mocapella.model.study_log import TITLES, StudyLog
 
 STUDY_SENSORS: Final[Mapping[str, str]] = {".213.82": "front", ".207.136": "side"}
-"""The study's sensors of 2015: the end of a ``Kinect_Id`` → the sensor's name."""
+"""Names of the study's sensors of 2015, by the end of their ``Kinect_Id``."""
 TURNING_DISTANCE: Final = 2.4
 """Distance from the reference sensor to the vertical axis of the second's rotation, where people stood [m]."""
 PARALLEL_DISTANCE: Final = 0.5
@@ -29,13 +29,13 @@ _TURNS = {"parallel": 0.0, "right-45": -45.0, "right-90": -90.0, "left-45": 45.0
 
 
 def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: str) -> None:
-    """Raise an InputError that names the first of these rows; do nothing without rows.
+    """Raise an InputError that names the first invalid row; do nothing without invalid rows.
 
     Args:
         log: the file.
         rows: indices of the invalid rows.
         name: the invalid field of `StudyLog`.
-        problem, fix: text of the error.
+        problem, fix: what is wrong, and the advice, for the error's message.
     """
     if len(rows):
         i = int(rows.min())
@@ -45,7 +45,10 @@ def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: 
 
 
 def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.intp], str]:
-    """Select the rows of a placement, or of the file's only one; return them and its name (empty: not stated).
+    """Select the rows of the placement ``wanted``, or of the file's only one.
+
+    Returns:
+        Indices (k,) of the rows, and the placement's name; empty if the file does not state one.
 
     Raises:
         SettingsError: there is no such placement; lists the known ones.
@@ -77,7 +80,7 @@ def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.int
 
 
 def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, str]) -> dict[str, str]:
-    """Names of the sensors by their ``Kinect_Id``, in the order of appearance.
+    """Return the names of the sensors by their ``Kinect_Id``, in the order of appearance in the ``rows`` (k,).
 
     An id that ends in none of ``sensors`` is itself the name, with ``-`` in place of invalid characters, and
     ``kinect-`` before a bare number.
@@ -106,7 +109,7 @@ def _safe_name(kinect: str) -> str:
 
 
 def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str]) -> str:
-    """The Kinect whose camera frame the file uses: all its rows, and no others, have Skeleton_Id 0.
+    """Return the Kinect_Id of the reference sensor: all its rows, and no others, have Skeleton_Id 0.
 
     Raises:
         InputError: there is none, or it changes within the file.
@@ -130,7 +133,7 @@ def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str
 def motions_of_people(
     log: StudyLog, rows: NDArray[np.intp], T_reference_second: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """``T_reference_second`` of each person: the first person's is the one given.
+    """Return ``T_reference_second`` (4, 4) of each person, by Person_Id; the first person's is the argument.
 
     The thesis calibrated the second sensor separately for each person. The calibrations differ by some degrees, so two
     people's logged rows are not in one frame. The logged angles, and the people's first positions seen by the reference
@@ -140,8 +143,8 @@ def motions_of_people(
 
     Args:
         log: the file.
-        rows: rows to use.
-        T_reference_second: (4, 4), of the first person.
+        rows: (k,) indices of the rows to use.
+        T_reference_second: (4, 4) from the second sensor's camera space to the reference's, for the first person.
     """
     turns, places = {}, {}
     for person in np.unique(log.person_id[rows]).tolist():
@@ -164,7 +167,9 @@ def motions_of_people(
 
 
 def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDArray[np.float64]:
-    """``T_reference_second``: a rotation about the vertical axis where people stood, or a shift for parallel sensors.
+    """Return the nominal ``T_reference_second`` (4, 4), from the second sensor's camera space to the reference's.
+
+    It is a rotation about the vertical axis where people stood, or a translation for parallel sensors.
 
     The placement gives the angle, but not its sign, because either sensor can be the reference. The sign is that of the
     difference of a person's two stand-still angles, since θ grows by a sensor's rotation.

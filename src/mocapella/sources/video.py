@@ -61,7 +61,7 @@ def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int
     """Read the selected frames of a video, an image, or a folder's images in the order of their names.
 
     Yields:
-        number from 0, and image (height, width, 3) BGR.
+        Number of the frame, from 0, and image (height, width, 3) uint8 BGR.
 
     Raises:
         InputError: the path cannot be read, or has no image.
@@ -79,7 +79,7 @@ def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int
 
 
 def read_image(path: Path) -> UInt8:
-    """Read an image file (height, width, 3) BGR.
+    """Read an image file as an array (height, width, 3) uint8 BGR.
 
     Raises:
         InputError: the file does not exist, or is not an image.
@@ -141,7 +141,7 @@ class LiveCameras:
     Args:
         numbers: the system's numbers of the cameras, by name.
         open_capture: replaces `cv2.VideoCapture` in tests.
-        clock: seconds, one clock for all cameras.
+        clock: the clock of the capture times, for all cameras [s].
     """
 
     def __init__(
@@ -167,7 +167,11 @@ class LiveCameras:
                 )
 
     def read(self) -> dict[str, tuple[float, UInt8]]:
-        """Read the time of the grab [s] and the image of each camera; missing images are counted in ``lost``."""
+        """Read an image from each camera; missing images are counted in ``lost``.
+
+        Returns:
+            Time of the grab on ``clock`` [s], and image (height, width, 3) uint8 BGR, by camera.
+        """
         grabbed = {name: (self._clock(), capture.grab()) for name, capture in self._captures.items()}
         found: dict[str, tuple[float, UInt8]] = {}
         for name, (at, there) in grabbed.items():
@@ -192,7 +196,7 @@ def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[
     the order of their times are its frames. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
 
     Returns:
-        times by camera [s]; NaN for a frame without a row.
+        Capture times by camera, on the file's clock [s]; NaN for a frame without a row.
 
     Raises:
         InputError: a column or a camera is missing, or a value is not a number.

@@ -31,9 +31,9 @@ class Video(msgspec.Struct, frozen=True):
     """Properties of a video, an image, or a folder of images.
 
     Attributes:
-        path: of the video, image or folder.
-        size_px: (width, height).
-        rate_hz: frame rate; None if unknown, as for a folder of images.
+        path: path of the video, image or folder.
+        size_px: (width, height) of the images.
+        rate_hz: frame rate [Hz]; None if unknown, as for a folder of images.
         count: number of frames according to the header; None if it states none.
     """
 
@@ -75,13 +75,14 @@ class VideoSet:
         paths: a video, an image or a folder of images for each camera, by any name that `match_cameras` knows.
         rig: calibrated cameras; not all need a video.
         frames: selection of frames; None for all.
-        rate_hz: frame rate; None for that of the files.
-        other_size: of `OTHER_SIZES`, for images of another size than the calibration's; None refuses them.
+        rate_hz: frame rate [Hz]; None for that of the files.
+        other_size: how the images' size may differ from the calibration's, one of `OTHER_SIZES`; None refuses another
+            size.
 
     Attributes:
         rig: the cameras that have videos, with intrinsics for the videos' image sizes.
-        videos: by the rig's names.
-        rate_hz: frame rate before the selection.
+        videos: properties of the videos, by the rig's camera names.
+        rate_hz: frame rate before the selection [Hz].
         count: number of selected frames; None if unknown.
         notes: choices and omissions to report, one line each.
 

@@ -20,16 +20,16 @@ class FakeCamera:
     """A live camera with synthetic images, which can be disconnected.
 
     Args:
-        state: what it reports when it is opened. With ``unit_m``, it is a depth camera. Images come at ``fps``, or as
-            fast as they are read if that is None; their times are exact multiples of 1 / fps (of 1/30 s) above 0.
-        image: makes image 0, 1, 2, …, of the state's size; by default, every pixel of an image is its number modulo 256
-            (of a depth camera, 700 plus the number modulo 256).
+        state: state that `open` returns. With ``unit_m``, it is a depth camera. Images come at ``fps``, or as fast as
+            they are read if that is None; their times are exact multiples of 1 / fps (of 1/30 s) above 0.
+        image: function of an image's number, from 0, that returns the image, of the state's size. By default, every
+            pixel is the number modulo 256 (of a depth camera, 700 plus the number modulo 256).
         name: as a user would write it.
 
     Attributes:
         plugged: set it to False to pull the plug: reading returns None, and opening raises `InputError`.
         opened, closed: number of times that it was opened and closed.
-        count: number of images so far, also over several openings.
+        count: number of images so far, over all openings.
     """
 
     live = True
@@ -47,7 +47,7 @@ class FakeCamera:
         self._state, self._image = state, image or self._numbered
 
     def open(self) -> SourceState:
-        """Return the state.
+        """Open the camera and return its state.
 
         Raises:
             InputError: the plug is pulled.

@@ -44,9 +44,9 @@ def check_part_type(name: str, part: Any, skeleton: Topology | None = None) -> N
     """Check that a part survives its codec in a scene; the same checks as `check_frame_type`.
 
     Args:
-        name: of the registered part type.
-        part: a value of it.
-        skeleton: topology of the scene; any if None.
+        name: name of the registered part type.
+        part: a part of that type.
+        skeleton: topology of the scene; None takes any.
 
     Raises:
         PluginError, SettingsError: no part type of this name can be used.

@@ -26,7 +26,10 @@ _PNG = bytes.fromhex(
 def example_frames(
     sensor: str = "front", *, node_id: int = 1, sequence: int = 0, time_ns: int = 1
 ) -> list[SensorFrame]:
-    """Return one frame of each type that Mocapella ships, all of the same sensor, node, number and time."""
+    """Return one frame of each type that Mocapella ships, with the same sensor, node id, sequence number and time.
+
+    ``time_ns`` is the capture time, on the sensor's own clock.
+    """
     kinect = topology("kinect_v2")
     points = np.linspace(0.0, 1.0, 3 * len(ARM_POINTS)).reshape(-1, 3)
     states = np.full(len(ARM_POINTS), 2, np.uint8)

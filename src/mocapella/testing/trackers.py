@@ -21,8 +21,8 @@ def check_tracker(make: Callable[[], Tracker], arrivals: Sequence[Arrival]) -> l
     - The report counts each frame once, as kept or rejected.
 
     Args:
-        make: a new tracker, always of the same settings.
-        arrivals: in the order of their arrival; as many as it takes to track something.
+        make: function that creates a new tracker, always with the same settings.
+        arrivals: frames in the order of their arrival; enough to track something.
 
     Raises:
         AssertionError: a promise is broken; says which, and at which step.

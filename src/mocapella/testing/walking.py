@@ -40,10 +40,10 @@ class Walker:
     """A person who walks a figure of eight, or stands if ``speed`` is 0.
 
     Attributes:
-        centre: of the figure, (x, z) [m].
-        speed: along it [m/s].
-        phase: on it at time 0 [rad].
-        stature: [m].
+        centre: centre of the figure of eight, (x, z) in the world [m].
+        speed: speed along the figure [m/s].
+        phase: phase on the figure at time 0 [rad].
+        stature: height of the person [m].
         size: half the figure's width [m].
     """
 
@@ -54,7 +54,7 @@ class Walker:
     size: float = 0.8
 
     def at(self, t: float) -> Float64:
-        """Return the joints at a time [s]: (25, 3) of the topology ``kinect_v2`` in the world, y up, floor at 0 [m]."""
+        """Return the joints (25, 3) of the topology ``kinect_v2`` at a true time [s], world, y up, floor at 0 [m]."""
         a = self.phase + self.speed / self.size * t / 1.5
         x, z = self.size * np.sin(a), self.size * np.sin(2 * a) / 2
         heading = np.arctan2(np.cos(a), np.cos(2 * a)) if self.speed else np.pi
@@ -76,14 +76,14 @@ class WalkerSensor:
     """A sensor that sees every walker, with noise and without occlusion.
 
     Attributes:
-        name: of the sensor.
-        T_world_sensor: (4, 4).
+        name: name of the sensor.
+        T_world_sensor: (4, 4) from the sensor's camera space to the world.
         noise: standard deviation of every coordinate [m].
-        clock: offset of its clock: its times minus the true ones [s].
-        phase: time of its first frame [s].
+        clock: clock offset: the sensor's times minus the true times [s].
+        phase: true time of its first frame [s].
         mirrored: whether it swaps left and right.
         outliers: fraction of the joints that are displaced by about a metre.
-        seed: of the noise, together with the name.
+        seed: random seed of the noise, together with the name.
     """
 
     name: str
@@ -113,12 +113,22 @@ class WalkerSensor:
         return Bodies(self.name, KINECT_V2, tuple(sorted(walkers)), positions, states)
 
     def frame(self, walkers: Mapping[int, Walker], t: float, sequence: int = 0) -> BodyFrame:
-        """Return the same skeletons as a frame, with a capture time on the sensor's clock."""
+        """Return the skeletons of `see` as a frame, with a capture time on the sensor's own clock.
+
+        ``t`` is the true time [s], ``sequence`` the number of the frame.
+        """
         return frame_of(self.see(walkers, t), round(1e9 * (t + self.clock)), sequence)
 
 
 def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int] | None = None) -> BodyFrame:
-    """Return skeletons as a frame; ``ids`` replaces tracking ids."""
+    """Return skeletons as a frame.
+
+    Args:
+        bodies: the skeletons.
+        time_ns: capture time, on the sensor's own clock.
+        sequence: number of the frame.
+        ids: new tracking id by old one; None keeps the ids.
+    """
     return body_frame(
         bodies.sensor,
         KINECT_V2,
@@ -131,7 +141,10 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
 
 
 def standing_at(x: float, z: float, yaw_deg: float = 0.0, height: float = 1.0, tilt_deg: float = 0.0) -> Float64:
-    """Return ``T_world_sensor`` (4, 4) of a sensor at (x, z), ``height`` above the floor [m]; tilt is upwards."""
+    """Return the pose ``T_world_sensor`` (4, 4) of a sensor at (x, z), ``height`` above the floor [m].
+
+    ``yaw_deg`` is its rotation about the vertical, ``tilt_deg`` its upward tilt [deg].
+    """
     turn = rotation_about_y(np.radians(yaw_deg)) @ rotation_about_x(-np.radians(tilt_deg))
     return rigid(turn, (x, height, z))
 
@@ -154,12 +167,12 @@ def walking_arrivals(
     """Return the frames of sensors that see the walkers, at 30 Hz each, in the order of capture.
 
     Args:
-        walkers: by tracking id.
+        walkers: the people, by tracking id.
         seconds: duration [s].
-        sensors: ``T_world_sensor`` by name; a sensor in front and one at the side if None. Their frames are evenly
-            staggered.
-        begin_s: time of the first frame [s].
-        noise, outliers: as of `WalkerSensor`.
+        sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
+            are evenly staggered.
+        begin_s: true time of the first frame [s].
+        noise, outliers: as in `WalkerSensor`.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors
     made = [

@@ -35,7 +35,7 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""From a sensor's space (x left, y up) to a camera's (x right, y down), and back."""
+"""(4, 4) from a sensor's space (x left, y up) to a camera's (x right, y down), and back."""
 _OF_EITHER_SIDE: Final = [WRIST, PALM, ELBOW]
 """Points whose position does not depend on the side that a hand was detected as."""
 _SIDE_CAP: Final = 12.0
@@ -51,15 +51,16 @@ class ArmTracksSettings:
     Attributes:
         match: association of arms with tracks.
         fusion: fusion of views.
-        fresh_s: oldest view that is used.
-        velocity_s: time constant of the velocity of a hand as a whole …
-        finger_velocity_s: … and of its joints relative to it.
-        acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2.
-        shown_for_s: an unseen arm is reported, as inferred, for this long …
-        keep_s: … and keeps its number if it reappears within this time.
-        coast_s: its motion is extrapolated for this long.
-        one_m, one_s: two arms that no camera sees together are merged if their palms are this near for this long.
-        gesture_margin: confidence that another gesture needs above the present one's.
+        fresh_s: age of the oldest view that is used [s].
+        velocity_s: time constant of the velocity filter of a hand as a rigid whole [s].
+        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand [s].
+        acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2 [m/s²].
+        shown_for_s: an unseen arm is reported, as inferred, for this long [s].
+        keep_s: an unseen arm keeps its id if it reappears within this time [s].
+        coast_s: the motion of an unseen arm is extrapolated for this long [s].
+        one_m: two arms that no camera sees together are merged if their palms stay nearer than this [m].
+        one_s: time for which the palms must stay so near [s].
+        gesture_margin: another gesture replaces the present one if its confidence is higher by this, 0 to 1.
     """
 
     match: ArmMatchSettings = field(default_factory=ArmMatchSettings)
@@ -88,9 +89,9 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
     """One camera's newest view of an arm, in that camera's frame.
 
     Attributes:
-        arm: as detected.
-        at_s: capture time, on the common clock.
-        velocity: (23, 3) [m/s].
+        arm: the arm as detected.
+        at_s: capture time, on the common clock [s].
+        velocity: (23, 3) of the points in the order of `mocapella.model.arms.ARM_POINTS` [m/s].
     """
 
     arm: SeenArm
@@ -103,14 +104,18 @@ class ArmTrack:
     """A tracked arm: its views by camera, and the fused result in the world.
 
     Attributes:
-        evidence: of a left arm, as a logarithm of odds.
-        seen_s: when a camera last saw it [s].
-        at_s: time of the fused values [s].
-        points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) and (23,) [m] of the joints.
+        id: constant while the arm is tracked.
+        views: each camera's newest view.
+        evidence: log-odds that it is a left arm.
+        seen_s: capture time of the newest image that shows it, on the common clock [s].
+        at_s: time of the fused values, on the same clock [s].
+        points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) `JointState` and (23,) standard deviation of a
+            coordinate [m], in the order of `mocapella.model.arms.ARM_POINTS`.
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
         T_world_palm: (4, 4); None if unknown.
         gesture, gesture_sure: recognised gesture, and its confidence from 0 to 1.
-        near_since_s: since when another arm is at the same position, by that arm's id.
+        grabbing: whether the hand holds on to something.
+        near_since_s: time since which another arm has been at the same position, by that arm's id [s].
     """
 
     id: int
@@ -140,7 +145,12 @@ class ArmTrack:
         return math.tanh(0.5 * self.evidence)
 
     def palm_at(self, at_s: float, coast_s: float) -> Float64:
-        """Predict the palm, or else the wrist, (3,) in the world [m]; extrapolate for at most ``coast_s``."""
+        """Predict the palm, or the wrist if the palm is unknown, (3,) in the world [m].
+
+        Args:
+            at_s: the time to predict to, on the common clock [s].
+            coast_s: the motion is extrapolated for at most this long [s].
+        """
         i = _middle(self.points)
         dt = min(max(at_s - self.at_s, -coast_s), coast_s)
         return np.asarray(self.points[i] + dt * self.velocity[i])
@@ -150,9 +160,10 @@ class ArmTracks:
     """Tracks of all arms. The same frames in the same order give the same result.
 
     Attributes:
-        tracks: in the order of their ids.
-        now_s: newest capture time so far.
-        away: by camera: smoothed distance of its palms from the mean of all cameras [m], and time of its update [s].
+        tracks: the tracks, in the order of their ids.
+        now_s: newest capture time so far, on the common clock [s].
+        away: for each camera the smoothed distance of its palms from the mean of all cameras [m], and the time of the
+            last update of that distance [s].
         disputed: number of measured points that other views contradicted.
     """
 
@@ -172,10 +183,10 @@ class ArmTracks:
         """Assign the arms of a camera's frame to tracks, and fuse the views.
 
         Args:
-            camera: name.
-            arms: its arms, in its own frame.
+            camera: name of the camera.
+            arms: the arms in this frame, in the camera frame.
             at_s: capture time on the common clock [s].
-            places: ``T_world_camera`` (4, 4) of each calibrated camera, including this one.
+            places: pose ``T_world_camera`` (4, 4) of each calibrated camera, including this one, by name.
         """
         s, T = self.settings, places[camera]
         self.now_s = max(self.now_s, at_s)
@@ -200,7 +211,7 @@ class ArmTracks:
         self._join()
 
     def advance(self, now_s: float) -> None:
-        """Advance the time without a new frame."""
+        """Advance the time to ``now_s`` on the common clock [s], without a new frame."""
         self.now_s = max(self.now_s, now_s)
 
     def forget(self, camera: str) -> None:

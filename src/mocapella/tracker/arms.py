@@ -46,8 +46,8 @@ class ArmsSettings:
     Attributes:
         tracks: tracking and fusion of arms.
         places: calibration of cameras without a rig.
-        silent_after_s: a camera without a frame for this long is not waited for.
-        moved_m: a camera with palms this far from the mean of all is reported as moved.
+        silent_after_s: a camera without a frame for this long is not waited for [s].
+        moved_m: a camera whose palms are farther than this from the mean of all cameras is reported as moved [m].
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
@@ -115,7 +115,7 @@ class ArmsTracker:
         self._places: tuple[SensorPlace, ...] = self._sensor_places()
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """See `KeepsLayout`; the camera rig's poses take precedence."""
+        """Restart from a layout of an earlier session; the poses of a camera rig take precedence."""
         self._kept = dict(layout.sensors)
         self.reset()
 
@@ -133,7 +133,7 @@ class ArmsTracker:
         return SensorLayout(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._tracks).items() if name != "settings"},
@@ -143,7 +143,7 @@ class ArmsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, tracks, calibration = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._tracks, tracks)
@@ -157,7 +157,7 @@ class ArmsTracker:
 
     @property
     def delays_s(self) -> Mapping[str, float]:
-        """By camera calibrated from an arm: its delay relative to the first [s]."""
+        """Delay of each camera that was calibrated from an arm, relative to the first camera [s]."""
         return self._delay_s
 
     @property

@@ -18,8 +18,8 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
     """Return why a frame cannot follow its sensor's last one; empty if it can. A new process may have a new clock.
 
     Args:
-        frame: the newer one.
-        last: ``node_id`` and ``time_ns`` of the last frame; None if there is none.
+        frame: the newer frame.
+        last: ``node_id`` and ``time_ns``, on the sensor's own clock, of the sensor's last frame; None if there is none.
     """
     if last is None or frame.node_id != last[0] or frame.time_ns > last[1]:
         return ""
@@ -27,7 +27,7 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest frame, when it was captured on the common clock, and the bodies tracked in it."""
+    """A sensor's newest frame, its capture time on the common clock [ns], and the bodies tracked in it."""
 
     frame: BodyFrame
     at_ns: int
@@ -39,7 +39,7 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         problem: why the frame cannot be used; empty if it can.
-        sensor: its name.
+        sensor: name of the sensor.
         node_changed: whether another process serves this sensor now, so that old tracking ids are invalid.
         newest: newest frames of all sensors that are not silent, by name, in the order of names.
     """
@@ -65,7 +65,7 @@ class Arrivals:
         self._now_ns: int | None = None
 
     def update(self, arrival: Arrival) -> Heard:
-        """Process a frame of bodies, unless it has a problem."""
+        """Store a frame of bodies as its sensor's newest, unless it cannot follow the last one."""
         frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)

@@ -30,8 +30,8 @@ class BodiesFitter:
     """The fitters of all bodies, by name; a body is tracked once `start` has set its pose.
 
     Attributes:
-        fitters: by name.
-        others: (height, width) by name and camera: pixels that other bodies covered in the last frame.
+        fitters: the fitter of each body, by the body's name.
+        others: (height, width) masks, by body and camera: pixels that the other bodies covered in the last frame.
     """
 
     def __init__(
@@ -42,7 +42,12 @@ class BodiesFitter:
         self._followed: set[str] = set()
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """Set a body's approximate pose, at rest.
+        """Begin to track a body from an approximate pose, without motion.
+
+        Args:
+            name: name of the body.
+            pose: approximate pose of the body.
+            time_ns: time of the pose, on the common clock.
 
         Raises:
             SettingsError: no body has that name, or no camera sees a body there.
@@ -81,9 +86,12 @@ class BodiesFitter:
         """Fit every tracked body to the next frame.
 
         Args:
-            images: simultaneous ones, by camera.
-            time_ns: capture time.
+            images: simultaneous images (height, width) or (height, width, 3), by camera.
+            time_ns: capture time, on the common clock.
             waiting: names of lost bodies; they are searched at their last pose and cover nothing there.
+
+        Returns:
+            The fitted bodies, by name.
         """
         present = {name: fitter for name, fitter in self.fitters.items() if name in self._followed}
         covered = {

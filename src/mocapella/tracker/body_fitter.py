@@ -55,11 +55,11 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
     """A body in one frame.
 
     Attributes:
-        time_ns: capture time.
-        pose: of the body in the world, and its joint angles.
+        time_ns: capture time, on the common clock.
+        pose: position and orientation of the body in the world, and its joint angles.
         landmarks: (n, 3) in the world [m], in the order of the mesh's landmarks.
-        seen: contour and model outline by camera.
-        left_out: reason by camera why its image was not used.
+        seen: contour and model outline, by camera whose image was used.
+        left_out: the reason why an image was not used, by camera.
     """
 
     time_ns: int
@@ -73,10 +73,10 @@ class BodyFitter:
     """Fits one body to images, starting from a rough pose.
 
     Attributes:
-        settings: of every stage.
-        mesh: of the body.
-        body: the same with precomputed values.
-        eyes: the cameras with precomputed values.
+        settings: the settings of every stage.
+        mesh: the body's mesh.
+        body: the mesh with precomputed values.
+        eyes: the rig's cameras with precomputed values, by name.
     """
 
     def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:
@@ -120,7 +120,11 @@ class BodyFitter:
             camera.recall(cameras[name])
 
     def start(self, pose: TreePose, time_ns: int) -> None:
-        """Set the approximate pose, at rest.
+        """Begin to track from an approximate pose, without motion.
+
+        Args:
+            pose: the approximate pose.
+            time_ns: time of the pose, on the common clock.
 
         Raises:
             SettingsError: no camera sees the body there.
@@ -154,7 +158,7 @@ class BodyFitter:
                 background.update(without_speckles(image), None)
 
     def expected(self, time_ns: int) -> TreePose:
-        """Predict the pose by extrapolating the motion."""
+        """Predict the pose at the time ``time_ns`` on the common clock, by extrapolating the motion."""
         (last_ns, last) = self._past[-1]
         if len(self._past) < 2:
             return last
@@ -171,9 +175,9 @@ class BodyFitter:
         """Fit the body to the next frame.
 
         Args:
-            images: simultaneous ones, by camera: (height, width) or (height, width, 3) uint8.
-            time_ns: capture time.
-            others: (height, width) by camera, pixels of other people, which are no evidence for this body.
+            images: simultaneous images, by camera: (height, width) or (height, width, 3) uint8.
+            time_ns: capture time, on the common clock.
+            others: (height, width) masks, by camera: pixels of other people, which are no evidence for this body.
         """
         others = others or {}
         s = self.settings
@@ -292,7 +296,7 @@ class BodyFitter:
         return farthest_apart_m(these, those) <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
-        """Return the pixels (height, width) that the body covers in a pose, by camera, dilated by ``grown_px``."""
+        """Return the mask (height, width) of the posed body in each camera, by name, dilated by ``grown_px``."""
         vertices, out = posed(self.mesh, pose), {}
         for name, by in self.eyes.items():
             step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX
@@ -322,4 +326,4 @@ class BodyFitter:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (TreePose, Evidence, Eye)
-"""Classes in the state."""
+"""Classes in the state that `BodyFitter.memory` returns, for `mocapella.model.memory`."""

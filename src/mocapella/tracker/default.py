@@ -75,7 +75,8 @@ class DefaultTracker:
     """Tracker of the method ``default``.
 
     Attributes:
-        joint_bias: subtracted from the views of sensors with those joints, or None; read at every frame.
+        joint_bias: bias that is subtracted from the views of sensors with the model's topology; None subtracts none. It
+            may be replaced between two frames.
     """
 
     joint_bias: JointBiasModel | None
@@ -137,7 +138,7 @@ class DefaultTracker:
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.state())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
@@ -145,7 +146,7 @@ class DefaultTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._arrivals, arrivals)
@@ -161,16 +162,16 @@ class DefaultTracker:
         self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin from given poses, each used until the sensor's own pose is estimated better."""
+        """Begin with known poses (4, 4), by sensor; each is used until the tracker has a better estimate."""
         self._calibration.start_from(T_world_sensor)
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """See `KeepsLayout`."""
+        """Restart from a layout of an earlier session; see `KeepsLayout`."""
         self.reset()
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """See `KeepsLayout`."""
+        """Return the estimated layout, None if not known yet; see `KeepsLayout`."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:

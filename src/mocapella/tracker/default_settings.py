@@ -15,7 +15,7 @@ from mocapella.tracker.people_arms import PeopleArmsSettings
 from mocapella.tracker.people_bodies import PeopleBodiesSettings
 
 JOINT_BIAS: Final = ("learnt", "none")
-"""Bias subtracted from the views' joints: the one shipped with this version, or none."""
+"""Joint bias that is subtracted from the views: the model shipped with this version, or none."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class DefaultSettings:
     """The settings of every stage.
 
     Attributes:
-        calibration: of the sensors' poses.
-        jumps: rejection of bodies at impossible places.
+        calibration: calibration of the sensors' poses.
+        jumps: rejection of bodies that jump farther than people can move.
         tracks: assignment of bodies to people.
         people: fusion and smoothing of their views.
-        silent_after_s: a sensor without a frame for this long is not waited for.
+        silent_after_s: a sensor without a frame for this long is not waited for [s].
         joint_bias: ``learnt`` subtracts the sensors' known joint bias, which depends on people's facing; ``none`` does
             not.
         keep_root_s: how long the root sensor, whose space defines the world, is kept while other sensors are tied to

@@ -53,7 +53,7 @@ class FrameSyncSettings:
     """Assumptions before the first frame.
 
     Attributes:
-        period_s: the cameras' period, until their frames show it [s].
+        period_s: frame period of the cameras, used until their frames show it [s].
         silent_after_s: a camera without a frame for this long is not waited for [s].
     """
 
@@ -69,8 +69,8 @@ class SyncedFrames(msgspec.Struct, frozen=True, eq=False):
     """Simultaneous frames.
 
     Attributes:
-        time_ns: midpoint of the oldest and the newest, on the common clock.
-        frames: one of each camera that has one, by its name.
+        time_ns: midpoint of the oldest and the newest capture time, on the common clock.
+        frames: the frame of each camera that has one in this set, by the camera's name.
     """
 
     time_ns: int
@@ -163,18 +163,18 @@ class FrameSync:
 
     @property
     def period_ns(self) -> float:
-        """Median of the cameras' periods; the setting before the first is known."""
+        """Median of the cameras' frame periods [ns]; the setting ``period_s`` before a period is known."""
         known = sorted(period for camera in self._cameras.values() if (period := camera.period_ns) is not None)
         return known[len(known) // 2] if known else self.settings.period_s * NS_PER_S
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Cameras that are not waited for, in the order given."""
+        """Names of the cameras that are not waited for, in the order of ``cameras``."""
         return tuple(name for name, camera in self._cameras.items() if self._is_silent(camera))
 
     @property
     def heard(self) -> tuple[str, ...]:
-        """Cameras that send frames."""
+        """Names of the cameras that send frames."""
         return tuple(
             name for name, one in self._cameras.items() if one.heard_ns is not None and not self._is_silent(one)
         )
@@ -269,4 +269,4 @@ class FrameSync:
 
 
 REMEMBERED: Final[tuple[type, ...]] = (Arrival,)
-"""Types in the state, besides the frames' own."""
+"""Classes in the state that `FrameSync.memory` returns, besides the frames' own, for `mocapella.model.memory`."""

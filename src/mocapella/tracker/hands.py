@@ -57,23 +57,23 @@ class HandsSettings:
     """Markers, and the settings of every stage.
 
     Attributes:
-        tips: the markers of thumb to little finger.
-        base: the markers of the hand's base.
-        base_places_m: (base, 3) their positions in the palm frame of a right hand; empty for the usual ones on the
-            palm.
-        middle_sd_px: error of a partly visible marker's centre, in addition to the camera's own.
+        tips: names of the markers on the fingertips, thumb to little finger.
+        base: names of the markers on the hand's base.
+        base_places_m: (base, 3) positions of the base markers in the palm frame of a right hand; empty for the default
+            positions on the palm [m].
+        middle_sd_px: standard deviation of a partly visible marker's centre, in addition to the camera's own [px].
         constraints: ``thesis`` or ``full``: which angles are free.
-        rays: motion of markers.
-        fit: motion of hands.
-        smoothing_2d: of each camera's pixels, before the rays, with speeds in pixels; None for none.
-        smoothing: of the points, before the hand is fitted; None for none.
+        rays: tracking of markers.
+        fit: fit of the hand.
+        smoothing_2d: filter of each camera's pixels, before triangulation, with speeds in px/s; None for none.
+        smoothing: filter of the 3D points, before the hand is fitted; None for none.
         objects: objects to track.
-        poses: motion of objects.
-        tag_sd_px: error of a tag's corners by lens and mounting, in addition to the camera's own.
-        spaces: of other trackers, as estimated by `mocapella calibrate space`.
-        grasp: when objects are held.
-        rig_fit: when swapped cameras, or a rig that does not fit, are reported.
-        silent_after_s: a camera without a frame for this long is not waited for.
+        poses: tracking of objects.
+        tag_sd_px: standard deviation of a tag's corner by lens and mounting, in addition to the camera's own [px].
+        spaces: frames of reference of other trackers, as estimated by `mocapella calibrate space`.
+        grasp: detection of held objects.
+        rig_fit: thresholds for reporting swapped cameras, or a rig that does not fit.
+        silent_after_s: a camera without a frame for this long is not waited for [s].
     """
 
     tips: tuple[str, str, str, str, str] = ("red", "yellow", "green", "blue", "magenta")
@@ -186,7 +186,7 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._rays).items() if name not in _RAYS_MADE_OF},
@@ -200,7 +200,7 @@ class HandsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._rays, rays)

@@ -26,12 +26,13 @@ def arrivals_of(
     Args:
         images: (height, width, 3) uint8 BGR by camera.
         time_ns: capture time, on the common clock.
-        cameras: of the rig; one without an image is marked as such. None: the keys of ``images``.
-        number: of the frame.
+        cameras: names of the rig's cameras; a camera without an image gets an arrival with an empty image. None: the
+            keys of ``images``.
+        number: sequence number of the frames.
         empty_room: whether the images show the room without people.
 
     Raises:
-        SettingsError: an array that is no image.
+        SettingsError: an array has another shape or type.
     """
     names = images if cameras is None else cameras
     frames = (

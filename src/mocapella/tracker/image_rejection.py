@@ -33,11 +33,11 @@ def shows_another_scene(
     change is enough.
 
     Args:
-        cameras: in whose images the body is expected; they have been searched.
-        images: by camera.
-        left_out: cameras already left out, with reasons.
-        settings: of the tracker.
-        time_ns: capture time.
+        cameras: the cameras in whose images the body is expected, by name, after `SilhouetteCamera.look`.
+        images: (height, width, 3) uint8, by camera.
+        left_out: reasons for the cameras whose images were rejected before, by name.
+        settings: settings of the tracker.
+        time_ns: capture time, on the common clock.
     """
     unlike = {name: camera.unlike(images[name]) for name, camera in cameras.items()}
     much = {name for name, camera in cameras.items() if unlike[name] > camera.usually.much(settings.unlike)}
@@ -60,10 +60,10 @@ def hides_the_body(
 ) -> dict[str, str]:
     """Return cameras whose outline suddenly is not that of the body at its predicted pose, with the reasons.
 
-    If that is so in all cameras, and no image is rejected otherwise, the body moved.
+    If the outlines differ in all cameras, and no image is rejected otherwise, the body moved: the result is empty.
 
     Args:
-        cameras: whose images were segmented.
+        cameras: the cameras whose images were segmented, by name.
         left_out, settings, time_ns: see `shows_another_scene`.
     """
     common = {name: camera.seen().overlap for name, camera in cameras.items()}

@@ -15,7 +15,7 @@ class InitialBody(msgspec.Struct, frozen=True, eq=False):
     """A body and its initial pose.
 
     Attributes:
-        mesh: of the body.
+        mesh: the body's mesh.
         pose: approximate initial pose.
         build: JSON description of the mesh, see `TrackedBody.build`; empty if not given.
     """
@@ -26,7 +26,7 @@ class InitialBody(msgspec.Struct, frozen=True, eq=False):
 
 
 def build_of(model: str, height_m: float | None, proportions: Mapping[str, float], sha256: str = "") -> str:
-    """Return `TrackedBody.build` of a body.
+    """Return the JSON description from which a reader rebuilds a body's mesh; see `TrackedBody.build`.
 
     Args:
         model: male, female, legs, or the name of a mesh file.

@@ -35,21 +35,21 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 FEWEST_CAMERAS = 2
-"""Fewest cameras with evidence."""
+"""Least number of cameras with evidence of a limb."""
 EVERY_LIMB = 12
 """Interval, in frames, at which the next whole limb is searched without a suspicion."""
 LOOSE = 1e-3
 """Weight of a limb's centre relative to its axes."""
 STRETCHED = 1.1
-"""Reach of a limb relative to its length at rest."""
+"""Reach of a limb from its root, as a factor of its length at rest."""
 
 
 class LimbRecovery:
     """Recovers misplaced limbs of one body.
 
     Args:
-        body: whose limbs are checked.
-        settings: of the search.
+        body: the body whose limbs are checked.
+        settings: settings of the search.
     """
 
     def __init__(self, body: SilhouetteBody, settings: LimbSearchSettings) -> None:
@@ -87,15 +87,15 @@ class LimbRecovery:
         others: Mapping[str, Bool],
         cameras: Mapping[str, SilhouetteCamera],
     ) -> tuple[NDArray[np.int64], TreePose] | None:
-        """Search the suspect limbs; return the joints of those that were moved, and the corrected pose.
+        """Search the suspect limbs; return the joints of the moved limbs, and the corrected pose.
 
         Args:
-            pose: of the body in this frame.
+            pose: fitted pose of the body in this frame.
             images, others: see `BodyFitter.update`.
-            cameras: in whose images the body was segmented, by name.
+            cameras: the cameras in whose images the body was segmented, by name.
 
         Returns:
-            Indices (k,) of the joints, and the pose; None if no limb was moved.
+            Indices (k,) of the joint angles that changed, and the pose; None if no limb was moved.
         """
         self._frame += 1
         stands = self._body.standing(pose)
@@ -162,7 +162,7 @@ class LimbRecovery:
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
-    """Return the pose with the angles of ``joints`` (k,) replaced by those of ``angles``, (joints,) [rad]."""
+    """Return the pose with the angles of the joints with indices ``joints`` (k,) taken from ``angles`` (all,) [rad]."""
     changed = pose.angles.copy()
     changed[joints] = angles[joints]
     return TreePose(pose.T_world_model, changed)

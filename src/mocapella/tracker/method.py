@@ -25,9 +25,9 @@ class Method:
     """A tracking method.
 
     Attributes:
-        interface: of `mocapella.registry`.
-        name: on the command line, in takes and in the view.
-        summary: its purpose, in a line.
+        interface: version of the descriptor's interface, see `mocapella.registry`.
+        name: name of the method on the command line, in takes and in the view.
+        summary: purpose of the method, in one line.
         settings: the frozen dataclass of its settings.
         frame_types: classes of the frames that it accepts; others are rejected with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
@@ -37,9 +37,9 @@ class Method:
             are compiled in other processes at the same time (`mocapella.live.compilation`).
         camera_rig: whether it needs the poses of calibrated cameras, as ``rig`` in its settings.
         keeps_layout: whether its tracker estimates sensor poses that can be kept (`KeepsLayout`).
-        files: by option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that makes settings
-            of the files (a sequence of paths).
-        stages: of the view, ``module:name`` each, in display order; the last is always shown.
+        files: for each option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that reads
+            the files, a sequence of paths, into settings.
+        stages: stages of the live view, ``module:name`` each, in display order; the last is always shown.
     """
 
     interface: int
@@ -62,7 +62,7 @@ METHODS: Final = Table("mocapella.methods", Method, "tracking method")
 
 
 def methods_making(part: str) -> tuple[str, ...]:
-    """Return the names of the methods whose main part is of that type."""
+    """Return the names of the methods whose main scene parts are of a type, such as ``people``."""
     return tuple(method.name for method in METHODS.values() if method.parts[0] == part)
 
 

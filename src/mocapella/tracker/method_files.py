@@ -15,7 +15,7 @@ from mocapella.model.space import as_settings, load_space
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read the poses of calibrated cameras.
+    """Read a camera rig file into the setting ``rig``: its text.
 
     Raises:
         InputError: the file cannot be used; for a sensor layout, the message names the setting ``layout``.
@@ -31,7 +31,7 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def bodies_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read the poses of calibrated cameras for bodies of people that body sensors also see.
+    """Read a camera rig file into the settings of bodies that are fitted beside body sensors.
 
     Raises:
         InputError, SettingsError: see `camera_rig`.
@@ -40,7 +40,7 @@ def bodies_rig(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read the shape of the hand.
+    """Read a hand file into the setting ``hand``.
 
     Raises:
         InputError: the file cannot be used.
@@ -50,7 +50,7 @@ def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def spaces(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read the alignments of other trackers' spaces, as estimated by `mocapella calibrate space`.
+    """Read files of `mocapella calibrate space`, the poses of other trackers' frames, into the setting ``spaces``.
 
     Raises:
         InputError: a file cannot be used.

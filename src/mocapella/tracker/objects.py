@@ -42,7 +42,7 @@ _BASE_S, _AHEAD_S = 0.03, 0.05
 _FLAT_M: Final = 0.001
 """Largest distance of markers from a common plane."""
 UNSAID_SD_PX: Final = 0.5
-"""Standard deviation assumed for a camera that does not report any."""
+"""Standard deviation of a marker's coordinate that is assumed for a camera that reports none [px]."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class TagPlace:
     """A tag on an object.
 
     Attributes:
-        tag: its number.
-        side_m: side of its dark square.
-        middle_m: its centre, in the object's frame.
-        right, up: directions of the tag's own right and up there, as one reads it.
+        tag: number of the tag.
+        side_m: side of its dark square [m].
+        middle_m: its centre, in the object's frame [m].
+        right, up: unit vectors in the object's frame: to the right and up in the tag's image, when it is upright.
     """
 
     tag: int
@@ -72,7 +72,7 @@ class TagPlace:
 
     @property
     def corners_m(self) -> Float64:
-        """(4, 3) in the object's frame, in the order of `mocapella.model.tags.corner_names`."""
+        """(4, 3) corners in the object's frame [m], in the order of `mocapella.model.tags.corner_names`."""
         R = np.stack([self.right, self.up, np.cross(self.right, self.up)], axis=1)
         return apply(rigid(R, self.middle_m), corner_places(self.side_m))
 
@@ -82,16 +82,16 @@ class ObjectSettings:
     """A rigid object with markers or tags, or one that another tracker follows.
 
     Attributes:
-        name: of the object.
-        markers: names of colour markers; without a tag, three or more that are not on a line.
-        places_m: (markers, 3) their positions on it.
-        size_m: of its bounding box, about its origin.
+        name: name of the object.
+        markers: names of its colour markers; without a tag, three or more that are not on a line.
+        places_m: (markers, 3) positions of the markers in the object's frame [m].
+        size_m: size of the object's bounding box, centred on its origin [m].
         tag: number of a tag on the box's side towards z, upright with y; None for none.
-        tag_side_m: side of that tag's dark square.
-        tags: tags anywhere on it.
-        space: another tracker's space, for the poses of ``body``; see `mocapella calibrate space`.
-        body: the other tracker's name of it.
-        origin_m: the object's origin, the centre of its box, in the frame of ``body``.
+        tag_side_m: side of that tag's dark square [m].
+        tags: tags anywhere on the object.
+        space: name of another tracker's frame of reference, for the poses of ``body``; see `mocapella calibrate space`.
+        body: the other tracker's name of the object.
+        origin_m: the object's origin, the centre of its box, in the frame of ``body`` [m].
     """
 
     name: str
@@ -131,24 +131,24 @@ class ObjectSettings:
 
     @property
     def all_tags(self) -> tuple[TagPlace, ...]:
-        """`tags`, and the tag of ``tag``."""
+        """All tags: `tags`, and the one of ``tag`` on the box's side."""
         if self.tag is None:
             return self.tags
         return TagPlace(self.tag, self.tag_side_m, (0.0, 0.0, 0.5 * self.size_m[2])), *self.tags
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Names of all its points: its markers, then its tags' corners."""
+        """Names of all points of the object: its markers, then its tags' corners."""
         return *self.markers, *(name for tag in self.all_tags for name in corner_names(tag.tag))
 
     @property
     def points_m(self) -> Float64:
-        """(points, 3) their positions on it."""
+        """(points, 3) positions of `points` in the object's frame [m]."""
         return np.concatenate([np.array(self.places_m).reshape(-1, 3), *(tag.corners_m for tag in self.all_tags)])
 
     @property
     def planes(self) -> tuple[tuple[int, ...], ...]:
-        """Groups of four or more points on a plane."""
+        """Groups of four or more points on a plane, as indices in `points`."""
         n = len(self.markers)
         planes = [tuple(range(n + 4 * k, n + 4 * k + 4)) for k in range(len(self.all_tags))]
         if n >= 4:
@@ -159,7 +159,13 @@ class ObjectSettings:
 
 
 class HeardPose(msgspec.Struct, frozen=True, eq=False):
-    """Another tracker's pose of an object: ``T`` (4, 4) to the world, and its `JointState`."""
+    """Another tracker's pose of an object.
+
+    Attributes:
+        at_s: capture time, on the rig's clock [s].
+        T: (4, 4) from the object's frame to the world.
+        state: its `JointState`.
+    """
 
     at_s: float
     T: Float64
@@ -268,9 +274,10 @@ class RigidObjects:
         """Process a camera's markers.
 
         Args:
-            frame: of a camera of the rig.
-            at_s: capture time of its first row, on the camera's clock [s].
-            marker_sd_px, tag_sd_px: errors of a colour marker and of a corner, in addition to the camera's own.
+            frame: frame of a camera of the rig.
+            at_s: capture time of the image's first row, on the camera's clock [s].
+            marker_sd_px, tag_sd_px: standard deviations of a colour marker and of a tag's corner, in addition to the
+                camera's own [px].
         """
         place = {name: i for i, name in enumerate(frame.names)}
         for item in self._items:
@@ -287,7 +294,13 @@ class RigidObjects:
             item.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
 
     def add_poses(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
-        """Process another tracker's poses at a time of the rig's clock."""
+        """Process another tracker's poses.
+
+        Args:
+            frame: the poses.
+            T_world_space: (4, 4) from that tracker's frame of reference to the world.
+            at_s: capture time, on the rig's clock [s].
+        """
         for item in self._items:
             if item.settings.space != frame.space:
                 continue
@@ -296,7 +309,12 @@ class RigidObjects:
                 item.add_pose(T_world_space @ T, int(frame.states[frame.names.index(item.settings.body)]), at_s)
 
     def track(self, hand: TrackedHand | None, at_s: float) -> tuple[TrackedObject, ...]:
-        """Return all objects at a time."""
+        """Return all objects at a time, and update which one is held.
+
+        Args:
+            hand: the hand at that time; None without one.
+            at_s: the time, on the rig's clock [s].
+        """
         return tuple(item.track(hand, at_s) for item in self._items)
 
     @property
@@ -327,7 +345,7 @@ class RigidObjects:
 _OBJECT: Final = ("T", "T_palm", "heard")
 _POSES: Final = ("_hypotheses", "_frames", "_believed", "_refused", "_counts")
 REMEMBERED: Final[tuple[type, ...]] = (Hypothesis, SeenFrame, HeardPose)
-"""Classes in the state."""
+"""Classes in the state that `RigidObjects.memory` returns, for `mocapella.model.memory`."""
 
 
 def _outline(size_m: tuple[float, float, float]) -> Float64:

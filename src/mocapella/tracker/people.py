@@ -58,14 +58,14 @@ class PeopleSettings:
         one_euro: 1-euro filter.
         body: articulated body.
         smoothing: one of `SMOOTHING`.
-        view_age_s: oldest view that is used [s].
+        view_age_s: age of the oldest view that is used [s].
         speed_memory_s: time constant of the decay of an unseen joint's predicted velocity [s].
         facing: estimation of people's facing, which repairs mirrored labels; None uses the labels on which the sensors
             agree.
         noise_gain: factor of a joint's learnt noise in its variance.
         noise_memory_s: time constant of learning the noise [s].
         turn_s: time constant of turning a view's shoulders and hips to the facing [s].
-        still_m_s: speed below which a person stands still [m/s].
+        still_m_s: a slower person stands still [m/s].
         sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
             views are turned in part [rad].
         least_worth: weight of a view along the shoulders, relative to a frontal one.
@@ -148,8 +148,8 @@ class People:
 
         Args:
             bodies: the sensor's bodies.
-            T: (4, 4) from its camera space to the space of the people.
-            at_s: time for which people are predicted [s].
+            T: (4, 4) from the sensor's camera space to the space of the people.
+            at_s: time for which people are predicted, on the common clock [s].
         """
         m, count, joints = self.memory, len(bodies.ids), len(self.mirror)
         prepared = Prepared(
@@ -169,10 +169,10 @@ class People:
         """Return corrections of the sensor's joint bias for a frame's bodies, from the people's present state.
 
         Args:
-            model: of the same joints.
+            model: joint bias of the same topology.
             bodies: the sensor's bodies.
             rows: (bodies,) row of each body's person in the previous frames; −1 for none.
-            T: (4, 4) from its camera space to the space of the people.
+            T: (4, 4) from the sensor's camera space to the space of the people.
             at_s: the newest capture time so far, on the common clock [s].
 
         Returns:
@@ -192,7 +192,7 @@ class People:
         """Process one frame.
 
         Args:
-            frame: its bodies, each assigned to a person.
+            frame: the frame's bodies, each assigned to a person.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
         """
         s, kernels, rows, column = self.settings, _kernels(), frame.rows, self._column(frame.sensor)
@@ -226,7 +226,12 @@ class People:
             )  # fmt: skip
 
     def results(self, T: Float64, at_s: float) -> PeopleResults:
-        """Return all people and the views in use at a time, moved by ``T`` (4, 4) to another space."""
+        """Return all people and the views in use.
+
+        Args:
+            T: (4, 4) from the space of the people to the space of the results.
+            at_s: present time on the common clock, for the age of views [s].
+        """
         m = self.memory
         results = _kernels().report(
             np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
@@ -240,7 +245,7 @@ class People:
         return frozenset((self.sensors[c], int(m.view_id[r, c])) for r, c in zip(rows, columns, strict=True))
 
     def move(self, T_new_old: Float64) -> None:
-        """Express all state in another frame, by ``T_new_old`` (4, 4)."""
+        """Transform all state by ``T_new_old`` (4, 4) into another frame of reference."""
         m, R = self.memory, np.ascontiguousarray(T_new_old[:3, :3])
         self.R_level = self.R_level @ R.T
         self.up = np.ascontiguousarray(self.R_level[1])
@@ -252,14 +257,14 @@ class People:
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
     def move_sensor(self, sensor: str, T_new_old: Float64) -> None:
-        """Move one sensor's views after its pose was refined; people glide to the new positions."""
+        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people glide to the new place."""
         if sensor not in self.sensors:
             return
         column = self.sensors.index(sensor)
         _kernels().move_views(column, np.ascontiguousarray(T_new_old), self.mirror, self.memory.views)
 
     def level(self, R_level: Float64) -> None:
-        """Set the rotation (3, 3) from the space of the people to one with y up."""
+        """Set the rotation ``R_level`` (3, 3) from the space of the people to one with y up."""
         turned = R_level @ self.R_level.T
         if self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))
@@ -267,7 +272,7 @@ class People:
         self.up = np.ascontiguousarray(R_level[1])
 
     def arrange(self, numbers: Sequence[int]) -> None:
-        """Set the rows to these people, in this order: known ones first, then new ones; drop all others."""
+        """Set the rows to the people ``numbers``, in that order: known people first, then new ones; drop all others."""
         if self.numbers == numbers:
             return
         known = set(self.numbers)
@@ -278,7 +283,10 @@ class People:
         self.numbers = list(numbers)
 
     def join(self, stays: int, gone: int) -> None:
-        """Merge two tracks of one person: keep the state of the one seen last, and the views of both."""
+        """Merge two tracks of one person under the number ``stays``.
+
+        The state is kept from the track that was seen last, the views from both; the number ``gone`` is dropped.
+        """
         one, other = self.numbers.index(stays), self.numbers.index(gone)
         seen_s = self.memory.view_at
         newer, last = seen_s[other] > seen_s[one], seen_s[other].max() > seen_s[one].max()
@@ -328,8 +336,9 @@ class Prepared(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         positions: (bodies, joints, 3) in the space of the people [m].
-        middles: (bodies, middle joints, 3) their joints on the middle line, which have no left and right.
-        lengths: (bodies, lengths) of `mocapella.association.proportions` [m].
+        middles: (bodies, middle joints, 3) the joints on the body's middle line, which have no left and right, in the
+            same space [m].
+        lengths: (bodies, lengths) body lengths, see `mocapella.association.proportions` [m].
         expected: (people, middle joints, 3) predicted for all people [m]; NaN where not known.
     """
 
@@ -343,7 +352,7 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
     """All people, by row.
 
     Attributes:
-        positions: (people, joints, 3) [m].
+        positions: (people, joints, 3) smoothed positions [m].
         sd: (people, joints) float32, standard deviation of a coordinate [m].
         views: (people, sensors, joints, 3) each sensor's view [m]; only where it is in use.
         fresh: (people, sensors) whether the view is in use.

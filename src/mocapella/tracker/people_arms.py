@@ -38,8 +38,8 @@ class PeopleArmsSettings:
     """Poses of depth cameras, and tracking of their arms.
 
     Attributes:
-        depth_of: by depth camera, the body sensor that it is a part of; both share one lens.
-        rig: text of a camera rig file, for depth cameras beside one of these, which is also in the rig.
+        depth_of: the body sensor that a depth camera is a part of, by depth camera; both share one lens.
+        rig: text of a camera rig file with one of these depth cameras and others beside it; empty for none.
         tracks: tracking and fusion of arms.
         owners: assignment to people.
     """
@@ -88,7 +88,10 @@ class PeopleArms:
         set_memory(self._tracks, tracks)
 
     def problem(self, frame: ArmFrame, sensors: Mapping[str, Float64]) -> str:
-        """Return why a frame cannot be used; empty if it can. ``sensors``: calibrated ``T_world_sensor``."""
+        """Return why a frame cannot be used; empty if it can.
+
+        ``sensors`` are the calibrated poses ``T_world_sensor`` (4, 4), by body sensor.
+        """
         if frame.sensor not in self._in:
             fix = f"""--set 'arms.depth_of={{"{frame.sensor}": "SENSOR"}}' names the sensor that it is a part of"""
             known = f"; configured cameras: {one_of(frame.sensor, self._in)}" if self._in else ""
@@ -99,14 +102,20 @@ class PeopleArms:
         return time_problem(frame, self._newest.get(frame.sensor))
 
     def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
-        """Process a frame without a `problem`."""
+        """Process a frame without a `problem`.
+
+        Args:
+            frame: the arms of a depth camera.
+            at_s: capture time, on the common clock [s].
+            sensors: calibrated poses ``T_world_sensor`` (4, 4), by body sensor.
+        """
         self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
         places = {name: sensors[sensor] @ T for name, (sensor, T) in self._in.items() if sensor in sensors}
         self._tracks.update(frame.sensor, frame.arms, at_s, places)
 
     @property
     def there(self) -> bool:
-        """Whether there is any arm."""
+        """Whether any arm is tracked."""
         return bool(self._tracks.tracks)
 
     def tracked_arms(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
@@ -114,7 +123,7 @@ class PeopleArms:
 
         Args:
             people: the tracked people.
-            topology: of their skeletons; without one the arms have no persons.
+            topology: topology of the people's skeletons; without one the arms have no persons.
             now_s: the scene's time on the server's clock [s].
         """
         self._tracks.advance(now_s)

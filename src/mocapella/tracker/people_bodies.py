@@ -48,8 +48,8 @@ class PeopleBodiesSettings:
     Attributes:
         silhouettes: the settings of the method ``silhouettes``; if empty, images are rejected.
         alignment: estimation of the rig's pose in the world.
-        take_m: mean distance of the joints within which a body is assigned to a person …
-        keep_m: … and within which it stays assigned [m].
+        take_m: a body is assigned to a person if the mean distance of their joints is at most this [m].
+        keep_m: a body stays assigned while that distance is at most this [m].
     """
 
     silhouettes: dict[str, Any] = field(default_factory=dict)
@@ -105,12 +105,12 @@ class PeopleBodies:
         set_memory(self, own)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
-        """Process an image; return why it cannot be used.
+        """Process an image; return why it cannot be used, empty if it can.
 
         Args:
-            arrival: of the image.
-            people: present now.
-            topology: of their skeletons.
+            arrival: a camera's frame with an image.
+            people: the tracked people, for the pose of the rig.
+            topology: topology of the people's skeletons.
         """
         if self._tracker is None:
             return NOT_CONFIGURED
@@ -200,4 +200,4 @@ def _joints_of_body(body: TrackedBody) -> Float64:
 _SIDES: Final = tuple((limb, side) for limb in LIMBS for side in ("Left", "Right"))
 _OWN: Final = ("_bodies", "_cameras", "_reason", "_owner")
 REMEMBERED: Final = (*ALIGNMENT_REMEMBERED, TrackedBody, TrackedBodyView)
-"""Classes in the state."""
+"""Classes in the state that `PeopleBodies.memory` returns, for `mocapella.model.memory`."""

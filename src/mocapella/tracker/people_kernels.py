@@ -48,7 +48,7 @@ __all__ = [
 
 @njit(cache=True)
 def move_points(T: Float64, points: Float64, out: Float64) -> None:
-    """Transform points (n, 3) by T (4, 4) into ``out``."""
+    """Transform points (n, 3) by T (4, 4), and write them to ``out`` (n, 3) [m]."""
     for j in range(len(points)):
         x, y, z = points[j, 0], points[j, 1], points[j, 2]
         for k in range(3):
@@ -60,7 +60,19 @@ def prepare(
     T: Float64, bodies: Float64, ends: Int64, middle: Int64, now_s: float, forget_after_s: float, points: PointArrays,
     world: Float64, middles: Float64, lengths: Float64, expected: Float64,
 ) -> None:  # fmt: skip
-    """Compute the inputs of association for a frame's bodies into the last four arrays, see `Prepared`."""
+    """Compute the inputs of association for a frame's bodies; see `mocapella.tracker.people.Prepared`.
+
+    Args:
+        T: (4, 4) from the sensor's camera space to the space of the people.
+        bodies: (bodies, joints, 3) in camera space [m]; NaN where not tracked.
+        ends: (2 · lengths, 2) indices of the joints at both ends of each body length, left and right in turn.
+        middle: (middle,) indices of the joints on the body's middle line.
+        now_s: time for which people are predicted, on the common clock [s].
+        forget_after_s: a joint that was unseen for longer is not predicted [s].
+        points: Kalman filters of the people's joints.
+        world, middles, lengths, expected: (bodies, joints, 3), (bodies, middle, 3), (bodies, lengths),
+            (people, middle, 3), written.
+    """
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
         for m in range(len(middle)):
@@ -84,6 +96,14 @@ def observe(
 ) -> tuple[Float64, Float64, Float64, Float64]:
     """Predict all people to ``now_s`` and store a frame's bodies as the newest views.
 
+    Args:
+        frame: the bodies.
+        now_s: newest capture time so far, on the common clock [s].
+        parameters, fusion: the settings.
+        layout: joints with a special role.
+        R_level: (3, 3) from the space of the people to one with y up.
+        points, views: updated.
+
     Returns:
         The bodies' joints, the yaws to the sensor and the velocities that `to_level` returns, and the time since each
         person's previous view by this sensor (bodies,), at most a second [s].
@@ -103,7 +123,15 @@ def observe(
 
 @njit(cache=True)
 def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: float, out: Float64) -> None:
-    """Predict the middle joints of people at ``now_s`` into ``out`` (people, middle, 3); NaN where not known."""
+    """Predict the joints on the middle line of all people.
+
+    Args:
+        middle: (middle,) indices of these joints.
+        now_s: the time, on the common clock [s].
+        points: Kalman filters of the people's joints.
+        forget_after_s: a joint that was unseen for longer is not predicted [s].
+        out: (people, middle, 3) written, in the space of the people [m]; NaN where not known.
+    """
     at_s, positions, velocities, seen_s = points.at_s, points.positions, points.velocities, points.seen_s
     for r in range(len(at_s)):
         dt = max(0.0, now_s - at_s[r])
@@ -118,7 +146,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict the state of all people's joints to ``now_s``, in place; people of a later time stay.
+    """Predict the Kalman filters ``points`` to ``now_s`` on the common clock [s], in place; later ones stay.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.
@@ -142,7 +170,10 @@ def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> No
 
 @njit(cache=True)
 def begin_offsets(offsets: Float64, view: Float64, expected: Float64) -> None:
-    """Initialise offsets (joints, 3) that are NaN, so that the corrected view begins at the expected joints."""
+    """Initialise the offsets (joints, 3) that are NaN, in place, so that the corrected view begins at the prediction.
+
+    ``view`` and ``expected`` are the view's and the predicted joints (joints, 3) [m].
+    """
     for j in range(len(offsets)):
         if np.isnan(offsets[j, 0]):
             x, y, z = view[j, 0] - expected[j, 0], view[j, 1] - expected[j, 1], view[j, 2] - expected[j, 2]
@@ -153,7 +184,7 @@ def begin_offsets(offsets: Float64, view: Float64, expected: Float64) -> None:
 
 @njit(cache=True)
 def subtract_offsets(offsets: Float64, view: Float64, kept: Float64) -> None:
-    """Subtract offsets (joints, 3) from a view, and store them in ``kept``."""
+    """Subtract offsets (joints, 3) from ``view`` (joints, 3), in place, and copy them to ``kept`` (joints, 3) [m]."""
     for j in range(len(offsets)):
         for k in range(3):
             kept[j, k] = offsets[j, k]
@@ -175,8 +206,18 @@ def make(
 ) -> tuple[Float64, Float64]:
     """Fuse each person's views, correct the Kalman filter by the result, and write its state as the skeletons.
 
+    Args:
+        rows: (bodies,) rows of the persons in the frame.
+        columns: number of sensors.
+        now_s: newest capture time so far, on the common clock [s].
+        parameters, fusion: the settings.
+        layout: joints with a special role.
+        up: (3,) unit vector upwards, in the space of the people.
+        points, views, skeletons: updated.
+
     Returns:
-        The fused positions of the persons in the frame (rows, joints, 3) and their variances (rows, joints).
+        The fused positions of the persons in the frame (bodies, joints, 3) [m], and their variances (bodies, joints)
+        [m²].
     """
     positions, variances = points.positions, points.variances
     joints = len(layout.mirror)
@@ -237,15 +278,20 @@ def views_in_use(
     """Collect a person's views that are recent enough, with repaired labels and brought to ``now_s``.
 
     Args:
-        row: of the person.
-        age_speed: standard deviation that a view gains per second of its age [m/s].
+        row: row of the person.
+        now_s: newest capture time so far, on the common clock [s].
+        parameters: the settings.
+        age_speed: growth of a view's standard deviation with its age [m/s].
+        layout: joints with a special role.
+        up: (3,) unit vector upwards, in the space of the people.
         yaw: facing of the person [rad]; NaN where not known.
         velocities: (joints, 3) of the person [m/s].
-        used, corrected, variances, offsets: written: (sensors,) columns, (sensors, joints, 3) positions,
-            (sensors, joints) variances, and (sensors, joints, 3) offsets of these views.
+        views: the newest views.
+        used, corrected, variances, offsets: the first rows are written, one for each view in use: (sensors,) columns,
+            (sensors, joints, 3) positions [m], (sensors, joints) variances [m²], and (sensors, joints, 3) offsets [m].
 
     Returns:
-        The number of views.
+        The number of views in use.
     """
     count = 0
     for c in range(len(used)):
@@ -272,7 +318,15 @@ def views_in_use(
 
 @njit(cache=True)
 def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, view_at: Float64) -> None:
-    """Mark predicted joints that no view has as inferred, and joints without a prediction as not tracked."""
+    """Mark predicted joints that no view has as inferred, and joints without a prediction as not tracked.
+
+    Args:
+        now_s: newest capture time so far, on the common clock [s].
+        view_age_s: age of the oldest view in use [s].
+        positions: (people, joints, 3) predicted; NaN where not known.
+        states: (people, joints) `JointState`, updated.
+        view_at: (people, sensors) capture times of the newest views [s].
+    """
     for r in range(len(positions)):
         seen = False
         for c in range(view_at.shape[1]):
@@ -295,7 +349,17 @@ def pose_people(
     steady: Float64,
     doubts: Float64,
 ) -> None:
-    """Fit the articulated bodies of the persons in the frame, and predict the others, into ``steady``, ``doubts``."""
+    """Fit the articulated bodies of the persons in the frame, and predict the others.
+
+    Args:
+        rows: (bodies,) rows of the persons in the frame.
+        model: the articulated body.
+        body: (people, …) its state for each person, updated.
+        measured, measured_variances: (bodies, joints, 3), (bodies, joints) fused views [m], [m²].
+        at_s: newest capture time so far, on the common clock [s].
+        steady, doubts: (people, joints, 3), (people, joints) smoothed positions [m] and their variances [m²]; written
+            for people with a known pose.
+    """
     positions, variances = np.empty(steady.shape[1:]), np.empty(steady.shape[1])
     for r in range(len(steady)):
         b = -1
@@ -321,7 +385,18 @@ def smooth_people(
     at_s: float, min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
     view_age_s: float, steady: Float64,
 ) -> None:  # fmt: skip
-    """Run the 1-euro filter of the persons in the frame; ``steady`` gets joints measured within ``view_age_s``."""
+    """Run the 1-euro filter of the persons in the frame, and copy the recently measured joints to the skeletons.
+
+    Args:
+        rows: (bodies,) rows of the persons in the frame.
+        euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
+            (people, joints) [s]: state of the filters, updated.
+        measured: (bodies, joints, 3) fused views [m]; NaN where no view has the joint.
+        at_s: newest capture time so far, on the common clock [s].
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `mocapella.smoothing.one_euro.OneEuroSettings`.
+        view_age_s: joints that were measured within this time are copied [s].
+        steady: (people, joints, 3) written where copied [m].
+    """
     for i in range(len(rows)):
         r = rows[i]
         smooth(
@@ -339,7 +414,18 @@ def smooth_people(
 def report(
     T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64
 ) -> tuple[Float64, NDArray[np.float32], Float64, Bools]:
-    """Transform all people and views by ``T`` (4, 4) for output; see `PeopleResults`."""
+    """Transform all people and views by ``T`` (4, 4) for output.
+
+    Args:
+        T: (4, 4) from the space of the people to the space of the results.
+        now_s: newest capture time so far, on the common clock [s].
+        view_age_s: age of the oldest view in use [s].
+        skeletons: the fused skeletons.
+        view_at, view_positions: see `ViewArrays`.
+
+    Returns:
+        The fields of `mocapella.tracker.people.PeopleResults`.
+    """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
     views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)

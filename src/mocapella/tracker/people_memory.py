@@ -23,11 +23,11 @@ class PointArrays(NamedTuple):
     """State of the joints' Kalman filters.
 
     Attributes:
-        at_s: (people,) time of the state [s].
-        positions, velocities: (people, joints, 3) [m], [m/s]; NaN where not known.
-        variances: (people, joints, 3) of position, their covariance, and velocity; see
-            `mocapella.smoothing.kalman.Points`.
-        seen_s: (people, joints) when a view last had the joint [s].
+        at_s: (people,) time of the state, on the common clock [s].
+        positions, velocities: (people, joints, 3) in the space of the people [m], [m/s]; NaN where not known.
+        variances: (people, joints, 3) for one coordinate: variance of the position [m²], covariance of position and
+            velocity [m²/s], variance of the velocity [m²/s²]; see `mocapella.smoothing.kalman.Points`.
+        seen_s: (people, joints) time of the newest view that has the joint [s].
     """
 
     at_s: Float64
@@ -42,12 +42,14 @@ class ViewArrays(NamedTuple):
 
     Attributes:
         at_s: capture time on the common clock [s]; −inf where there is no view.
-        positions, states, variances: (..., joints, 3), (..., joints), (..., joints) with the sensor's labels [m], [m²].
+        positions, states, variances: (..., joints, 3) in the space of the people [m], (..., joints) `JointState`,
+            (..., joints) variance of a coordinate [m²]; with the sensor's labels.
         noise: (..., joints) learnt variance of a joint's jumps [m²].
         bias: (..., joints, 3) correction of the sensor's bias, to add to the positions [m].
         mirrored: whether left and right are swapped in the view.
         swapped: whether to swap left and right so that the sensors agree.
-        advantage: how much nearer the labels not in use were lately [m].
+        advantage: how much nearer the view was lately to the other sensors' views with the labels that are not in use,
+            exponentially averaged [m].
         toward: yaw from the person to the sensor [rad].
         reported: yaw that the view's repaired labels imply [rad].
         turn: (..., 2) rotation of the shoulders and of the hips [rad].
@@ -75,9 +77,9 @@ class SkeletonArrays(NamedTuple):
     Attributes:
         yaw: (people,) facing [rad]; NaN where not known.
         states: (people, joints) `JointState`.
-        fused_s: (people,) when views were last fused [s].
+        fused_s: (people,) time of the last fusion of views, on the common clock [s].
         steady: (people, joints, 3) smoothed positions, which the tracker reports [m].
-        doubts: (people, joints) their variances per coordinate [m²].
+        doubts: (people, joints) variance of a coordinate of ``steady`` [m²].
     """
 
     yaw: Float64
@@ -112,9 +114,9 @@ class FrameViews(NamedTuple):
         at_s: capture time on the common clock [s].
         positions: (bodies, joints, 3) in the space of the people [m]; NaN where not tracked.
         states: (bodies, joints) `JointState`.
-        own_positions: (bodies, joints, 3) the same in the sensor's camera space, for the distance [m].
+        own_positions: (bodies, joints, 3) the joints in the sensor's camera space, for the distance [m].
         bias: (bodies, joints, 3) correction of the sensor's bias, to add to the positions [m].
-        sensor_position: (3,) [m].
+        sensor_position: (3,) position of the sensor in the space of the people [m].
         clipped: (bodies,) whether the body is cut off at an edge of the image.
     """
 
@@ -154,12 +156,10 @@ class PeopleParameters(NamedTuple):
     """The values of `mocapella.tracker.people.PeopleSettings` for the kernels.
 
     Attributes:
-        acceleration_density, forget_after_s, speed_variance: of the Kalman filter.
-        noise_gain, noise_memory_s: of the learnt noise of views.
-        view_age_s, speed_memory_s: how long views and unseen motion are used [s].
-        swap_m, swap_s: when left and right are swapped without a facing.
-        turn_s, still_m_s, sure_sd: how views are turned to the facing.
-        least_worth: lowest weight of a view by its direction.
+        acceleration_density, forget_after_s, speed_variance: parameters of the Kalman filter, see
+            `mocapella.smoothing.kalman.KalmanSettings` [m²/s³], [s], [m²/s²].
+        noise_gain, noise_memory_s, view_age_s, speed_memory_s, swap_m, swap_s, turn_s, still_m_s, sure_sd, least_worth:
+            the settings of these names.
     """
 
     acceleration_density: float
@@ -185,7 +185,8 @@ class PeopleMemory:
         at_s, positions, velocities, variances, seen_s: see `PointArrays`.
         fused_s, steady, doubts, states, yaw: see `SkeletonArrays`.
         body: (people, …) state of the articulated body.
-        euro_positions, euro_velocities, euro_seen_s: (people, joints, ...) of the 1-euro filter.
+        euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
+            (people, joints) [s]: state of the 1-euro filter.
         view_id: (people, sensors) tracking id of the newest view.
         view_at, view_positions, …: the fields of `ViewArrays`.
     """
@@ -221,7 +222,10 @@ class PeopleMemory:
 
     @classmethod
     def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
-        """Return the memory of ``people`` rows and ``sensors`` columns without data."""
+        """Return the memory of ``people`` rows and ``sensors`` columns without data.
+
+        ``joints`` is the number of joints, ``body`` the number of values in an articulated body's state.
+        """
         P, V = (people,), (people, sensors)
         return cls(
             at_s=np.full(P, -np.inf),
@@ -255,7 +259,12 @@ class PeopleMemory:
         )
 
     def resized(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
-        """Return a copy of another size that begins with these rows."""
+        """Return a copy of another size.
+
+        Args:
+            rows: (n,) indices of the rows to keep, which become the first rows.
+            people, sensors: numbers of rows and columns; new ones are empty.
+        """
         new = PeopleMemory.empty(people, sensors, self.states.shape[1], self.body.shape[1])
         for name, values in vars(self).items():
             columns = (slice(values.shape[1]),) if name.startswith("view_") else ()

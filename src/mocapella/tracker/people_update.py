@@ -31,9 +31,10 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     Args:
         tracks, people: tracked people and their motion.
         frame, bodies: a sensor's frame, and its bodies.
-        T: (4, 4) from its camera space to the space of the people.
-        corrections: (bodies, joints, 3) of the sensor's bias, to add to the joints, camera space [m].
-        at_s, now_s: capture time, and the newest capture time so far, on the common clock [s].
+        T: (4, 4) from the sensor's camera space to the space of the people.
+        corrections: (bodies, joints, 3) correction of the sensor's bias, to add to the joints in camera space [m]; None
+            for none.
+        at_s, now_s: capture time of the frame, and the newest capture time so far, on the common clock [s].
     """
     prepared = people.prepare(bodies, T, now_s)
     rows = tracks.update(bodies.sensor, bodies.ids, prepared.middles, prepared.expected, at_s, prepared.lengths)

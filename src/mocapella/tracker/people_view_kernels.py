@@ -37,6 +37,14 @@ def learn_noise(
     """Learn the variance of each joint's jumps in a view, beyond its motion, into ``noise`` (joints,).
 
     The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n.
+
+    Args:
+        before, seen: (joints, 3) the sensor's previous and present view of the person [m].
+        dt: time between them [s].
+        states: (joints,) `JointState` of the present view.
+        velocities: (joints, 3) of the person [m/s].
+        memory_s: time constant of the learning [s].
+        noise: (joints,) variance of a coordinate, updated [m²].
     """
     part = -np.expm1(-dt / memory_s)
     for j in range(len(noise)):
@@ -65,7 +73,14 @@ def distance_of(joints: Float64) -> float:
 def see(
     frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, velocities: Float64, views: ViewArrays
 ) -> None:
-    """Store a frame's bodies as the newest views of people."""
+    """Store a frame's bodies as the newest views of people.
+
+    Args:
+        frame: the bodies.
+        fusion, parameters: the settings.
+        velocities: (people, joints, 3) of the people [m/s].
+        views: updated.
+    """
     seen, seen_states, column = frame.positions, frame.states, frame.column
     positions, states, variances, noise = views.positions, views.states, views.variances, views.noise
     for b in range(len(frame.rows)):
@@ -90,9 +105,15 @@ def see(
 
 @njit(cache=True)
 def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> float:
-    """Return how much nearer a view is to another one with left and right swapped [m].
+    """Return how much nearer a view is to another one if its left and right are swapped, as a mean over joints [m].
 
-    ``crossed`` swaps the other view's labels first. NaN where fewer than two joints can be compared.
+    Args:
+        view, other: (joints, 3) in one frame [m].
+        mirror: (joints,) index of each joint's counterpart on the other side of the body.
+        crossed: whether the other view's labels are swapped first.
+
+    Returns:
+        The difference of distances; NaN if fewer than two joints can be compared.
     """
     total, count = 0.0, 0
     for j in range(len(mirror)):
@@ -114,7 +135,16 @@ def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> fl
 def follow_labels(
     rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, mirror: Int64, views: ViewArrays
 ) -> None:
-    """Decide whether to swap left and right of the new views so that they agree with the other sensors' views."""
+    """Update whether left and right of the new views are swapped so that they agree with the other sensors' views.
+
+    Args:
+        rows: (bodies,) row of each body's person.
+        column: column of the sensor.
+        dts: (bodies,) time since each person's previous view by this sensor [s].
+        parameters: the settings.
+        mirror: (joints,) index of each joint's counterpart on the other side of the body.
+        views: ``swapped`` and ``advantage`` are updated.
+    """
     at_s, swapped, advantages = views.at_s, views.swapped, views.advantage
     for b in range(len(rows)):
         r = rows[b]
@@ -139,7 +169,20 @@ def follow_labels(
 def to_level(
     R: Float64, positions: Float64, sensor_position: Float64, root: int, rows: Int64, velocities: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """Return, in a space with y up, bodies, the yaw from each to the sensor [rad], and their persons' velocities."""
+    """Rotate a frame's bodies into a space with y up, for the facing.
+
+    Args:
+        R: (3, 3) from the space of the people to one with y up.
+        positions: (bodies, joints, 3) in the space of the people [m].
+        sensor_position: (3,) in the space of the people [m].
+        root: index of the root joint.
+        rows: (bodies,) row of each body's person.
+        velocities: (people, joints, 3) of the people [m/s].
+
+    Returns:
+        In the space with y up: the joints (bodies, joints, 3) [m], the yaw from each body to the sensor (bodies,)
+        [rad], and the velocities of the persons' roots (bodies, 3) [m/s].
+    """
     bodies, joints = positions.shape[:2]
     level, toward, speeds = np.empty((bodies, joints, 3)), np.empty(bodies), np.empty((bodies, 3))
     for b in range(bodies):
@@ -207,9 +250,14 @@ def turn_views(
 
 @njit(cache=True)
 def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64) -> None:
-    """Turn each joint by the angle of its line about the vertical through the root, in place (Rodrigues).
+    """Rotate the joints of shoulders and hips about the vertical through the root, in place (Rodrigues' formula).
 
-    ``line_of`` (joints,) selects one of the ``angles`` [rad]; −1: none.
+    Args:
+        body: (joints, 3) [m], updated.
+        line_of: (joints,) index of each joint's angle; −1 for a joint that stays.
+        root: index of the root joint.
+        up: (3,) unit vector upwards.
+        angles: (2,) rotation of the shoulder line and of the hip line [rad].
     """
     if not np.isfinite(body[root, 0]):
         return
@@ -227,7 +275,14 @@ def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64)
 
 @njit(cache=True)
 def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
-    """Move one sensor's views, and add the change to their offsets, which fade; see `People.move_sensor`."""
+    """Move one sensor's views, and add the change to their offsets, which fade; see `People.move_sensor`.
+
+    Args:
+        column: column of the sensor.
+        T_new_old: (4, 4) from the old to the new positions.
+        mirror: (joints,) index of each joint's counterpart on the other side of the body.
+        views: updated.
+    """
     shift = np.empty((len(mirror), 3))
     for p in range(len(views.positions)):
         view = views.positions[p, column]

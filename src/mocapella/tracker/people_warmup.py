@@ -30,18 +30,18 @@ _YAWS_DEG: Final = (0, 40, -40)
 
 
 def warm_up_run() -> tuple[Tracker, Iterable[Arrival]]:
-    """A tracker, and arrivals that call all of its kernels."""
+    """Return a tracker, and arrivals that call all of its kernels."""
     return DefaultTracker(sensors_expected=len(_YAWS_DEG)), (Arrival(frame, frame.time_ns) for frame in _frames())
 
 
 def pose_bodies() -> None:
-    """Fit an articulated body."""
+    """Compile the kernels of the articulated body, by a fit."""
     rest = _rest()
     ArticulatedBody(topology(_TREE)).update(rest, np.full(len(rest), 1e-4), 0.0)
 
 
 def calibrate_sensors() -> None:
-    """Calibrate the sensors from people's motion."""
+    """Compile the kernels of the calibration, by calibrating sensors from people's motion."""
     calibration = PeopleCalibration()
     for frame in _frames():
         calibration.update(tracked_bodies(frame), frame.time_ns)

@@ -28,8 +28,8 @@ class TrackerReport:
         frames: number of arrivals.
         kept: number of used frames.
         rejected: number of rejected frames, by reason.
-        calibrations: completed ones.
-        restarts: of a calibration.
+        calibrations: number of completed calibrations.
+        restarts: number of restarts of the calibration.
     """
 
     frames: int
@@ -43,9 +43,9 @@ class SensorViews(msgspec.Struct, frozen=True, eq=False):
     """A method's knowledge of the sensors after a frame, to be applied to *later* frames only.
 
     Attributes:
-        T_world_sensor: (4, 4) by sensor, shared by all people; missing sensors are unknown.
-        time_offset_s: by sensor: delay of its frames relative to their ``at_ns`` [s]. Views of two sensors that both
-            have one are brought to one time; others are compared without correction.
+        T_world_sensor: (4, 4) pose of each sensor in the world, shared by all people; missing sensors are unknown.
+        time_offset_s: delay of a sensor's frames relative to their ``at_ns``, by sensor [s]. Views of two sensors that
+            both have a delay are predicted to one time; others are compared without correction.
         swapped: views whose left and right labels must be swapped so that the sensors agree.
     """
 
@@ -66,12 +66,12 @@ def scene_at(
     """Return the scene of a step.
 
     Args:
-        arrival: the frame that caused it.
-        step: its number.
-        state: of the tracker.
-        parts: by the name of their type.
-        topology: of the skeletons; any if there are none.
-        sensors: their poses.
+        arrival: the frame that the scene is the result of.
+        step: number of the scene, from 0.
+        state: state of the tracker.
+        parts: the scene's parts, by the name of their type.
+        topology: topology of the skeletons; may be omitted if there are none.
+        sensors: poses of the sensors.
     """
     frame = arrival.frame
     of = topology or named_topology("kinect_v2")
@@ -85,7 +85,7 @@ class Tracker(Protocol):
         """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
 
     def recalibrate(self, reason: str) -> None:
-        """Restart the calibration; the next scene gives the reason."""
+        """Restart the calibration; the next scene's state gives ``reason``, a text for the user."""
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
@@ -133,4 +133,4 @@ class KeepsLayout(Protocol):
         """Restart from a layout, whose poses are used until people contradict them."""
 
     def layout(self) -> SensorLayout | None:
-        """Return the estimated layout; None before two sensors are tied to each other."""
+        """Return the estimated layout; None before the relative pose of two sensors is known."""

@@ -33,10 +33,10 @@ class RigCheck:
     """Checks a rig while all bodies are visible.
 
     Args:
-        rig: of the cameras.
+        rig: the cameras' poses.
 
     Attributes:
-        said: all disagreements so far.
+        said: messages about all disagreements so far.
     """
 
     def __init__(self, rig: CameraRig) -> None:
@@ -62,9 +62,9 @@ class RigCheck:
         """Return messages about new disagreements, after a frame with all bodies visible.
 
         Args:
-            found: by name.
-            images: (height, width, 3) by camera.
-            empty: the background of each camera, as far as known.
+            found: the fitted bodies, by name.
+            images: (height, width, 3) uint8 BGR, by camera.
+            empty: background models of the cameras whose empty room is known.
         """
         new = self._judge_motion(found, images)
         if not self._compared:
@@ -93,7 +93,10 @@ class RigCheck:
 def rig_faults(
     found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom, rig: CameraRig
 ) -> list[str]:
-    """Return messages about cameras that contradict the rig in one frame, of those whose empty room is known."""
+    """Return messages about cameras that contradict the rig in one frame; only known empty rooms are compared.
+
+    The arguments are as in `RigCheck`.
+    """
     said, silhouettes = [], {}
     covers = "the body covers" if len(found) == 1 else "the bodies cover"
     for name, covered in covered_by_all(found, rig).items():

@@ -19,7 +19,7 @@ SKIN_POINTS = 6
 
 
 class Standing(msgspec.Struct, frozen=True, eq=False):
-    """A body in a pose: its vertices (n, 3) and landmarks (m, 3) [m]."""
+    """A body in a pose: its vertices (n, 3) and landmarks (m, 3) in the world [m]."""
 
     pose: TreePose
     vertices: Float64
@@ -30,11 +30,11 @@ class SilhouetteBody:
     """One body.
 
     Attributes:
-        mesh: of the body.
-        figure: source of its outline.
-        balls: its joints with three axes.
-        solid: capsules that must not penetrate each other.
-        skin: (k,) vertices spread over its parts.
+        mesh: the body's mesh.
+        figure: the mesh with precomputed values, for rendering its outline.
+        balls: its ball joints, which have three axes.
+        solid: its limbs as capsules, which must not penetrate each other.
+        skin: (k,) indices of vertices that are spread over its parts.
     """
 
     def __init__(self, mesh: RiggedMesh) -> None:
@@ -63,5 +63,5 @@ class SilhouetteBody:
         return self._stood
 
     def local(self, pose: TreePose) -> LocalTree:
-        """Return its tree, with the ball joints' axes at a pose."""
+        """Return the body's kinematic tree, with the axes of its ball joints at a pose."""
         return local_tree(self.mesh.tree, self.balls, pose)

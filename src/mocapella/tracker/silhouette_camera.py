@@ -33,11 +33,11 @@ LEAST_LOSS = 0.25
 LEARNT = 0.2
 """Learning rate of the usual value and its deviation."""
 WIDE = 2.0
-"""Factor of the search distance of outlines for a rough pose."""
+"""Factor of the search distance of outlines if the pose is rough, as in the first frame."""
 FARTHER, EVERY = 0.3, 3
 """Margin around the body's window for the search of limbs, as a fraction of it, and the sampling step there."""
 NEAREST_LIMB_M = 0.3
-"""Nearer to a camera, a limb may be anywhere in its image [m]."""
+"""A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
 USUAL_STEP_PX = 2
 """Reference sampling step of a region's settings in pixels; they are scaled for others."""
 
@@ -47,8 +47,8 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         contour: the segmented region.
-        outline: of the posed mesh.
-        overlap: intersection over union of both.
+        outline: outline of the posed mesh.
+        overlap: intersection over union of the region and the mesh's silhouette, 0 to 1.
     """
 
     contour: Silhouette
@@ -57,7 +57,7 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
-    """A centre (3,) and a radius [m]."""
+    """A ball in the world: its centre (3,) and radius [m]."""
 
     centre: Float64
     radius_m: float
@@ -117,7 +117,7 @@ class SilhouetteCamera:
         return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
-        """Project the outline of a posed body into the image; return False if it is outside.
+        """Project the outline of a posed body into the image, and keep it; return False if it is outside.
 
         All outlines of one frame are sampled in the same window of the image, that of the first.
 
@@ -137,17 +137,20 @@ class SilhouetteCamera:
         return seen is not None
 
     def unlike(self, image: UInt8) -> float:
-        """Return the fraction of the background that has changed, 0 to 1; NaN where the background is unknown."""
+        """Return the fraction of the background that has changed in an image, 0 to 1; NaN if the background is unknown.
+
+        ``image`` (height, width) or (height, width, 3) uint8.
+        """
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
-        """Take the present image as the new background."""
+        """Forget the background; the present image becomes the new one."""
         assert self.background is not None
         self.background.reset()
         self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
-        """Segment the image, with the body's projected outline as a prior.
+        """Segment the image, with the body's projected outline as a prior, and keep the contour.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -174,18 +177,18 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """Return the result of a frame."""
+        """Return the body in this frame's image: contour, outline and their overlap."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
 
     def shows_all(self, vertices: Float64) -> bool:
-        """Return whether all of a body (n, 3) is within the image."""
+        """Return whether all vertices (n, 3) of a body in the world [m] are within the image."""
         return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
-        """Return by point how surely the image shows the background there, (n,) from 0 to 1.
+        """Return the confidence (n,) that the image shows the background at each point, from 0 to 1.
 
         Args:
             image: (height, width, 3) uint8.
@@ -195,7 +198,13 @@ class SilhouetteCamera:
         return np.maximum(-self.background.strange_at(image, seen_at(points, self._eye)), 0.0)
 
     def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
-        """Return the foreground around the body, within the balls ``about`` that limbs can reach."""
+        """Return the foreground evidence of the image around the body, for the search of limbs.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, where nothing is known; None for none.
+            about: balls that limbs can reach; the evidence is limited to them.
+        """
         assert self._outline is not None
         assert self.background is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
@@ -229,7 +238,12 @@ class SilhouetteCamera:
         return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Update the background outside the body."""
+        """Update the background outside the body.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, which are not learnt; None for none.
+        """
         if self.background is not None and self._outline is not None and self._found is not None:
             # Neither the contour's neighbourhood nor the body is learnt; no further distance is kept.
             self.background.update(image, self._found[0], others, self._outline.mask)
@@ -243,7 +257,7 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """Running mean and deviation of a fraction, 0 to 1, and the time for which the fraction has been unusual."""
+    """Running mean and mean absolute deviation of a fraction, 0 to 1, and for how long it has been unusual."""
 
     def __init__(self) -> None:
         self._mean: float | None = None
@@ -283,7 +297,10 @@ class Usually:
         self._deviation += LEARNT * (abs(change) - self._deviation)
 
     def else_for_ns(self, time_ns: int) -> int:
-        """Return for how long the fraction has been unusual, since the last `learn` [ns]."""
+        """Return for how long the fraction has been unusual [ns]; the first call after `learn` starts the time.
+
+        ``time_ns`` is the capture time on the common clock.
+        """
         if self._else_since_ns is None:
             self._else_since_ns = time_ns
         return time_ns - self._else_since_ns

@@ -9,14 +9,14 @@ from mocapella.model.camera import CameraRig
 from mocapella.tracker.silhouette_views import SeenBody, called
 
 SAID_AFTER: Final = 3
-"""Consecutive frames for which a camera is left out before this is reported."""
+"""Rejections of a camera's image are reported after this number of consecutive frames."""
 
 
 class CameraConditions:
-    """Counts for how long each camera is left out for each body.
+    """Counts for how many frames each camera's image is rejected for each body.
 
     Args:
-        rig: of the cameras.
+        rig: the cameras.
     """
 
     def __init__(self, rig: CameraRig) -> None:
@@ -37,7 +37,7 @@ class CameraConditions:
 
     @property
     def lasting(self) -> Sequence[str]:
-        """The reported conditions that still last, a clause for each camera."""
+        """The reported conditions that still last, as clauses of a sentence, one for each camera."""
         clauses: dict[str, None] = {}  # one clause for several bodies
         for (camera, _), (_, count, reason) in self._since.items():
             if count >= SAID_AFTER:
@@ -48,8 +48,8 @@ class CameraConditions:
         """Return messages about lasting changes.
 
         Args:
-            number: of the frame.
-            bodies: by name.
+            number: number of the frame.
+            bodies: the fitted bodies, by name.
         """
         notes: list[str] = []
         for camera in self._cameras:

@@ -57,10 +57,10 @@ class EmptyRoomLearning:
         """Learn from simultaneous images; return messages once learning has ended.
 
         Args:
-            time_ns: capture time.
-            images: (height, width, 3) by camera.
-            empty: is updated.
-            fitters: are updated, too.
+            time_ns: capture time, on the common clock.
+            images: (height, width, 3) uint8 BGR, by camera.
+            empty: background models, updated.
+            fitters: the bodies' fitters, whose backgrounds are updated, too.
         """
         self._begin_ns = time_ns if self._begin_ns is None else self._begin_ns
         passed_s = (time_ns - self._begin_ns) / NS_PER_S
@@ -81,7 +81,7 @@ class EmptyRoomLearning:
 
 
 def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
-    """Return messages about cameras whose empty room is not known."""
+    """Return messages about ``cameras`` whose empty room was not learnt; ``known`` contains the others."""
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []

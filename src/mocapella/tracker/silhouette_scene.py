@@ -26,8 +26,8 @@ class BodyScenes:
     """Creates `TrackedBody` values.
 
     Args:
-        bodies: by name; their order gives the ids.
-        eyes: of the rig's cameras, in its order.
+        bodies: the tracked bodies, by name; their order gives the ids.
+        eyes: the rig's cameras with precomputed values, by name, in the rig's order.
     """
 
     def __init__(self, bodies: Mapping[str, InitialBody], eyes: Mapping[str, Eye]) -> None:
@@ -36,10 +36,10 @@ class BodyScenes:
         self._waiting: dict[tuple[str, str], tuple[Silhouette, Float32]] = {}
 
     def tracked(self, seen: Mapping[str, SeenBody], *, looked_for: bool = True) -> tuple[TrackedBody, ...]:
-        """Return the bodies of one frame.
+        """Return the bodies of one frame as scene parts.
 
         Args:
-            seen: by name.
+            seen: the fitted bodies, by name.
             looked_for: whether the tracker searches for them; otherwise no landmark is tracked.
         """
         return tuple(

@@ -23,14 +23,14 @@ class Steadiness:
     Fast or recently accelerated points may accelerate more.
 
     Attributes:
-        point_m_per_s2: of a point of the surface at rest [m/s²] …
-        point_per_s: … plus this times its speed [1/s] …
-        point_per_past: … plus this times its recent acceleration.
-        root_m_per_s2: of the body's position [m/s²].
-        root_rad_per_s2: of its orientation [rad/s²].
-        angle_rad_per_s2: of a joint [rad/s²].
-        beside_skin: factor of these three while the surface is constrained, too. With only one camera the surface is
-            not constrained, because the distance is hardly visible and moves all of it.
+        point_m_per_s2: acceleration of a point of the surface at rest [m/s²].
+        point_per_s: the acceleration of a moving point is greater by this times its speed [1/s].
+        point_per_past: the acceleration of a point is greater by this times its recent acceleration.
+        root_m_per_s2: acceleration of the body's position [m/s²].
+        root_rad_per_s2: angular acceleration of the body's orientation [rad/s²].
+        angle_rad_per_s2: angular acceleration of a joint [rad/s²].
+        beside_skin: factor of the last three settings while the surface is constrained, too. With only one camera the
+            surface is not constrained, because the distance is hardly visible and moves all of it.
         turn_rad_per_s: speed, not acceleration, of a limb's rotation about itself, which is hardly visible if the limb
             is straight [rad/s].
     """
@@ -55,7 +55,7 @@ class Steadiness:
         """Return the penalty on deviations from the predicted pose.
 
         Args:
-            per_s2: 1 / T² [1/s²]: an acceleration a between two frames displaces the body by a · T².
+            per_s2: 1 / T², T the time between two frames: an acceleration a displaces the body by a · T² [1/s²].
         """
         return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
 
@@ -71,14 +71,14 @@ class SilhouetteSettings:
     """The settings of every stage.
 
     Attributes:
-        steadiness: the penalty on jitter; None: there is none.
+        steadiness: the penalty on jitter; None for none.
         region: segmentation of an image, for samples of two pixels.
-        closer: the same near the final pose, for the last segmentation of a frame.
+        closer: segmentation near the final pose, for the last segmentation of a frame.
         background: learning of the background; None for moving cameras.
         limbs: recovery of misplaced limbs; None for none.
         correspondences: matching of outlines.
-        step_px: sampling step; 0 chooses it so that a body is about 200 samples high.
-        margin_steps: search distance of the outline from the predicted body.
+        step_px: stride of the sampled pixels; 0 chooses it so that a body is about 200 samples high [px].
+        margin_steps: search distance of the outline from the predicted body [samples].
         rounds: pose fits per frame; one less if the first did not move the body.
         segmented: number of rounds, from the first, in which the images are segmented; only the first if it did not
             move the body.

@@ -35,11 +35,11 @@ NEEDED: Final = {
 }
 """Joints required to place a body, by model."""
 ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"), ("shank", "thigh", "trunk"))}
-"""Segments that determine a person's size, by model."""
+"""Segments that must be known to determine a person's size without a height, by model."""
 FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
-"""Least distance between the centres of two bodies at the start."""
+"""Least distance between the centres of two bodies at the start [m]."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
 """Largest reprojection error of points, as a fraction of the image's longer side, and its lower bound [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
@@ -75,9 +75,9 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
     """Triangulate joints (3,) [m] from 2D points, by the names of a body's landmarks; without those not found.
 
     Args:
-        tracks: named as in OpenPose, or as a body's landmarks.
-        rig: of their cameras.
-        frame: index, from 0.
+        tracks: 2D points, named as in OpenPose, or as a body's landmarks.
+        rig: the cameras' intrinsics and poses.
+        frame: index of the frame to use, from 0.
 
     Raises:
         InputError: a camera that the rig does not have, no such frame, or unknown names.
@@ -145,7 +145,12 @@ def check_joints(model: str, joints: Mapping[str, Float64], file: object = None)
 
 
 def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -> Body:
-    """Return the model of a person of a given height, or of the size that the joints give.
+    """Return the body model of a person of a known height, or of the size that the joints give.
+
+    Args:
+        model: one of `MODELS`.
+        height_m: subject height; None to use the size that the joints give [m].
+        joints: positions (3,) in the world [m], by the names of a body's landmarks.
 
     Raises:
         SettingsError: no such model, or neither the joints nor a height give the person's size.
@@ -171,7 +176,12 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
 
 
 def body_again(model: str, height_m: float | None, proportions: Mapping[str, float]) -> Body:
-    """Rebuild the model of an earlier run.
+    """Rebuild the body model of an earlier run.
+
+    Args:
+        model: one of `MODELS`.
+        height_m: subject height, if given [m].
+        proportions: lengths of segments [m], by name.
 
     Raises:
         SettingsError: there is no such model.
@@ -186,7 +196,7 @@ def _made(model: str, height_m: float | None, proportions: BodyProportions) -> B
 
 
 def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
-    """Fit a body's pose to joints; joints that the body does not have are ignored.
+    """Fit a body's pose to joints (3,) in the world [m], by landmark name; joints that the body lacks are ignored.
 
     Raises:
         SettingsError: too few joints that it has.
@@ -216,7 +226,9 @@ def root_of(mesh: RiggedMesh, pose: TreePose) -> Float64:
 
 
 def check_apart(poses: Mapping[str, tuple[RiggedMesh, TreePose]]) -> None:
-    """Check that no two bodies start at the same position, because their outlines could not be told apart.
+    """Check that no two bodies start at the same position, because their outlines could not be distinguished.
+
+    ``poses`` has the mesh and the initial pose of each body, by name.
 
     Raises:
         InputError: two do; names them and their distance.
@@ -246,7 +258,7 @@ def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[s
 
 
 def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return the signed world axis (3,) nearest to the body's own up."""
+    """Return the signed world axis (3,), such as (0, 1, 0), that is nearest to the body's upward direction."""
     up = pose.T_world_model[:3, 1]
     axis = int(np.argmax(np.abs(up)))
     out = np.zeros(3)

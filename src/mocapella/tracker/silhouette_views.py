@@ -23,9 +23,9 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
     """One body in one frame.
 
     Attributes:
-        fit: pose, landmarks, and outlines by camera; the pose of a lost body is where it waits.
+        fit: pose, landmarks, and outlines by camera; a lost body has its initial or last seen pose.
         lost: whether the person is absent: not yet arrived, or gone.
-        waits: pixels that a lost body covers where it waits, by camera.
+        waits: silhouette of a lost body in its waiting pose, by camera.
     """
 
     fit: FittedBody
@@ -37,10 +37,10 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
     """All bodies in one frame.
 
     Attributes:
-        number: of the frame, if all cameras' frames have the same, as in files; otherwise a counter.
+        number: number of the frame, if all cameras' frames have the same number, as in files; otherwise a counter.
         time_ns: capture time, on the common clock.
         images: (height, width, 3) BGR by camera; a camera without a usable image is missing.
-        bodies: by name.
+        bodies: the fitted bodies, by name.
     """
 
     number: int
@@ -50,7 +50,7 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
 
 
 def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str, Silhouette]:
-    """Return the pixels that all bodies together cover, by camera that sees one of them."""
+    """Return the union of the bodies' silhouettes, by camera that sees at least one body."""
     out: dict[str, Silhouette] = {}
     for name, placed in rig.cameras.items():
         masks = [one.seen[name].outline.silhouette for one in found.values() if name in one.seen]
@@ -63,5 +63,5 @@ def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str,
 
 
 def called(name: str) -> str:
-    """Return a body's name for messages."""
+    """Return the phrase for a body in messages: its name, or ``the body`` if that is empty."""
     return name or "the body"

@@ -37,8 +37,8 @@ class BodyStartSetup:
     """Initial pose of a body.
 
     Attributes:
-        root_twist: of T_world_model: translation part [m], then rotation vector [rad].
-        angles: by joint name [rad]; joints that are not named are at 0.
+        root_twist: twist of T_world_model: translation part [m], then rotation vector [rad].
+        angles: joint angles, by joint name; joints that are not named are at 0 [rad].
     """
 
     root_twist: tuple[float, float, float, float, float, float]
@@ -55,11 +55,11 @@ class BodySetup:
 
     Attributes:
         start: initial pose.
-        name: of the person; may be empty if there is only one.
+        name: name of the person; may be empty if there is only one.
         model: male, female, legs, or the name of the file in ``mesh``.
-        height_m: of the person; None if ``proportions`` give the size.
-        proportions: lengths of segments [m], by name.
-        mesh: a whole .glb file in base64; empty for a built-in model.
+        height_m: subject height; None if ``proportions`` give the size [m].
+        proportions: lengths of segments, by name [m].
+        mesh: content of a .glb file in base64; empty for a built-in model.
     """
 
     start: BodyStartSetup
@@ -79,7 +79,7 @@ class SilhouettesSetup:
         bodies: the tracked bodies.
         empty_room_s: duration without people at first, to learn the room; then people are waited for [s].
         waiting: whether the room is empty at first.
-        sync: of the cameras' times.
+        sync: grouping of the cameras' frames into simultaneous sets.
     """
 
     rig: str
@@ -127,7 +127,7 @@ def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") ->
         name: name of the person.
         body: the body, with its mesh and proportions.
         pose: initial pose.
-        mesh_file: the whole .glb file, if the body has one.
+        mesh_file: content of the .glb file, if the body has one.
     """
     start = BodyStartSetup(
         tuple(log_motion(pose.T_world_model).tolist()),

@@ -89,13 +89,13 @@ class StandStillTracker:
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes, for `restore`; see `Tracker`."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([own, *map(vars, self._stages())], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`."""
+        """Replace all state by that of a `snapshot`; see `Tracker`."""
         own, *stages = unpack(data, _REMEMBERED)
         for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
             set_memory(part, memory)
@@ -145,7 +145,7 @@ class StandStillTracker:
 
 
 class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
-    """One sensor's bodies: ``ids`` (bodies,) and ``T_world_sensor`` (bodies, 4, 4)."""
+    """One sensor's calibrated bodies: tracking ``ids`` (bodies,), and each one's ``T_world_sensor`` (bodies, 4, 4)."""
 
     ids: tuple[int, ...]
     T_world_sensor: Float64
@@ -217,7 +217,7 @@ _REMEMBERED: Final = (
 
 
 def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, CalibratedBodies]:
-    """Return the calibrated bodies of each sensor, in the order of their ids."""
+    """Group the transforms (4, 4) of calibrated bodies by sensor, in the order of the tracking ids."""
     bodies: dict[str, list[int]] = {}
     for sensor, body in sorted(T_world_sensor):
         bodies.setdefault(sensor, []).append(body)

@@ -33,7 +33,7 @@ class SurfacePrior:
     """Prior on points of one body's surface: call `expect`, then `steady` for each pose fit, then `learn`.
 
     Args:
-        body: whose vertices ``skin`` are the points.
+        body: the body; the points are its vertices ``skin``.
         steadiness: usual accelerations of the points.
     """
 
@@ -60,7 +60,7 @@ class SurfacePrior:
         Args:
             stands: the body in its predicted pose.
             since_s: time since the last frame [s].
-            per_s2: 1 / T² [1/s²]: an acceleration a since the last frame displaces a point by a · T².
+            per_s2: 1 / T², T the time between two frames: an acceleration a displaces a point by a · T² [1/s²].
         """
         s = self._steadiness
         self._onward, self._since_s, self._per_s2 = stands.vertices[self._body.skin], since_s, per_s2

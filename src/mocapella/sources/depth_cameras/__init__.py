@@ -14,11 +14,11 @@ CAMERAS: Final = {
     "realsense": ("realsense", "RealSenseCamera", ""),
     "orbbec": ("orbbec", "OrbbecCamera", "0"),
 }
-"""Module, class and default camera, by the kind before the colon of a source's name."""
+"""Module, class and default camera, by the kind of camera, which precedes the colon in a source's name."""
 
 
 def camera_class(kind: str) -> type[DepthDevice]:
-    """Class of one of `CAMERAS`; the driver's package is not imported."""
+    """Return the class of a kind of camera in `CAMERAS`; the driver's package is not imported."""
     module, name, _ = CAMERAS[kind]
     found: type[DepthDevice] = getattr(import_module(f"{__name__}.{module}"), name)
     return found

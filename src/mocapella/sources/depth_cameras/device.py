@@ -21,15 +21,15 @@ from mocapella.sources.picture_source import Picture, SourceState
 UInt16 = NDArray[np.uint16]
 
 LOST_S: Final = 2.0
-"""Time without an image after which a camera is lost."""
+"""Time without an image after which a camera is lost [s]."""
 WAIT_S: Final = 0.1
-"""Longest wait in the package at a time, so that a stop is noticed."""
+"""Longest wait in the package at a time, so that a stop is noticed [s]."""
 JUMP_S: Final = 0.5
-"""Deviation of a time stamp from the monotonic clock that sets a new clock offset."""
+"""Deviation of a time stamp from the monotonic clock that sets a new clock offset [s]."""
 
 
 class Stamped(NamedTuple):
-    """An image (height, width) and its capture time on the device's clock [s]; None if the device gives none."""
+    """A depth image (height, width) in the device's unit, and its capture time on the device's clock [s], if known."""
 
     depth: UInt16
     at_s: float | None
@@ -43,7 +43,7 @@ class DepthDevice(ABC):
 
     Args:
         which: number of the camera, or its serial number; empty is the first.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         options: the user's parameters; they take precedence over the device's.
         package: the driver's package; imported if None.
         clock: the monotonic clock, in seconds.
@@ -88,7 +88,7 @@ class DepthDevice(ABC):
         return (RuntimeError, OSError)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`.
+        """Open the source and return its state; see `PictureSource.open`.
 
         Raises:
             SettingsError: no package is installed.
@@ -117,7 +117,7 @@ class DepthDevice(ABC):
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`; None if the camera is lost."""
+        """Wait for the next image; None if the camera is lost. See `PictureSource.read`."""
         if not self._open:
             return None
         lost_s = self._clock() + LOST_S
@@ -136,7 +136,7 @@ class DepthDevice(ABC):
         return None
 
     def close(self) -> None:
-        """As `PictureSource.close`."""
+        """Release the source's resources; see `PictureSource.close`."""
         if self._open:
             self._open = False
             self._stop_quietly(self._package)
@@ -177,6 +177,6 @@ class DepthDevice(ABC):
 
 
 def none_there(name: str, count: int) -> InputError:
-    """Error that there is no such camera, with the number of those connected."""
+    """Return the error that there is no camera ``name``; its message gives the number of connected cameras."""
     there = f"{count} of them {'is' if count == 1 else 'are'} here, from 0" if count else "none is here; plug one in"
     return InputError("there is no such camera", file=name, fix=there)

@@ -16,7 +16,7 @@ from mocapella.sources.depth_cameras.device import DepthDevice, Stamped, none_th
 from mocapella.sources.picture_source import SourceState
 
 FIRST_S: Final = 5.0
-"""Longest wait for the first image, which gives the unit."""
+"""Longest wait for the first image, which gives the unit [s]."""
 
 
 class OrbbecCamera(DepthDevice):

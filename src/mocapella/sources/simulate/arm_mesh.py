@@ -63,7 +63,8 @@ WRIST_FLEXION_RAD: Final = (np.radians(-70), np.radians(75))
 WRIST_DEVIATION_RAD: Final = (np.radians(-35), np.radians(22))
 ELBOW_FLEXION_RAD: Final = (0.0, np.radians(145))
 PRONATION_RAD: Final = (np.radians(-90), np.radians(90))
-"""Limits: American Academy of Orthopaedic Surgeons, *Joint motion: method of measuring and recording* (1965)."""
+"""Joint limits of the arm [rad]: American Academy of Orthopaedic Surgeons, *Joint motion: method of measuring and
+recording* (1965)."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,13 @@ class ArmShape:
     """Size and proportions of an arm.
 
     Attributes:
-        hand_length_m: from the wrist to the tip of the middle finger.
-        hand_breadth_m: across the knuckles.
-        finger_thickness: relative to the reference hand of the same length.
-        finger_length: relative to the reference's share of the hand's length.
-        forearm_m, upper_arm_m: from joint to joint.
-        forearm_thickness: relative to the reference.
-        sleeve_from_m: distance of the sleeve's end from the wrist; 0 for a bare arm.
+        hand_length_m: length of the hand from the wrist to the tip of the middle finger [m].
+        hand_breadth_m: breadth of the hand across the knuckles [m].
+        finger_thickness: thickness of the fingers, relative to the reference hand of the same length.
+        finger_length: length of the fingers, relative to their share of the reference hand's length.
+        forearm_m, upper_arm_m: lengths of forearm and upper arm from joint to joint [m].
+        forearm_thickness: thickness of the forearm, relative to the reference.
+        sleeve_from_m: distance of the sleeve's end from the wrist; 0 for a bare arm [m].
     """
 
     hand_length_m: float = 0.189
@@ -107,7 +108,7 @@ class ArmShape:
         return finger_radii(self.hand_length_m, self.finger_thickness)
 
     def hand(self, handedness: Handedness) -> HandShape:
-        """The hand's bones, as the hand model describes them."""
+        """Return the hand's bones, as the hand model describes them."""
         model = hand_model("full")
         shape = model.shape(handedness, hand_length_m=self.hand_length_m, hand_breadth_m=self.hand_breadth_m)
         lengths = shape.lengths.copy()
@@ -123,11 +124,11 @@ class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
-        joints: (4,) [rad] flexion of the elbow; pronation of the forearm, 0 with the thumb on the upper arm's side of a
-            bent elbow, π/2 with the palm facing away from it; flexion of the wrist towards the palm; its deviation
-            towards the thumb.
-        T_camera_shoulder: (4, 4); z along the upper arm towards the elbow. A left arm's frame is chosen so that
-            the arm, mirrored in x, is a right one.
+        joints: (4,) flexion of the elbow; pronation of the forearm, 0 with the thumb on the upper arm's side of a bent
+            elbow, π/2 with the palm facing away from it; flexion of the wrist towards the palm; deviation of the wrist
+            towards the thumb [rad].
+        T_camera_shoulder: (4, 4) from the shoulder's frame, with z along the upper arm towards the elbow, to the camera
+            frame. A left arm's frame is chosen so that the arm, mirrored in x, is a right arm.
     """
 
     angles: Float64
@@ -142,12 +143,12 @@ class ArmMesh:
         shape: size and proportions.
         handedness: left or right.
         hand: the hand's bones.
-        model: of the hand's joints, with all 21 angles.
+        model: model of the hand's joints, with all 21 angles.
         vertices: (n, 3) of a right arm in the rest pose, in the shoulder's frame [m].
-        triangles: (m, 3) vertices, anticlockwise seen from outside; for a left arm, after mirroring.
-        parts: (m,) of `PARTS`.
-        bones_of, weights: (n, 4) the bones of `BONES` that move a vertex, and their weights, which sum to 1.
-        tip_radii_m: (5,) of the fingertips.
+        triangles: (m, 3) indices of vertices, anticlockwise as seen from outside; for a left arm, after mirroring.
+        parts: (m,) index in `PARTS` of each triangle's part.
+        bones_of, weights: (n, 4) indices in `BONES` of the bones that move a vertex, and their weights, which sum to 1.
+        tip_radii_m: (5,) radii of the fingertips, thumb to little finger [m].
     """
 
     def __init__(self, shape: ArmShape, handedness: Handedness) -> None:
@@ -164,22 +165,25 @@ class ArmMesh:
         self.limbs, self.tip_radii_m, self._rest = right.limbs, right.tip_radii_m, right.bones
 
     def frames(self, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-        """``T_shoulder_bone`` (19, 3, 4) and joints (24, 3) of a right arm in the shoulder's frame."""
+        """Return ``T_shoulder_bone`` (19, 3, 4) and joints (24, 3) of a right arm in the shoulder's frame [m].
+
+        The joints are `mocapella.model.arms.ARM_POINTS` and the shoulder.
+        """
         return arm_frames(self.model, self.shape, self.hand, pose)
 
     def points(self, pose: ArmMeshPose) -> Float64:
-        """`mocapella.model.arms.ARM_POINTS` and the shoulder (24, 3) in the camera frame [m]."""
+        """Return `mocapella.model.arms.ARM_POINTS` and the shoulder (24, 3) in the camera frame [m]."""
         T = pose.T_camera_shoulder
         return np.asarray((self.hand.mirror * self.frames(pose)[1]) @ T[:3, :3].T + T[:3, 3])
 
     def T_camera_palm(self, pose: ArmMeshPose) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4)."""
+        """Return the palm's pose (4, 4) in the camera frame."""
         T = self.frames(pose)[0][PALM_BONE]
         M = self.hand.mirror
         return np.asarray(pose.T_camera_shoulder @ rigid(M[:, None] * T[:, :3] * M, M * T[:, 3]))
 
     def at(self, pose: ArmMeshPose) -> Float64:
-        """Vertices (n, 3) of the posed arm in the camera frame [m]."""
+        """Return the vertices (n, 3) of the posed arm in the camera frame [m]."""
         bones = self.frames(pose)[0]
         motions, out = np.empty((len(bones), 8)), np.empty_like(self.vertices)
         k = _kernels()
@@ -202,7 +206,7 @@ class ArmMesh:
 
 
 def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-    """``T_shoulder_bone`` (19, 3, 4) of `BONES` and joints (24, 3) of a right arm in the shoulder's frame."""
+    """Return ``T_shoulder_bone`` (19, 3, 4) of `BONES` and joints (24, 3) of a right arm, in the shoulder's frame."""
     bones, points = np.empty((len(BONES), 3, 4)), np.empty((SHOULDER + 1, 3))
     _kernels().arm_frames(
         model.frames, DIGIT_ANGLES, hand.bases, hand.lengths, shape.upper_arm_m, shape.forearm_m,

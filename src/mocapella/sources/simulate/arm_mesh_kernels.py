@@ -20,7 +20,7 @@ _X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
 
 @njit(cache=True)
 def turned(R: Float64, axis: int, angle: float) -> None:
-    """Rotate ``R`` (3, 3) about its own x (0), y (1) or z (2), in place: R · rotation(angle)."""
+    """Rotate ``R`` (3, 3) by an angle [rad] about its own x (0), y (1) or z (2), in place: R · rotation(angle)."""
     c, s = math.cos(angle), math.sin(angle)
     u, v = (axis + 1) % 3, (axis + 2) % 3
     for i in range(3):
@@ -53,11 +53,11 @@ def arm_frames(
 
     Args:
         digit_frames: (5, 3, 3) of `HandModel.frames`.
-        which: (5, 5) `DIGIT_ANGLES`.
-        bases, lengths: of `HandShape` [m].
-        upper_m, forearm_m: lengths of the upper arm and the forearm.
+        which: (5, 5) indices in ``angles``, see `mocapella.model.hand.DIGIT_ANGLES`.
+        bases, lengths: (5, 3) of `HandShape` [m].
+        upper_m, forearm_m: lengths of the upper arm and the forearm [m].
         joints: (4,) elbow flexion, pronation, wrist flexion, wrist deviation [rad].
-        angles: (21,) of the hand [rad].
+        angles: (21,) of the hand, in the order of `mocapella.model.hand.ANGLES` [rad].
         bones: (19, 3, 4) ``T_shoulder_bone``, written: upper arm, forearm at the elbow, forearm at the wrist, palm,
             then three of each digit. A bone's origin is its first joint; that of the forearm's second part is the
             wrist.
@@ -105,9 +105,11 @@ def arm_frames(
 
 @njit(cache=True)
 def dual_quaternions(bones: Float64, at_rest: Float64, out: Float64) -> None:
-    """Write the bones' motions from the rest pose as dual quaternions (b, 8): w x y z, then the dual part.
+    """Convert the bones' motions from the rest pose to dual quaternions.
 
-    ``bones`` and ``at_rest`` are (b, 3, 4).
+    Args:
+        bones, at_rest: (b, 3, 4) poses of the bones in the present and in the rest pose, in one frame [m].
+        out: (b, 8) written: the rotation w, x, y, z, then the dual part.
     """
     M = np.empty((3, 3))
     for n in range(len(bones)):
@@ -140,16 +142,16 @@ def dual_quaternions(bones: Float64, at_rest: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def skin(vertices: Float64, bones_of: Integers, weights: Float64, motions: Float64, T: Float64, out: Float64) -> None:
-    """Write the vertices (n, 3), skinned with dual quaternions and transformed by ``T`` (3, 4).
+    """Skin vertices with dual quaternions, and transform them by ``T``.
 
     L. Kavan, S. Collins, J. Zara, C. O'Sullivan, "Skinning with dual quaternions" (I3D 2007), section 4.
 
     Args:
         vertices: (n, 3) in the rest pose [m].
-        bones_of, weights: (n, 4) bones that move a vertex, and their weights.
+        bones_of, weights: (n, 4) indices of the bones that move a vertex, and their weights.
         motions: (bones, 8) of `dual_quaternions`.
-        T: (3, 4).
-        out: written [m].
+        T: (3, 4) from the frame of the bones to that of the result.
+        out: (n, 3) written [m].
     """
     q = np.empty(8)
     for i in range(len(vertices)):

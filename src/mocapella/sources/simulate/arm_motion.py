@@ -33,7 +33,7 @@ from mocapella.sources.simulate.arm_mesh import (
 Float64 = NDArray[np.float64]
 
 FLESH_GIVES_M: Final = 0.0005
-"""Smaller overlaps of fingers are accepted: flesh yields."""
+"""Smaller overlaps of fingers are accepted, because flesh yields [m]."""
 _PALM_HALF_M: Final = 0.0105
 _SAMPLES: Final = 400
 _NODES: Final = 33
@@ -68,13 +68,13 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A key pose of the arm. Angles and shifts are relative to the start.
 
     Attributes:
-        posture: of the hand, by name.
-        move_s: duration of the motion to this key.
-        hold_s: duration of the pause at this key.
-        elbow_deg, pronation_deg, wrist_deg, deviation_deg: joint angles.
-        roll_deg: of the whole arm about the optical axis through its middle, clockwise in the image.
-        turn_deg: of the whole arm about its shoulder: rotation vector in the camera frame.
-        shift_m: of the whole arm, in the camera frame.
+        posture: name of the hand's posture.
+        move_s: duration of the motion to this key [s].
+        hold_s: duration of the pause at this key [s].
+        elbow_deg, pronation_deg, wrist_deg, deviation_deg: joint angles, see `ArmMeshPose.joints` [deg].
+        roll_deg: rotation of the whole arm about the optical axis through its middle, clockwise in the image [deg].
+        turn_deg: rotation of the whole arm about its shoulder, as a rotation vector in the camera frame [deg].
+        shift_m: translation of the whole arm, in the camera frame [m].
     """
 
     posture: str = "open"
@@ -98,7 +98,7 @@ class HeldArm:
     """The state of an arm at an instant.
 
     Attributes:
-        pose: of a right arm; a left arm is its mirror image.
+        pose: pose of a right arm; a left arm is its mirror image.
         gesture: name of the gesture; empty between gestures.
     """
 
@@ -114,12 +114,12 @@ class ArmMotion:
         keys: key poses.
         postures: known postures by name.
         start: the pose that the keys are relative to.
-        middle: (3,) centre of the roll [m].
-        rate: factor on the speed of the keys.
-        peak_m_s: the palm's greatest speed, which determines the rate; 0 keeps the given rate.
+        middle: (3,) centre of the roll in the camera frame [m].
+        rate: factor of the speed of the keys.
+        peak_m_s: the palm's greatest speed, which determines the rate [m/s]; 0 keeps ``rate``.
         phase: start within the keys' period, from 0 to 1.
-        amount_deg: standard deviation of the random change of each posture.
-        seed: of that change.
+        amount_deg: standard deviation of the random change of each posture's angles [deg].
+        seed: random seed of that change.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class ArmMotion:
         self.period_s /= self._rate
 
     def at(self, at_s: float) -> HeldArm:
-        """State of the arm at a time [s]."""
+        """Return the state of the arm at a time of the scene [s]."""
         before, after, x = self._where(at_s)
         part = _eased(x)
         wished = self._wished(before, after, x)
@@ -273,7 +273,10 @@ def _eased(x: float) -> float:
 
 
 def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
-    """Angles (21,) of a posture [rad]; digits without values are as in ``otherwise``."""
+    """Return the angles (21,) of a posture, in the order of `mocapella.model.hand.ANGLES` [rad].
+
+    Digits without values are as in ``otherwise``.
+    """
     angles = np.zeros(len(ANGLES))
     for digit, row in zip(DIGITS, DIGIT_ANGLES, strict=True):
         values = getattr(posture, digit)
@@ -292,9 +295,9 @@ def untangled(
     """Find the angles (21,) nearest to the wished ones at which no finger penetrates another [rad].
 
     Args:
-        mesh: the hand.
-        wished: (21,) [rad].
-        start: (21,) start of the search; None for the wished angles.
+        mesh: mesh of the hand.
+        wished: (21,) wished angles, in the order of `mocapella.model.hand.ANGLES` [rad].
+        start: (21,) start of the search [rad]; None for the wished angles.
         touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
         flesh: radii of the digits (5, 4) and half the palm's thickness [m]; None for the mesh's own.
     """
@@ -309,14 +312,14 @@ def untangled(
 
 
 def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
-    """Largest overlap of a finger with another or with the palm [m]; 0 without any.
+    """Return the largest overlap of a finger with another or with the palm [m]; 0 without any.
 
     Flesh is modelled as tapered limbs around the bones; of the first bones of neighbouring
     fingers, the 45 % of their length next to the knuckle are ignored.
 
     Args:
-        mesh: the hand.
-        angles: (21,) [rad].
+        mesh: mesh of the hand.
+        angles: (21,) in the order of `mocapella.model.hand.ANGLES` [rad].
     """
     pose, k = ArmMeshPose(angles, np.zeros(4), np.eye(4)), _kernels()
     limbs, out = np.empty((19, 8)), np.empty(k.PAIRS)
@@ -331,13 +334,13 @@ def _flesh(mesh: ArmMesh) -> tuple[Float64, float]:
 
 
 def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64, which: int = PALM) -> ArmMeshPose:
-    """Pose of a right arm with a flat hand (all angles 0), one of whose points is at a given position.
+    """Return the pose of a right arm with a flat hand (all angles 0), with one of its points at a known position.
 
     Args:
         mesh: the arm.
         joints: (4,) of `ArmMeshPose` [rad].
-        R_camera_palm: (3, 3).
-        at: (3,) in the camera frame [m].
+        R_camera_palm: (3, 3) orientation of the palm.
+        at: (3,) position of the point in the camera frame [m].
         which: index of the point in `mocapella.model.arms.ARM_POINTS`.
     """
     pose = ArmMeshPose(np.zeros(len(ANGLES)), np.asarray(joints, dtype=np.float64), np.eye(4))

@@ -28,10 +28,10 @@ class HandGeometry(NamedTuple):
 
     Attributes:
         digit_frames: (5, 3, 3) of `HandModel.frames`.
-        which: (5, 5) `DIGIT_ANGLES`.
-        bases, lengths: of `HandShape` [m].
-        cones, limits: joint limits of `HandModel` [rad].
-        radii: (5, 4) of the digits at their joints and tip [m].
+        which: (5, 5) indices of the digits' angles, see `mocapella.model.hand.DIGIT_ANGLES`.
+        bases, lengths: (5, 3) of `HandShape` [m].
+        cones, limits: (5, 5), (21, 2) joint limits of `HandModel` [rad].
+        radii: (5, 4) radii of the digits at their joints and tip [m].
         palm_m: half the palm's thickness [m].
     """
 
@@ -46,7 +46,12 @@ class HandGeometry(NamedTuple):
 
 
 class LimbBuffers(NamedTuple):
-    """Arrays that every evaluation of the residuals overwrites: bones (19, 3, 4), points (24, 3), limbs (19, 8)."""
+    """Workspace that every evaluation of the residuals overwrites.
+
+    Attributes:
+        bones, points: (19, 3, 4), (24, 3) of `arm_frames`.
+        limbs: (19, 8) of `limbs_of`.
+    """
 
     bones: Float64
     points: Float64
@@ -55,7 +60,7 @@ class LimbBuffers(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def limbs_apart(limbs: Float64, i: int, j: int) -> float:
-    """Distance between two of the limbs (n, 8) of `limbs_of` [m]; negative where they overlap.
+    """Return the distance between the rows i and j of ``limbs`` (n, 8) of `limbs_of` [m]; negative if they overlap.
 
     This is the distance of the axes' nearest points (C. Ericson, *Real-time collision detection*, 2005, section
     5.1.9), minus the radii there.
@@ -81,15 +86,15 @@ def limbs_apart(limbs: Float64, i: int, j: int) -> float:
 
 @njit(cache=True)
 def limbs_of(points: Float64, radii: Float64, palm_m: float, limbs: Float64) -> None:
-    """Write the limbs (19, 8), their two ends and radii [m]: three of each digit, then four of the palm.
+    """Compute the hand's limbs: three of each digit, then four of the palm.
 
     Neighbouring digits share flesh at their bases, so a digit's first limb begins at 45 % of its bone. Its last limb
     ends before the tip.
 
     Args:
         points: (24, 3) of `arm_frames` [m].
-        radii, palm_m: of `HandGeometry`.
-        limbs: written.
+        radii, palm_m: (5, 4) radii of the digits, and half the palm's thickness [m].
+        limbs: (19, 8) written: two ends (3 + 3) and the radii there [m].
     """
     for d in range(5):
         for bone in range(3):
@@ -111,7 +116,7 @@ def limbs_of(points: Float64, radii: Float64, palm_m: float, limbs: Float64) -> 
 
 @njit(cache=True)
 def overlaps(limbs: Float64, out: Float64) -> None:
-    """Write the overlap of each pair of limbs (`PAIRS`,) [m]; negative where they are apart.
+    """Write the overlap of each pair of ``limbs`` (19, 8) into ``out`` (`PAIRS`,) [m]; negative if they are apart.
 
     Limbs that touch at rest are excluded: the thumb's first limb is paired only with the fingers' outer limbs.
     """
@@ -131,7 +136,7 @@ def overlaps(limbs: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def limit(angles: Float64, hand: HandGeometry) -> None:
-    """Clamp angles (21,) to the joint limits, in place, as `HandModel.limited` does."""
+    """Clamp angles (21,) [rad] to the joint limits, in place, as `HandModel.limited` does."""
     which, cones, limits = hand.which, hand.cones, hand.limits
     for i in range(len(angles)):
         angles[i] = min(max(angles[i], limits[i, 0]), limits[i, 1])
@@ -181,7 +186,7 @@ def _residuals(
 
 @njit(cache=True)
 def squared(r: Float64) -> float:
-    """Return the sum of squares."""
+    """Return the sum of squares of r (n,)."""
     total = 0.0
     for i in range(len(r)):
         total += r[i] * r[i]
@@ -220,8 +225,8 @@ def untangle(
 
     Args:
         hand: the hand's geometry.
-        wished: (21,) [rad].
-        start: (21,) where the search begins [rad].
+        wished: (21,) wished angles [rad].
+        start: (21,) angles at which the search begins [rad].
         touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
         allowed_m: smaller overlaps are accepted [m].
         angles: (21,) written [rad].

@@ -45,7 +45,7 @@ class Light:
 
     Attributes:
         towards: (3,) unit vector towards the directed light.
-        strength: (3,) of the directed light.
+        strength: (3,) strength of the directed light.
         sky: (3,) ambient light from above.
         ground: (3,) ambient light from below.
     """
@@ -61,8 +61,9 @@ class BackdropView:
     """A room as seen by one camera.
 
     Attributes:
-        linear: (height, width, 3) light, red, green, blue.
-        floor_m: (height, width, 2) x and z of the floor at a pixel's centre; NaN where the floor is not visible.
+        linear: (height, width, 3) linear light, red, green, blue; 1 is a white surface in full light.
+        floor_m: (height, width, 2) x and z of the floor at a pixel's centre, in the world [m]; NaN where the floor is
+            not visible.
     """
 
     linear: Float32
@@ -74,10 +75,11 @@ class Backdrop:
     """A room.
 
     Attributes:
-        boxes: (n, 8) centre, half edges [m], cosine and sine of the rotation about y; the first is the room.
-        faces: (n, 6) material of the faces −x +x −y +y −z +z.
-        materials: (m, 10) kind, two colours, size [m], seed, gloss.
-        light: in the room.
+        boxes: (n, 8) centre (3) and half edges (3) in the world [m], cosine and sine of the rotation about y; the first
+            box is the room.
+        faces: (n, 6) index of the material of the faces −x +x −y +y −z +z.
+        materials: (m, 10) kind, two colours (3 + 3), size of the pattern [m], seed, gloss.
+        light: the light in the room.
     """
 
     boxes: Float64
@@ -101,7 +103,7 @@ class Backdrop:
 
 
 def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
-    """Make a random room: y up, floor at y = 0, centre at the origin, walls at least ``least_half_m`` away."""
+    """Return a random room: y up, floor at y = 0, centre at the origin, walls at least ``least_half_m`` away [m]."""
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
     half = np.array([least_half_m, 1.35, least_half_m]) + rng.uniform(0, 1, 3) * [0.9, 0.35, 0.9]

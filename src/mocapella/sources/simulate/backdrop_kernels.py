@@ -23,7 +23,7 @@ Integers = NDArray[np.integer[Any]]
 PAINT, PLANKS, BRICKS, TILES, CARPET, STRIPES, BOOKS, POSTER, WINDOW, CURTAIN, CLOTH, SKETCH = range(12)
 """Kinds of material; see `reflected`."""
 FAR_M = 1e9
-"""Distance of a ray that hits nothing."""
+"""Distance of a ray that hits nothing [m]."""
 
 
 class RoomGeometry(NamedTuple):
@@ -44,8 +44,8 @@ class RoomLight(NamedTuple):
     """The light in a room; colours are red, green, blue.
 
     Attributes:
-        strength: (3,) of the directed light.
-        sky, ground: (3,) of the ambient light from above and from below.
+        strength: (3,) strength of the directed light.
+        sky, ground: (3,) strength of the ambient light from above and from below.
         towards: (3,) unit vector towards the directed light.
         softness: spread of the light's direction, for penumbrae.
         lamps: (3,) factor of the light that a `WINDOW` emits.
@@ -61,12 +61,16 @@ class RoomLight(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def enter_box(o: Float64, d: Float64, box: Float64, inside: bool) -> tuple[float, int, float]:
-    """Intersect a ray with a box: (distance, axis of the face, sign of the face); distance `FAR_M` without a hit.
+    """Intersect a ray with a box.
 
     Args:
-        o, d: (3,) origin and direction.
+        o, d: (3,) origin [m] and direction of the ray.
         box: (8,), see the module.
         inside: whether to return the far side, as for a room seen from inside.
+
+    Returns:
+        The distance in lengths of ``d``, `FAR_M` without a hit; the axis of the face that is hit, 0 to 2; and the sign
+        of the face's normal along that axis, towards the ray's origin.
     """
     c, s = box[6], box[7]
     px, pz = o[0] - box[0], o[2] - box[2]
@@ -162,9 +166,9 @@ def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Fl
 
     Args:
         material: (10,), see the module.
-        u, v: from the face's lower left corner.
-        w, h: of the face.
-        out: (3,) red, green, blue, written.
+        u, v: position on the face, from its lower left corner [m].
+        w, h: width and height of the face [m].
+        out: (3,) written: reflectance of red, green, blue, 0 to 1.
     """
     kind, size, seed = int(material[0]), material[7], int(material[8])
     mix, light = 0.0, 1.0
@@ -230,7 +234,7 @@ def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Fl
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def passes(o: Float64, d: Float64, box: Float64) -> bool:
-    """Whether a ray misses the bounding sphere of a box, or points away from it."""
+    """Return whether a ray, origin o (3,) and direction d (3,), misses a box's bounding sphere or points away."""
     x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
     along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
@@ -240,7 +244,15 @@ def passes(o: Float64, d: Float64, box: Float64) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit(o: Float64, d: Float64, boxes: Float64) -> tuple[float, int, int, float]:
-    """(distance, box, axis, sign) of a ray's first intersection; box 0 is the room, seen from inside."""
+    """Intersect a ray with all boxes of a room.
+
+    Args:
+        o, d: (3,) origin [m] and direction of the ray.
+        boxes: (n, 8), see the module; box 0 is the room, seen from inside.
+
+    Returns:
+        Distance in lengths of ``d``, index of the box, axis and sign of the face that is hit first; see `enter_box`.
+    """
     best, axis, sign = enter_box(o, d, boxes[0], True)
     which = 0
     for b in range(1, len(boxes)):
@@ -271,15 +283,15 @@ def _ambient_share(room: Float64, p: Float64, n: Float64, axis: int, which: int)
 def trace(
     rays: Float64, T_world_camera: Float64, geometry: RoomGeometry, lighting: RoomLight, linear: Float32, floor: Float32
 ) -> None:
-    """Write the light (h, w, 3) that a camera receives from a room, and the visible floor (h, w, 2) x, z [m].
+    """Ray-trace the light that a camera receives from a room, and the visible floor.
 
     Args:
-        rays: (h, w, samples, 2) x/z and y/z of a pixel's samples; the first is its middle.
-        T_world_camera: (4, 4).
+        rays: (h, w, samples, 2) directions x/z and y/z of a pixel's samples; the first is the pixel's middle.
+        T_world_camera: (4, 4) pose of the camera.
         geometry: the room's boxes and materials.
         lighting: the light in the room.
-        linear: float32, written.
-        floor: float32, written; NaN where a pixel's middle does not show the floor.
+        linear: (h, w, 3) float32, written: red, green, blue.
+        floor: (h, w, 2) float32, written: x and z [m]; NaN where a pixel's middle does not show the floor.
     """
     h, w, samples, _ = rays.shape
     o, d, p, q, n, colour = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)

@@ -31,9 +31,9 @@ class BodyTemplate:
     """Properties that all people share.
 
     Attributes:
-        parents: (25,) the joint at the other end of the bone; the root's is itself.
-        offsets: (25, 3) from parent to joint in fractions of stature: left, up, forward, arms out sideways.
-        radii: (25,) of the bones' capsules in fractions of stature; 0 for the root.
+        parents: (25,) index of the joint at the other end of each joint's bone; the root's is itself.
+        offsets: (25, 3) from parent to joint, in fractions of stature: left, up, forward; the arms are out sideways.
+        radii: (25,) radii of the bones' capsules in fractions of stature; 0 for the root.
         chain: (25, 25) 1 if the bone of the column is between the root and the joint of the row, else 0.
         within: (25, 25) whether the joint of the row is inside the capsule of the bone of the column, arms out.
     """
@@ -65,25 +65,34 @@ def body_template() -> BodyTemplate:
 
 
 def bone_lengths(stature: float) -> Float64:
-    """Length (25,) of the bone that ends at each joint [m]; 0 for the root."""
+    """Return the length (25,) of the bone that ends at each joint, for a stature [m]; 0 for the root."""
     check(0.5 <= stature <= 2.5, "stature", stature, "from 0.5 to 2.5 m")
     return np.asarray(np.linalg.norm(body_template().offsets, axis=1) * stature)
 
 
 def joint_positions(root: Float64, directions: Float64, lengths: Float64) -> Float64:
-    """Joints (..., 25, 3) from a root (..., 3), unit bone directions (..., 25, 3) and lengths (..., 25)."""
+    """Return the joints (..., 25, 3) of a body [m].
+
+    Args:
+        root: (..., 3) position of the root joint [m].
+        directions: (..., 25, 3) unit vector along the bone that ends at each joint.
+        lengths: (..., 25) of the bones [m].
+    """
     return root[..., None, :] + body_template().chain @ (directions * lengths[..., None])
 
 
 def facing(positions: Float64) -> Float64:
-    """Horizontal facing direction (..., 3) of bodies (..., 25, 3): a unit vector, left × up of the shoulders."""
+    """Return the horizontal facing direction (..., 3) of bodies (..., 25, 3), y up.
+
+    It is a unit vector: the cross product of the direction to the left shoulder and the upward direction.
+    """
     left = positions[..., JOINT["ShoulderLeft"], :] - positions[..., JOINT["ShoulderRight"], :]
     forward = np.stack([-left[..., 2], np.zeros(left.shape[:-1]), left[..., 0]], axis=-1)
     return np.asarray(forward / np.linalg.norm(forward, axis=-1, keepdims=True))
 
 
 def joint_selection(wanted: Topology) -> NDArray[np.int64]:
-    """Index of the body's joint for each joint of a topology.
+    """Return the index of the body's joint for each joint of a topology (joints,).
 
     Raises:
         SettingsError: the topology has a joint that the body does not have.

@@ -33,7 +33,7 @@ Key = tuple[float, Mapping[str, float]]
 
 GRID_HZ: Final = 200.0
 SMOOTH_S: Final = 0.035
-"""Standard deviation of the Gaussian."""
+"""Standard deviation of the Gaussian that smooths motions [s]."""
 GRAVITY_M_PER_S2: Final = 9.81
 _CONTACT_M: Final = 0.006
 _IN_THE_AIR_M: Final = 1e-3
@@ -55,11 +55,11 @@ class BodyMotion:
     """A motion: a pose at any time; before its beginning and after its end the body stands still.
 
     Attributes:
-        seconds: its duration.
+        seconds: duration of the motion [s].
         angles: spline of the joint angles [rad].
         turns: spline of yaw, pitch and roll [rad].
         place: spline of the root point's position, world [m].
-        root: (3,) the root point in the rest pose.
+        root: (3,) the root point in the rest pose [m].
     """
 
     seconds: float
@@ -69,7 +69,7 @@ class BodyMotion:
     root: Float64
 
     def pose(self, at_s: Any) -> TreePose:
-        """Poses at times (...,) [s], with the same batch axes."""
+        """Return the poses at times (...,) since the motion's beginning [s], with the same batch axes."""
         at = np.clip(np.asarray(at_s, np.float64), 0.0, self.seconds)
         R = turned(self.turns(at))
         return TreePose(rigid(R, self.place(at) - (R @ self.root[:, None])[..., 0]), self.angles(at))
@@ -89,10 +89,10 @@ def body_motion(name: str, mesh: RiggedMesh, seconds: float | None = None, seed:
     """Make a motion for a body.
 
     Args:
-        name: of `motion_names`.
-        mesh: the body, of `body_meshes.body_mesh`.
-        seconds: duration; cyclic motions repeat, others stand still after their end.
-        seed: of small variations of tempo and width.
+        name: one of `motion_names`.
+        mesh: the body, made by `body_meshes.body_mesh`.
+        seconds: duration [s]; cyclic motions repeat, others stand still after their end. None: the default.
+        seed: random seed of small variations of tempo and width.
 
     Raises:
         SettingsError: unknown motion, invalid duration, or the mesh does not have the joints of a body.
@@ -112,11 +112,11 @@ def grounded(
 
     Args:
         mesh: the body.
-        angles: (n, joints) at `GRID_HZ` [rad].
-        turns: (n, 3) yaw, pitch and roll [rad].
-        above: (n,) height of its lowest point [m].
+        angles: (n, joints) joint angles at a rate of `GRID_HZ` [rad].
+        turns: (n, 3) yaw, pitch and roll of the whole body [rad].
+        above: (n,) height of the body's lowest point above the floor [m].
         stays: whether to remove the net travel, as on a treadmill.
-        path: (n, 2) x and z, if known.
+        path: (n, 2) x and z of the hips in the world [m], if known.
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
@@ -172,7 +172,7 @@ def splined(
     mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool = False,
     path: Float64 | None = None,
 ) -> BodyMotion:  # fmt: skip
-    """Make a motion through poses at `GRID_HZ`; arguments as for `grounded`."""
+    """Return a motion through poses at a rate of `GRID_HZ`; arguments as in `grounded`."""
     from scipy.interpolate import CubicSpline
 
     place = grounded(mesh, angles, turns, above, stays=stays, path=path)
@@ -182,7 +182,7 @@ def splined(
 
 
 def smoothed(values: Float64) -> Float64:
-    """Smooth values (n, …) at `GRID_HZ` with the Gaussian."""
+    """Smooth values (n, …), sampled at `GRID_HZ`, along the first axis with a Gaussian of `SMOOTH_S`."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(values, SMOOTH_S * GRID_HZ, axis=0, mode="nearest"))
@@ -221,7 +221,7 @@ def _named(word: str, columns: tuple[str, ...]) -> list[str]:
 
 
 def turned(turns: Float64) -> Float64:
-    """Yaw, pitch and roll (..., 3) [rad] as rotations (..., 3, 3): about z, then x, then y."""
+    """Convert yaw, pitch and roll (..., 3) [rad] to rotations (..., 3, 3): first roll (z), then pitch (x), yaw (y)."""
     yaw, pitch, roll = np.moveaxis(turns, -1, 0)
     about_z = np.zeros((*roll.shape, 3, 3))
     about_z[..., 0, 0] = about_z[..., 1, 1] = np.cos(roll)

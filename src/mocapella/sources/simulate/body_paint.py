@@ -44,12 +44,12 @@ class Cast:
     """All people's meshes as one mesh.
 
     Attributes:
-        meshes: of the people.
-        rest: (n, 3) vertices in the rest pose.
-        faces: (m, 3).
+        meshes: meshes of the people.
+        rest: (n, 3) vertices of all meshes in the rest pose [m].
+        faces: (m, 3) indices of each triangle's vertices.
         people: (m,) index of each face's person.
-        parts: (m,) part of that body.
-        baked: (m, n, n, 4) float32 reflectance of the faces; see `body_paint_kernels.bake`.
+        parts: (m,) index of the part of that person's mesh.
+        baked: (m, k, k, 4) float32 reflectance and gloss on a grid over each face; see `body_paint_kernels.bake`.
     """
 
     meshes: tuple[RiggedMesh, ...]
@@ -89,10 +89,11 @@ class LitBodies:
     Attributes:
         cast: the bodies.
         vertices, normals: (n, 3) in the world frame, y up, the floor at 0 [m].
-        light: in the room.
-        tops: (k, l) shadow map over cells of the floor: height of the first surface in the light plus 1 m, or 0.
-        shade: (k, l) float32 share of the directed light that is blocked from the floor.
-        first_m: (2,) x and z of the first cell.
+        light: the light in the room.
+        tops: (k, l) shadow map over cells of the floor, in z and x: height of the first surface in the light plus 1 m,
+            or 0 without a surface [m].
+        shade: (k, l) float32 fraction of the directed light that is blocked from the floor, 0 to 1.
+        first_m: (2,) x and z of the first cell [m].
     """
 
     cast: Cast
@@ -110,8 +111,8 @@ class Layer:
 
     Attributes:
         origin_px: (x, y) of the window's first pixel.
-        colour: (rows, columns, 3) light, red, green, blue, premultiplied by alpha.
-        alpha: (rows, columns) share of each pixel that is covered.
+        colour: (rows, columns, 3) float32 linear light, red, green, blue, premultiplied by alpha.
+        alpha: (rows, columns) float32 fraction of each pixel that is covered, 0 to 1.
     """
 
     origin_px: tuple[int, int]
@@ -125,7 +126,7 @@ class Covered:
 
     Attributes:
         people: (height, width) int8 index of the person; -1 for background.
-        parts: (height, width) int8 part of that body; -1 for background.
+        parts: (height, width) int8 index of the part of that person's mesh; -1 for background.
         depth_m: (height, width) float32 z in the camera frame; infinite for background.
     """
 
@@ -152,7 +153,7 @@ def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
 
 
 def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
-    """Render bodies for a camera, averaged over the instants of its exposure."""
+    """Render bodies for a camera, averaged over ``stages``, the instants of its exposure."""
     views = [_seen(stage, placed) for stage in stages]
     boxes = np.array([box for _, box in views])
     shown = boxes[boxes[:, 2] > boxes[:, 0]] if (boxes[:, 2] > boxes[:, 0]).any() else np.zeros((1, 4), np.int64)
@@ -189,7 +190,7 @@ def covered(stage: LitBodies, placed: PlacedCamera) -> Covered:
 
 
 def cell_m() -> float:
-    """Distance between cells of the shadow map."""
+    """Return the distance between cells of the shadow map [m]."""
     return _CELL_M
 
 

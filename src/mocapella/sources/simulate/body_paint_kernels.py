@@ -30,10 +30,10 @@ class PaintedSurface(NamedTuple):
     """The bodies' surface at one instant, for one camera.
 
     Attributes:
-        seen: (n, 3) of `raster_kernels.project`.
+        seen: (n, 3) projected vertices, see `raster_kernels.project`.
         triangles: (m, 3) indices of vertices.
         vertices, normals: (n, 3) in the world frame [m].
-        baked: (m, n, n, 4) of `bake`.
+        baked: (m, k, k, 4) of `bake`.
     """
 
     seen: Float64
@@ -47,9 +47,9 @@ class LightHeights(NamedTuple):
     """A shadow map: the height of the first surface in the light, over cells of the floor.
 
     Attributes:
-        tops: (k, l) that height plus 1 m, over z and x; 0 without a surface.
+        tops: (k, l) height plus 1 m over cells in z and x; 0 without a surface [m].
         first: (2,) x and z of the first cell's middle [m].
-        cell_m: distance between cells.
+        cell_m: distance between cells [m].
     """
 
     tops: Float64
@@ -73,7 +73,13 @@ class FloorShadow(NamedTuple):
 
 
 class BodyLayer(NamedTuple):
-    """The bodies in a window of the image, see `paint`: ``left`` and ``top`` are the window's first pixel."""
+    """The bodies in a window of the image.
+
+    Attributes:
+        colour: (rows, columns, 3) float32 linear light, red, green, blue, premultiplied by alpha.
+        alpha: (rows, columns) float32 fraction of each pixel that is covered, 0 to 1.
+        left, top: column and row of the window's first pixel in the image.
+    """
 
     colour: Float32
     alpha: Float32
@@ -85,8 +91,9 @@ class ColourCoding(NamedTuple):
     """How a camera codes light.
 
     Attributes:
-        gain: factor on the light.
-        coded, spread: (4097,) float32 8-bit values for linear 0 … 1, and the noise's standard deviation there.
+        gain: factor of the light.
+        coded, spread: (4097,) float32 tables over linear light from 0 to 1: 8-bit value from 0 to 255, and standard
+            deviation of its noise.
     """
 
     gain: float
@@ -100,9 +107,9 @@ def worn(material: Float64, x: float, y: float, z: float, along: float, out: Flo
 
     Args:
         material: (10,), see the module.
-        x, y, z: in the rest pose [m].
+        x, y, z: the point in the mesh's rest frame [m].
         along: distance from the part's origin along its limb [m].
-        out: (3,) red, green, blue, written.
+        out: (3,) written: reflectance of red, green, blue, 0 to 1.
     """
     kind, size, seed = int(material[0]), material[7], int(material[8])
     mix, light = 0.0, 1.0
@@ -135,7 +142,16 @@ def worn(material: Float64, x: float, y: float, z: float, along: float, out: Flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def material_of(zone: Float64, spots: Float64, x: float, y: float, z: float, along: float) -> int:
-    """Index of the material at a point: by the distance along the limb, then hair behind a plane, then spots (eyes)."""
+    """Return the index of the material at a point of the body in its rest pose.
+
+    It depends on the distance along the limb, then on hair behind a plane, then on spots (eyes).
+
+    Args:
+        zone: (21,) a row of ``zones`` of `bake`.
+        spots: (s, 5) as in `bake`.
+        x, y, z: the point in the mesh's rest frame [m].
+        along: distance from the zone's origin along its direction [m].
+    """
     count = int(zone[6])
     k = 0
     while k < count - 1 and along > zone[7 + k]:
@@ -156,17 +172,18 @@ def bake(
     triangles: Integers, rest: Float64, parts: Integers, zones: Float64, spots: Float64, materials: Float64,
     baked: Float32,
 ) -> None:  # fmt: skip
-    """Write the reflectance of each face on a grid, computed once in the rest pose, since clothes move with the skin.
+    """Compute the reflectance of each face on a grid, once in the rest pose, since clothes move with the skin.
 
     Args:
         triangles: (m, 3) indices of vertices.
         rest: (n, 3) vertices in the rest pose [m].
-        parts: (m,) zones of the triangles.
-        zones: (parts, 21) origin (3), direction (3), count, ends along it (4), materials (5), plane (4), material
-            behind the plane or -1; for `material_of`.
-        spots: (s, 5) middle, radius, material.
+        parts: (m,) index of each triangle's zone.
+        zones: (zones, 21) origin (3) [m], direction (3), number of materials, their ends along the direction (4) [m],
+            their indices (5), plane (normal (3) and offset [m]), index of the material behind the plane or -1.
+        spots: (s, 5) middle (3) [m], radius [m], index of the material.
         materials: (k, 10), see the module.
-        baked: (m, n, n, 4) float32 red, green, blue, gloss at shares (i + ½)/n, (j + ½)/n of the first two corners.
+        baked: (m, n, n, 4) float32, written: red, green, blue, gloss at the barycentric coordinates (i + ½)/n and
+            (j + ½)/n of the first two corners.
     """
     n, c, q = baked.shape[1], np.empty(3), np.empty(3)
     for t in range(len(triangles)):
@@ -189,10 +206,10 @@ def bake(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def lit_share(tops: Float64, first: Float64, cell_m: float, x: float, z: float, y: float) -> float:
-    """Share of the directed light that arrives at a point, interpolated between the four nearest cells.
+    """Return the fraction of the directed light that arrives at a point, interpolated between the four nearest cells.
 
     Args:
-        tops, first, cell_m: of `LightHeights`.
+        tops, first, cell_m: see `LightHeights`.
         x, z: where the light ray through the point meets the floor [m].
         y: the point's height [m].
     """
@@ -208,7 +225,7 @@ def lit_share(tops: Float64, first: Float64, cell_m: float, x: float, z: float, 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def whole(which: Integers, r: int, k: int) -> bool:
-    """Whether all four samples from row r and column k on show a body."""
+    """Return whether the 2 × 2 samples of ``which`` from row ``r`` and column ``k`` on all show a body (0 or more)."""
     return bool(which[r, k] >= 0 and which[r, k + 1] >= 0 and which[r + 1, k] >= 0 and which[r + 1, k + 1] >= 0)
 
 
@@ -220,15 +237,16 @@ def paint(
     """Add the light and the coverage of bodies to a window of an image.
 
     Args:
-        which: (rows·k, columns·k) triangles of the samples of `raster_kernels.cover`; k = ``per_pixel`` samples along a
-            pixel's side.
-        per_pixel: see ``which``.
-        surface: of the bodies.
-        eye: (3,) the camera's position [m].
-        light: (4, 3) directed light, ambient from above, from below, unit vector towards the directed light.
+        which: (rows·k, columns·k) index of the triangle at each sample, -1 for none, of `raster_kernels.cover`; k is
+            ``per_pixel``.
+        per_pixel: number of samples along a pixel's side.
+        surface: the bodies' surface.
+        eye: (3,) the camera's position in the world [m].
+        light: (4, 3) rows: directed light, ambient light from above, from below, unit vector towards the directed
+            light.
         heights: the shadow map.
         share: coverage that one sample adds; 1 is a whole pixel.
-        layer: colour (rows, columns, 3) and alpha (rows, columns), float32, in and out.
+        layer: the window; ``colour`` and ``alpha`` are added to.
     """
     h, w = which.shape
     seen, triangles, vertices, normals = surface.seen, surface.triangles, surface.vertices, surface.normals
@@ -285,14 +303,14 @@ def develop(
     backdrop: Float32, floor: Float32, layer: BodyLayer, shadow: FloorShadow, coding: ColourCoding, noise: Float32,
     starts: Integers, image: UInt8,
 ) -> None:  # fmt: skip
-    """Write a camera's image: bodies in front of a room with their shadow on the floor, exposed, coded, with noise.
+    """Compose a camera's image: bodies in front of a room with their shadow on the floor, exposed, coded, with noise.
 
     Args:
-        backdrop: (h, w, 3) light.
+        backdrop: (h, w, 3) linear light of the room, red, green, blue.
         floor: (h, w, 2) x, z of the visible floor [m], NaN elsewhere.
         layer: the bodies, of `paint`.
-        shadow: on the floor.
-        coding: of the camera.
+        shadow: the bodies' shadow on the floor.
+        coding: how the camera codes light.
         noise: (n,) float32 standard normal numbers.
         starts: (h,) index of each row's first number in ``noise``.
         image: (h, w, 3) uint8 blue, green, red, written.

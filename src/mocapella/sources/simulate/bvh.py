@@ -33,11 +33,11 @@ class BvhJoint:
     """A joint, or an end site (which has no channels and the name ``<parent> end``).
 
     Attributes:
-        name: as in the file.
+        name: name in the file.
         parent: index of the parent, −1 for the root.
-        offset: from the parent, in the file's unit.
-        channels: names in the file's order.
-        first_channel: column of the first channel.
+        offset: (3,) position relative to the parent, in the file's unit.
+        channels: names of its channels, in the file's order.
+        first_channel: column of its first channel in `Bvh.channels`.
     """
 
     name: str
@@ -52,9 +52,9 @@ class Bvh:
     """The content of a BVH file.
 
     Attributes:
-        joints: parents before children.
+        joints: joints and end sites, parents before children.
         frame_s: time between two frames [s].
-        channels: (frames, columns), positions in the file's unit, angles in degrees.
+        channels: (frames, columns) values of all channels: positions in the file's unit, angles in degrees.
     """
 
     joints: tuple[BvhJoint, ...]
@@ -62,7 +62,7 @@ class Bvh:
     channels: Float64
 
     def positions(self) -> Float64:
-        """Positions (frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
+        """Return the positions (frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
         frames = len(self.channels)
         positions = np.empty((frames, len(self.joints), 3))
         rotations = np.empty((frames, len(self.joints), 3, 3))
@@ -98,7 +98,7 @@ def parse_bvh(text: str, file: object = None) -> Bvh:
     """Parse a file's content; ``file`` is named in errors.
 
     Raises:
-        InputError: as `read_bvh`.
+        InputError: as in `read_bvh`.
     """
     reader = _Reader(text, file)
     reader.expect("HIERARCHY")

@@ -35,10 +35,10 @@ def body_motion_of(
 
     Args:
         bvh: content of the file.
-        mesh: the body, of `body_meshes.body_mesh`.
-        seconds: duration; None for all until the file's end.
-        start_s: start within the file.
-        file: named in errors.
+        mesh: the body, made by `body_meshes.body_mesh`.
+        seconds: duration [s]; None for all until the file's end.
+        start_s: time in the file at which the motion starts [s].
+        file: named in errors, if given.
 
     Raises:
         InputError: joints are missing, or the legs have no length.
@@ -59,9 +59,11 @@ def body_motion_of(
 
 
 def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float64, Float64, Float64]:
-    """Joint angles (frames, joints), yaw, pitch and roll (frames, 3) [rad], and the hips' path (frames, 2) [m].
+    """Compute the body's poses in the file's frames; errors name ``file``, if given.
 
-    The frames are the file's; the path is on the floor.
+    Returns:
+        Joint angles (frames, joints) [rad]; yaw, pitch and roll of the whole body (frames, 3) [rad]; and x and z of the
+        hips' path on the floor (frames, 2) [m].
 
     Raises:
         InputError: as for `body_motion_of`.

@@ -30,12 +30,12 @@ class CameraImageSettings:
 
     Attributes:
         exposure: signal of white in full light, relative to full scale; above 1 white clips.
-        lens_blur_px: standard deviation of the lens' blur.
-        photons: electrons at full scale; fewer give more photon noise.
-        read_noise: standard deviation, relative to full scale.
+        lens_blur_px: standard deviation of the lens' blur [px].
+        photons: number of electrons at full scale; fewer give more photon noise.
+        read_noise: standard deviation of the read noise, relative to full scale.
         bayer: whether the sensor has one colour per pixel (RGGB).
         white_balance: gains of (red, green, blue) after the sensor.
-        saturation: factor on the distance from grey; 1 keeps colours.
+        saturation: factor of a colour's distance from grey; 1 keeps colours.
         shared_chroma: whether 2 × 2 pixels share their chroma.
     """
 
@@ -61,12 +61,12 @@ def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.
     """Convert linear light to the camera's image.
 
     Args:
-        linear: (height, width, 3) red, green, blue; even height and width.
-        settings: of the camera.
-        rng: of the noise; the same state gives the same image to the bit.
+        linear: (height, width, 3) linear light, red, green, blue; even height and width.
+        settings: parameters of the camera.
+        rng: random numbers of the noise; the same state gives the same image to the bit.
 
     Returns:
-        (height, width, 3) blue, green, red: OpenCV's order.
+        (height, width, 3) uint8 BGR.
     """
     height, width = linear.shape[:2]
     check(height % 2 == 0 and width % 2 == 0, "size of the picture", (width, height), "even")

@@ -29,9 +29,9 @@ class ImageSensor(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def blurred(x: Float32, taps: Float32) -> Float32:
-    """Convolve (h, w, 3) with a symmetric kernel along rows and columns; the border is repeated.
+    """Convolve an image x (h, w, 3) with a symmetric kernel along rows and columns; the border is repeated.
 
-    ``taps`` is one side of the kernel, its centre first.
+    ``taps`` (n,) is one side of the kernel, its centre first.
     """
     h, w, _ = x.shape
     half, out = np.empty_like(x), np.empty_like(x)
@@ -54,7 +54,10 @@ def blurred(x: Float32, taps: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def demosaicked(raw: Float32) -> Float32:
-    """Demosaic (h, w) RGGB to (h, w, 3), bilinearly: a missing colour is the mean of the 3 × 3 neighbours with it."""
+    """Demosaic a raw image (h, w) with an RGGB mosaic to red, green, blue (h, w, 3), bilinearly.
+
+    A missing colour is the mean of the 3 × 3 neighbours that have it.
+    """
     h, w = raw.shape
     out = np.empty((h, w, 3), np.float32)
     for r in range(h):
@@ -76,15 +79,15 @@ def demosaicked(raw: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def expose(linear: Float32, noise: Float32, taps: Float32, sensor: ImageSensor, gamma: Float32, image: UInt8) -> None:
-    """Write the camera image (h, w, 3) uint8, blue, green, red, of linear light.
+    """Convert linear light to a camera's image.
 
     Args:
-        linear: (h, w, 3) float32 red, green, blue.
+        linear: (h, w, 3) float32 red, green, blue; even h and w.
         noise: (h, w) float32 standard normal numbers.
-        taps: of the lens' blur, see `blurred`.
-        sensor: its parameters.
-        gamma: (n,) float32 8-bit values for linear 0 … 1.
-        image: written.
+        taps: (n,) kernel of the lens' blur, see `blurred`.
+        sensor: parameters of the camera.
+        gamma: (n,) float32 8-bit values, from 0 to 255, for linear light from 0 to 1.
+        image: (h, w, 3) uint8 BGR, written.
     """
     h, w, _ = linear.shape
     exposure, photons, read_noise = sensor.exposure, sensor.photons, sensor.read_noise

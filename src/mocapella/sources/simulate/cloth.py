@@ -37,16 +37,16 @@ class ClothSettings:
     """Material of a cloth, and its contact with hands.
 
     Attributes:
-        width_m, height_m: of the cloth.
-        mesh_m: distance between neighbouring particles.
-        gravity_m_s2: downwards.
-        damping_per_s: rate at which motion decays.
+        width_m, height_m: size of the cloth [m].
+        mesh_m: distance between neighbouring particles [m].
+        gravity_m_s2: downward acceleration [m/s²].
+        damping_per_s: rate at which motion decays [1/s].
         bend_compliance, shear_compliance: compliance against bending and along the diagonals, times a particle's mass
             [s²]; 0 is rigid. Threads are rigid.
-        step_s: of the simulation.
-        thickness_m: distance that the cloth keeps from a hand.
-        friction: coefficient, on a hand.
-        reach_m: a closing hand grabs the particles within this distance of its palm or fingertips.
+        step_s: time step of the simulation [s].
+        thickness_m: distance that the cloth keeps from a hand [m].
+        friction: Coulomb's friction coefficient on a hand.
+        reach_m: a closing hand grabs the particles within this distance of its palm or fingertips [m].
     """
 
     width_m: float = 0.42
@@ -83,8 +83,8 @@ class HandInCloth:
     Attributes:
         id: identifies the hand over time.
         T_world_hand: (4, 4) pose of the hand; grabbed particles are fixed in this frame.
-        spheres: (n, 4) centre and radius [m], the same number every time.
-        grips: (k, 3) points from which it can grab the cloth [m].
+        spheres: (n, 4) centre and radius of each sphere in the world [m]; n is the same every time.
+        grips: (k, 3) points in the world from which the hand can grab the cloth [m].
         grabbing: whether it is closed.
     """
 
@@ -96,7 +96,10 @@ class HandInCloth:
 
 
 def hand_in_cloth(arm: TrackedArm, radius_m: float = 0.011) -> HandInCloth | None:
-    """Model an arm's hand as spheres at palm, wrist, joints and middles of the digits' bones; None without a palm."""
+    """Model an arm's hand as spheres of a radius [m] at palm, wrist, joints and middles of the digits' bones.
+
+    None if the palm's pose is unknown.
+    """
     x = arm.points
     if not np.isfinite(x[PALM]).all():
         return None
@@ -118,14 +121,15 @@ class Cloth:
     """A cloth at a fixed pose. The same hands at the same times give the same cloth, to the bit.
 
     Args:
-        T_world_cloth: (4, 4): origin at the middle of the upper edge, x along the edge, y upwards.
-        settings: material.
+        T_world_cloth: (4, 4) from the cloth's frame, with the origin at the middle of the upper edge, x along the edge
+            and y upwards, to the world.
+        settings: the material.
 
     Attributes:
-        shape: (rows, columns) of particles, from the upper edge down.
-        positions: (rows · columns, 3) of the particles [m].
-        velocities: (rows · columns, 3) of the particles [m/s].
-        pinned: (rows · columns,) particles that never move.
+        shape: (rows, columns) numbers of particles, from the upper edge down.
+        positions: (rows · columns, 3) of the particles in the world [m].
+        velocities: (rows · columns, 3) of the particles in the world [m/s].
+        pinned: (rows · columns,) whether a particle never moves.
     """
 
     def __init__(self, T_world_cloth: Float64, settings: ClothSettings | None = None, *, pinned: bool = True) -> None:
@@ -160,11 +164,11 @@ class Cloth:
         """Simulate up to an instant; a gap of more than a quarter of a second is skipped.
 
         Args:
-            hands: at that instant; they move there in a straight line.
-            at_s: the instant [s].
+            hands: the hands at that instant; they move there in a straight line.
+            at_s: the instant, on the clock of the hands [s].
 
         Returns:
-            positions (rows, columns, 3) of the particles [m].
+            Positions (rows, columns, 3) of the particles in the world [m].
         """
         s, before_s = self.settings, self._at_s
         if before_s is None or not 0 < at_s - before_s <= 0.25:
@@ -212,10 +216,10 @@ class ClothBeforeHand:
     """A cloth that appears in reach of the first open hand.
 
     Args:
-        settings: of the cloth.
-        before_m: distance in front of the hand's point nearest to the camera.
-        above_m: height of the upper edge above the palm.
-        lost_after_s: time without any arm after which the cloth is removed.
+        settings: the material.
+        before_m: distance of the cloth in front of the hand's point nearest to the camera [m].
+        above_m: height of the upper edge above the palm [m].
+        lost_after_s: time without any arm after which the cloth is removed [s].
     """
 
     def __init__(
@@ -235,9 +239,9 @@ class ClothBeforeHand:
         """Simulate the cloth up to an instant; None before the first hand.
 
         Args:
-            arms: at that instant.
+            arms: the arms at that instant.
             eye: (3,) position of the camera in the arms' world frame [m]; None if unknown.
-            at_s: the instant [s].
+            at_s: the instant, on the clock of the arms [s].
         """
         found = [hand for hand in map(hand_in_cloth, arms) if hand is not None]
         if found:

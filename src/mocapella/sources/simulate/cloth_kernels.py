@@ -15,18 +15,18 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 MOST_M_S = 1.0
-"""Greatest speed at which a particle is pushed out of a sphere, beyond the sphere's own."""
+"""Greatest speed at which a particle is pushed out of a sphere, beyond the sphere's own [m/s]."""
 FASTEST_M_S = 5.0
-"""Greatest speed of a particle: stiff threads that a hand has stretched would snap back without limit."""
+"""Greatest speed of a particle: stiff threads that a hand has stretched would snap back without limit [m/s]."""
 
 
 class Threads(NamedTuple):
     """The distance constraints of a cloth.
 
     Attributes:
-        pairs: (k, 2) particles.
-        rest: (k,) their distance at rest [m].
-        compliance: (k,) per unit of a particle's mass [s²].
+        pairs: (k, 2) indices of the particles.
+        rest: (k,) distance of the particles at rest [m].
+        compliance: (k,) compliance of the constraint, times a particle's mass [s²]; 0 is rigid.
     """
 
     pairs: Int64
@@ -39,8 +39,8 @@ class CollisionSpheres(NamedTuple):
 
     Attributes:
         before, after: (m, 4) centre and radius before and after the steps [m].
-        thickness: of the cloth [m].
-        friction: Coulomb's coefficient.
+        thickness: distance that the cloth keeps from a sphere [m].
+        friction: Coulomb's friction coefficient.
     """
 
     before: Float64
@@ -53,10 +53,10 @@ class TimeSteps(NamedTuple):
     """The time integration.
 
     Attributes:
-        gravity: (3,) [m/s²].
-        damping: [1/s].
-        step_s: length of a step.
-        number: of steps.
+        gravity: (3,) acceleration [m/s²].
+        damping: rate at which motion decays [1/s].
+        step_s: length of a step [s].
+        number: number of steps.
     """
 
     gravity: Float64
@@ -80,7 +80,7 @@ def advance(
     Args:
         x, v: (n, 3) positions [m] and velocities [m/s], in and out.
         fixed: (n,) 0 for a free particle, 1 for one that moves straight to its target in these steps.
-        target: (n, 3) [m].
+        target: (n, 3) positions after the steps of the particles that are not free [m].
         threads, obstacles, steps: constraints, collision spheres, and time integration.
     """
     pairs, rest, compliance = threads.pairs, threads.rest, threads.compliance
@@ -118,7 +118,16 @@ def advance(
 
 @njit(cache=True)
 def hold_apart(x: Float64, fixed: Float64, pairs: Int64, rest: Float64, compliance: Float64, step_s: float) -> None:
-    """Sweep once over the distance constraints (Macklin, Müller, Chentanez 2016, equations 17 and 18, from λ = 0)."""
+    """Sweep once over the distance constraints, in place.
+
+    Macklin, Müller, Chentanez 2016, equations 17 and 18, from λ = 0.
+
+    Args:
+        x: (n, 3) positions, updated [m].
+        fixed: (n,) as in `advance`.
+        pairs, rest, compliance: (k, 2), (k,), (k,) see `Threads`.
+        step_s: length of the step [s].
+    """
     for e in range(len(pairs)):
         i, j = pairs[e, 0], pairs[e, 1]
         w_i, w_j = 1.0 - fixed[i], 1.0 - fixed[j]
@@ -142,10 +151,17 @@ def collide(
     x: Float64, before: Float64, fixed: Float64, spheres: Float64, moved: Float64, thickness: float, friction: float,
     most: float,
 ) -> None:  # fmt: skip
-    """Push particles out of spheres, with Coulomb friction on the spheres' surfaces.
+    """Push particles out of spheres, in place, with Coulomb friction on the spheres' surfaces.
 
-    A particle that begins inside a sphere, because a hand held it there, is pushed out by at most ``most`` [m] beyond
-    the sphere's own motion ``moved`` (m, 3).
+    Args:
+        x: (n, 3) positions, updated [m].
+        before: (n, 3) positions before this step [m].
+        fixed: (n,) as in `advance`.
+        spheres: (m, 4) centre and radius [m].
+        moved: (m, 4) change of ``spheres`` in this step [m].
+        thickness, friction: see `CollisionSpheres`.
+        most: a particle that begins inside a sphere, because a hand held it there, is pushed out by at most this beyond
+            the sphere's own motion [m].
     """
     for i in range(len(x)):
         if fixed[i]:

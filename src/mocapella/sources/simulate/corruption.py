@@ -31,15 +31,15 @@ class Corruption:
     """The corruption of an image sequence.
 
     Attributes:
-        noise: share of the pixels that are replaced by random values.
-        rectangles: number per image, with random positions, sizes, colours and textures.
+        noise: fraction of the pixels that are replaced by random values, 0 to 1.
+        rectangles: number of rectangles per image, with random positions, sizes, colours and textures.
         rectangle_share: longest side of a rectangle, relative to the image's.
         wrong: probability that a frame is wrong in all cameras at once.
-        wrong_frames: frames that are always wrong, in all cameras.
+        wrong_frames: indices of frames that are always wrong, in all cameras.
         wrong_each: probability that a frame is wrong, for each camera independently.
-        wrong_from: first frame that may be wrong by these probabilities.
+        wrong_from: index of the first frame that may be wrong by these probabilities.
         wrong_kind: one of `WRONG`; None for a random one.
-        seed: of all random choices.
+        seed: random seed of all choices.
     """
 
     noise: float = 0.0
@@ -65,7 +65,7 @@ class Corruption:
             raise SettingsError(f"unknown wrong_kind {self.wrong_kind!r}; known: {one_of(self.wrong_kind, WRONG)}")
 
     def is_wrong(self, frame: int, camera: int | None = None) -> bool:
-        """Whether a frame is wrong in all cameras, or in the given camera."""
+        """Return whether a frame is wrong in all cameras, or in the camera of this index, if given."""
         if frame in self.wrong_frames or (frame >= self.wrong_from and self._by_chance(self.wrong, 1, frame)):
             return True
         return camera is not None and frame >= self.wrong_from and self._by_chance(self.wrong_each, 3, frame, camera)
@@ -74,7 +74,7 @@ class Corruption:
         return share > 0 and bool(np.random.default_rng([self.seed, *of]).random() < share)
 
     def of(self, image: UInt8, frame: int, camera: int = 0) -> UInt8:
-        """Return a corrupted copy of an image (height, width, 3)."""
+        """Return a corrupted copy of an image (height, width, 3) uint8, by the indices of its frame and camera."""
         rng = np.random.default_rng([self.seed, 2, frame, camera])
         out = image.copy()
         if self.is_wrong(frame, camera):

@@ -26,8 +26,8 @@ class DepthImages:
     """The images drawn so far.
 
     Attributes:
-        depth: (height, width) float32 [m], infinite without a surface.
-        parts: (height, width) label of each pixel.
+        depth: (height, width) float32 distance along the optical axis [m], infinite without a surface.
+        parts: (height, width) label of each pixel, see `NOTHING`.
         slope: (height, width) float32 cosine of the angle of incidence.
     """
 
@@ -40,7 +40,18 @@ class DepthImages:
         return DepthImages(self.depth.copy(), self.parts.copy(), self.slope.copy())
 
     def draw(self, vertices: Float64, triangles: Int64, labels: UInt8, first: int, lens: Any) -> Float64:
-        """Draw triangles with the depth buffer; return the (n, 3) vertices of `depth_scene_kernels.project`."""
+        """Draw triangles with the depth buffer, in place.
+
+        Args:
+            vertices: (n, 3) in the camera frame [m].
+            triangles: (m, 3) indices of vertices.
+            labels: (m,) label of each triangle, relative to ``first``.
+            first: added to the labels in ``parts``.
+            lens: fx, fy, cx, cy [px].
+
+        Returns:
+            The projected vertices (n, 3) of `depth_scene_kernels.project`.
+        """
         seen, k = np.empty_like(vertices), _kernels()
         k.project(vertices, np.array(lens), seen)
         k.draw(seen, triangles, labels, np.uint8(first), vertices, self.depth, self.parts, self.slope)
@@ -49,10 +60,10 @@ class DepthImages:
 
 @cache
 def body_mesh(arms: int) -> tuple[Float64, Int64]:
-    """Vertices (n, 3) [m] and triangles (m, 3) of the body of a person whose right arm is in the scene.
+    """Return the vertices (n, 3) [m] and triangles (m, 3) of the body of a person whose right arm is in the scene.
 
-    Torso, neck and head; with one arm in the scene, also the left upper arm and forearm. The origin is the right
-    shoulder, x to the person's left, y down, z backwards.
+    Torso, neck and head; if ``arms``, the number of arms in the scene, is 1, also the left upper arm and forearm. The
+    origin is the right shoulder, x to the person's left, y down, z backwards.
     """
     rows = [
         [0.055, 0.03, 0.02, 0.305, 0.03, 0.02, 0.065, 0.065],
@@ -84,10 +95,10 @@ def draw_background(
 
     Args:
         kind: ``empty``, ``wall`` or ``desk``.
-        size_px: (width, height).
+        size_px: (width, height) of the image.
         lens: fx, fy, cx, cy [px].
-        rng: of the wall's distance and tilt, and of the objects on the desk.
-        T_camera_first: (4, 4) from the frame of the camera that the scene is made for.
+        rng: random numbers for the wall's distance and tilt, and for the objects on the desk.
+        T_camera_first: (4, 4) from the frame of the scene's first camera to this camera's.
     """
     width, height = size_px
     depth = np.full((height, width), np.inf, np.float32)

@@ -36,20 +36,20 @@ class StructuredLight:
     """A camera that projects a pattern and triangulates; the defaults model the first Kinect.
 
     Attributes:
-        least_m, most_m: range of measured depths.
-        sd_m: standard deviation of depth at `sd_least_at_m`, at normal incidence.
+        least_m, most_m: range of measured depths [m].
+        sd_m: standard deviation of depth at `sd_least_at_m`, at normal incidence [m].
         sd_per_m: growth of the standard deviation with the squared distance from there [1/m].
-        sd_least_at_m: depth with the least standard deviation.
+        sd_least_at_m: depth with the least standard deviation [m].
         sd_angle: factor of the term for the angle of incidence θ: this · z^−½ · θ²/(π/2 − θ)² [m^1.5].
         step_per_m: quantisation step of 1/z [1/m]; 0 for none.
-        shared: share of the variance that neighbouring pixels have in common.
-        shared_px: size of such a neighbourhood.
-        edge_px: standard deviation of an edge's displacement.
+        shared: fraction of the variance that neighbouring pixels have in common.
+        shared_px: size of such a neighbourhood [px].
+        edge_px: standard deviation of an edge's displacement [px].
         edge: relative change of depth within 2 px that makes an edge.
-        edge_holes: share of pixels at edges that are not measured.
-        steep_deg: angle of incidence from which pixels are lost, and from which all are.
-        dropout: share of all pixels that are lost at random.
-        baseline_m: distance of the projector from the camera along x.
+        edge_holes: fraction of the pixels at edges that are not measured.
+        steep_deg: angle of incidence from which some pixels are lost, and angle from which all are lost [deg].
+        dropout: fraction of all pixels that are lost at random.
+        baseline_m: distance of the projector from the camera along x [m].
     """
 
     least_m: float = 0.4
@@ -81,7 +81,7 @@ class StructuredLight:
         check(0.001 <= abs(self.baseline_m) <= 1, "baseline_m", self.baseline_m, "1 mm to 1 m to either side")
 
     def sd_at(self, z: float, angle: float = 0.0) -> float:
-        """Standard deviation [m] of depth z [m] at an angle of incidence [rad]."""
+        """Return the standard deviation of a depth z [m] at an angle of incidence [rad]."""
         more = self.sd_angle / math.sqrt(z) * angle**2 / (0.5 * math.pi - min(angle, 1.45)) ** 2
         return self.sd_m + self.sd_per_m * (z - self.sd_least_at_m) ** 2 + more
 
@@ -91,14 +91,14 @@ class TimeOfFlight:
     """A camera that measures the phase of modulated light.
 
     Attributes:
-        least_m, most_m: range of measured depths.
+        least_m, most_m: range of measured depths [m].
         sd_at_1m: standard deviation of depth at 1 m and normal incidence; elsewhere this · z² / cos θ [m].
-        faintest: least measurable amplitude, relative to that at 1 m and normal incidence.
-        spread: share of a pixel's light that falls into its neighbours, along each axis.
-        low_hz: lowest modulation frequency, which determines the unambiguous range.
-        wiggle_m: amplitude of the periodic error.
-        wiggle_hz: modulation frequency that causes it.
-        dropout: share of all pixels that are lost at random.
+        faintest: least measurable amplitude, relative to the amplitude at 1 m and normal incidence.
+        spread: fraction of a pixel's light that falls into its neighbours, along each axis.
+        low_hz: lowest modulation frequency, which determines the unambiguous range [Hz].
+        wiggle_m: amplitude of the periodic error [m].
+        wiggle_hz: modulation frequency that causes the periodic error [Hz].
+        dropout: fraction of all pixels that are lost at random.
     """
 
     least_m: float = 0.4
@@ -131,12 +131,12 @@ def measured(
     """Apply a camera's noise to exact depths; return the image (height, width) in units, 0 without a measurement.
 
     Args:
-        exact_m: (height, width) [m]; infinite without a surface.
+        exact_m: (height, width) exact depths [m]; infinite without a surface.
         slope: (height, width) cosine of the angle between the surface's normal and the ray.
-        noise: of the camera; None for a perfect one.
-        focal_px: along x.
-        unit_m: metres per unit.
-        key: of the random numbers; the same key gives the same noise.
+        noise: noise model of the camera; None for a perfect camera.
+        focal_px: focal length along x [px].
+        unit_m: length of a unit of the result [m].
+        key: key of the random numbers; the same key gives the same noise.
     """
     out = np.zeros(exact_m.shape, np.uint16)
     if noise is None:

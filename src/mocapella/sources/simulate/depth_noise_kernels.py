@@ -89,14 +89,14 @@ def uniform(h: np.uint64) -> float:
 
 @njit(cache=True, error_model="numpy")
 def light_reaches(depth: Float32, focal_baseline: float, out: Bool) -> None:
-    """Write which pixels (h, w) the projector lights: no nearer surface in the same projector column occludes them.
+    """Find the pixels that the projector lights: no nearer surface in the same projector column occludes them.
 
     Camera and projector are side by side: a pixel at column x and depth z is at x − f·b/z in the projector's image.
 
     Args:
         depth: (h, w) float32 [m], infinite without a surface.
         focal_baseline: f·b [px·m]; positive if the projector is on the side of greater x.
-        out: written.
+        out: (h, w) written: whether each pixel is lit.
     """
     h, w = depth.shape
     fb = np.float32(focal_baseline)
@@ -121,7 +121,7 @@ def light_reaches(depth: Float32, focal_baseline: float, out: Bool) -> None:
 
 @njit(cache=True)
 def lattice_row(key: np.uint64, j: int, out: Float64) -> None:
-    """Write normal random numbers for row ``j`` of the lattice."""
+    """Write standard normal random numbers for row ``j`` of the correlated noise's lattice into ``out`` (n,)."""
     for i in range(len(out)):
         out[i] = normal(mixed(key, (j << 20) + i))
 
@@ -150,16 +150,16 @@ def _lattice_weights(u: Float64, size: Float64) -> None:
 def structured_light(
     depth: Float32, slope: Float32, lit: Bool, key: np.uint64, noise: StructuredLightNoise, unit_m: float, out: UInt16
 ) -> None:
-    """Write the depth image (h, w) uint16 of a structured-light camera.
+    """Simulate the depth image of a structured-light camera.
 
     Args:
         depth: (h, w) float32 [m], infinite without a surface.
         slope: (h, w) float32 cosine of the angle of incidence.
         lit: (h, w) of `light_reaches`.
-        key: of the image's random numbers.
+        key: key of the image's random numbers.
         noise: the camera's parameters.
-        unit_m: metres per unit of the image.
-        out: written; 0 where nothing is measured.
+        unit_m: length of a unit of the image [m].
+        out: (h, w) uint16 depth in units, written; 0 where nothing is measured.
     """
     h, w = depth.shape
     cell, edge, step, lateral = noise.shared_px, noise.edge, noise.step_per_m, noise.edge_px
@@ -226,10 +226,10 @@ def structured_light(
 def time_of_flight(
     depth: Float32, slope: Float32, key: np.uint64, noise: TimeOfFlightNoise, unit_m: float, out: UInt16
 ) -> None:
-    """Write the depth image (h, w) uint16 of a time-of-flight camera.
+    """Simulate the depth image of a time-of-flight camera.
 
     Args:
-        depth, slope, key, unit_m, out: as for `structured_light`.
+        depth, slope, key, unit_m, out: as in `structured_light`.
         noise: the camera's parameters.
     """
     h, w = depth.shape

@@ -73,11 +73,11 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A depth camera.
 
     Attributes:
-        size_px: (width, height).
+        size_px: (width, height) of the image.
         lens: fx, fy, cx, cy [px].
-        unit_m: metres per unit.
-        distance_m: range of the hands' distances in scenes.
-        structured_light, time_of_flight: its noise; at most one of them, neither for a perfect camera.
+        unit_m: length of a unit of the image [m].
+        distance_m: least and greatest distance of the hands in scenes [m].
+        structured_light, time_of_flight: noise model of the camera; at most one of them, neither for a perfect camera.
     """
 
     size_px: tuple[int, int]
@@ -96,14 +96,14 @@ class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         view: side of the hand that faces the camera: palm, back, side (thumb's or little finger's), or tips.
         person: whether the arm's person is visible.
         behind: background: empty, wall or desk; empty text for a random one.
-        arms: one or two.
+        arms: number of arms, one or two.
         still: whether the tempo of the keys is kept.
-        peak_m_s: the palm's greatest speed; 0 for that of the keys.
-        before_torso_m: least and greatest distance from the arm to the torso behind it; None for the arm's own.
-        roll_deg: least and greatest lean of the arm to the side.
-        pitch_deg: least and greatest angle by which the elbow is behind the hand.
-        joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning.
-        distance: factor on the hands' distance.
+        peak_m_s: the palm's greatest speed [m/s]; 0 for that of the keys.
+        before_torso_m: least and greatest distance from the arm to the torso behind it [m]; None for the arm's own.
+        roll_deg: least and greatest lean of the arm to the side [deg].
+        pitch_deg: least and greatest angle by which the elbow is behind the hand [deg].
+        joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning [deg].
+        distance: factor of the hands' distance.
     """
 
     keys: tuple[Key, ...]
@@ -127,17 +127,17 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
         left: whether it is a left arm.
         points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
             landmark, see `arm_mesh`.
-        shoulder: (3,) [m].
+        shoulder: (3,) position of the shoulder [m].
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
-        T_camera_palm: (4, 4).
+        T_camera_palm: (4, 4) pose of the palm.
         seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the
             surface of its last bone from 8 mm before the landmark to the end) has at least 6 pixels in the image, or at
             least one pixel and 12 % of those that it would cover without any occlusion. Any other landmark is if the
             pixel at its projection belongs to a part of this arm that begins or ends at it.
         self_occluded: (5,) whether a fingertip is seen, but the palm or another digit of this hand covers its
             landmark's projection, in front of it or behind it.
-        tip_px: (5, 2) pixels of each tip's patch: in the image, and without any occlusion.
-        gesture: its name; empty without a gesture.
+        tip_px: (5, 2) number of pixels of each tip's patch: in the image, and without any occlusion.
+        gesture: name of the gesture; empty without one.
         shape: the person's name in `arm_shapes`.
     """
 
@@ -157,10 +157,10 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
     """A rendered depth image.
 
     Attributes:
-        at_s: its time [s].
+        at_s: time of the image since the scene's start [s].
         depth: (height, width) distance along the optical axis in units; 0 without a measurement.
-        unit_m: metres per unit.
-        lens: (9,) of `mocapella.geometry.lens`.
+        unit_m: length of a unit [m].
+        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
     """
 
     at_s: float
@@ -173,8 +173,8 @@ class DepthShot(Shot, frozen=True, eq=False):
     """A depth image and its ground truth.
 
     Attributes:
-        arms: of the scene, in the image or not.
-        exact_m: (height, width) float32 before noise [m]; infinite without a surface.
+        arms: ground truth of the scene's arms, in the image or not.
+        exact_m: (height, width) float32 depth before noise [m]; infinite without a surface.
         parts: (height, width) label of each pixel before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
     """
 
@@ -208,7 +208,7 @@ class DepthScene:
     """A scene seen by one camera; made by `load_depth_scene`.
 
     Attributes:
-        name, seed: of the scene.
+        name, seed: name and random seed of the scene.
         sensor: the camera.
         settings: description of the scene.
         period_s: period of everything except the noise.
@@ -244,11 +244,14 @@ class DepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def poses(self, at_s: float) -> tuple[ArmMeshPose, ...]:
-        """Poses of the arms at a time [s], in the camera frame."""
+        """Return the poses of the arms at a time since the scene's start [s], in the camera frame."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
     def from_camera(self, T_camera_first: Float64) -> DepthScene:
-        """The same scene seen by another camera of this kind; ``T_camera_first`` (4, 4) is from this camera's frame."""
+        """Return the scene as seen by another camera of this kind.
+
+        ``T_camera_first`` (4, 4) is from this camera's frame to the other's.
+        """
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 
     def _seen(self, pose: ArmMeshPose) -> ArmMeshPose:
@@ -261,7 +264,7 @@ class DepthScene:
         return tuple(actor.mesh for actor in self._actors)
 
     def at(self, at_s: float) -> DepthShot:
-        """Render the image of an instant [s], with its ground truth."""
+        """Render the image at a time since the scene's start [s], with its ground truth."""
         images = self._behind.copy()
         drawn, shoulders = [], []
         for actor in self._actors:
@@ -296,9 +299,9 @@ class DepthScene:
         """Render a sequence of images; without an end, one period.
 
         Args:
-            fps: frame rate.
-            start_s: time of the first image.
-            end_s: time before which the sequence ends.
+            fps: frame rate [Hz].
+            start_s: time of the first image [s].
+            end_s: time before which the sequence ends [s].
         """
         end = start_s + self.period_s if end_s is None else end_s
         for i in range(math.ceil((end - start_s) * fps - 1e-9)):
@@ -445,7 +448,7 @@ def load_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> Dep
     """Load a scene seen by a camera.
 
     Args:
-        name: of `depth_scene_names`.
+        name: one of `depth_scene_names`.
         seed: variant of the scene; below 100 for tuning, from 100 on for scoring.
         sensor: kinect, sr305, tof, or exact, which has no noise.
 

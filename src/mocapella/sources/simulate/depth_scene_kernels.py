@@ -18,14 +18,17 @@ Bool = NDArray[np.bool_]
 UInt8 = NDArray[np.uint8]
 
 NEAR_M = 0.05
-"""Triangles with a vertex nearer than this are not drawn."""
+"""Triangles with a vertex nearer than this are not drawn [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def project(vertices: Float64, pinhole: Float64, out: Float64) -> None:
-    """Write x, y [px] and 1/z (n, 3) of vertices (n, 3) [m]; 1/z is 0 for a vertex nearer than `NEAR_M`.
+    """Project vertices into the image.
 
-    ``pinhole`` is (4,) fx, fy, cx, cy [px].
+    Args:
+        vertices: (n, 3) in the camera frame [m].
+        pinhole: (4,) fx, fy, cx, cy [px].
+        out: (n, 3) written: x, y [px] and 1/z [1/m]; all 0 for a vertex nearer than `NEAR_M`.
     """
     for i in range(len(vertices)):
         z = vertices[i, 2]
@@ -49,11 +52,11 @@ def draw(
     Args:
         seen: (n, 3) of `project`.
         triangles: (m, 3) indices of vertices.
-        labels: (m,) added to ``first`` and written into ``ids``.
-        first: see ``labels``.
+        labels: (m,) label of each triangle, relative to ``first``.
+        first: label that is added to ``labels``.
         vertices: (n, 3) in the camera frame [m].
         depth: (h, w) float32 [m], infinite without a surface, in and out.
-        ids: (h, w) uint8, in and out.
+        ids: (h, w) uint8 label of the nearest surface, in and out.
         slope: (h, w) float32 cosine between the surface's normal and the ray, in and out.
     """
     h, w = depth.shape
@@ -93,7 +96,14 @@ def draw(
 
 @njit(cache=True, error_model="numpy")
 def count_alone(seen: Float64, triangles: Integers, chosen: Bool, depth: NDArray[Any]) -> int:
-    """Number of pixels that the chosen triangles cover without occlusion; ``depth`` (h, w) gives the image's size."""
+    """Count the pixels that triangles cover without occlusion, also beyond the image by up to its size.
+
+    Args:
+        seen: (n, 3) of `project`.
+        triangles: (m, 3) indices of vertices.
+        chosen: (m,) whether each triangle counts.
+        depth: (h, w); only its shape is used, as the image's size.
+    """
     h, w = depth.shape
     x0, x1, y0, y1 = w, -1, h, -1
     for t in range(len(triangles)):
@@ -121,7 +131,10 @@ def count_alone(seen: Float64, triangles: Integers, chosen: Bool, depth: NDArray
 
 @njit(cache=True, error_model="numpy")
 def inside(seen: Float64, triangle: Integers, x: float, y: float) -> bool:
-    """Whether a point of the image is inside a triangle, seen from either side."""
+    """Return whether a point (x, y) of the image [px] is inside a triangle (3,), seen from either side.
+
+    ``seen`` (n, 3) are the projected vertices of `project`.
+    """
     a, b, c = seen[triangle[0]], seen[triangle[1]], seen[triangle[2]]
     if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
         return False
@@ -133,7 +146,10 @@ def inside(seen: Float64, triangle: Integers, x: float, y: float) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def covered(seen: Float64, triangles: Integers, chosen: Bool, x: float, y: float) -> bool:
-    """Whether one of the chosen triangles covers a point of the image, occluded or not."""
+    """Return whether one of the ``chosen`` triangles (m,) covers a point (x, y) of the image [px], occluded or not.
+
+    ``seen`` (n, 3) are the projected vertices of `project`, ``triangles`` (m, 3) their indices.
+    """
     for t in range(len(triangles)):
         if chosen[t] and inside(seen, triangles[t], x, y):
             return True

@@ -27,7 +27,7 @@ class Noise:
     Attributes:
         axial_gain: ratio of a joint's noise along the optical axis to the depth camera's.
         lateral_px: standard deviation across the image [px], the same at every distance.
-        inferred_gain: factor on the noise of an inferred joint.
+        inferred_gain: factor of the noise of an inferred joint.
         inferred_bias: length of the constant error of an inferred joint, in a random direction per joint [m].
     """
 
@@ -46,24 +46,25 @@ class SensorSettings:
     """Settings of a simulated sensor: pose, image, clock, latency and errors.
 
     Attributes:
-        name: as in every frame.
-        position: of the lens, world [m]; the second coordinate is the height above the floor.
-        yaw_deg: 0 looks along the world's z, growing towards x (the sensor's left).
-        tilt_deg: upwards positive.
-        fov_deg: horizontal and vertical field of view.
-        range_m: nearest and farthest depth along the optical axis.
-        depth_size_px: width and height of the depth image.
-        rate_hz: frame rate.
-        phase_s: room time of frame 0.
-        clock_offset_s: the sensor's clock at room time 0.
-        clock_drift_ppm: drift of the sensor's clock relative to room time.
-        latency_s: from capture to the node.
-        latency_jitter_s: standard deviation of the latency, cut at three of them.
-        lost: share of frames that are lost.
+        name: name of the sensor, as in its frames.
+        position: position of the lens in the world; the second coordinate is the height above the floor [m].
+        yaw_deg: rotation about the vertical; 0 looks along the world's z, growing towards x (the sensor's left) [deg].
+        tilt_deg: tilt, upwards positive [deg].
+        fov_deg: horizontal and vertical field of view [deg].
+        range_m: nearest and farthest depth along the optical axis [m].
+        depth_size_px: width and height of the depth image [px].
+        rate_hz: frame rate [Hz].
+        phase_s: room time of frame 0 [s].
+        clock_offset_s: time on the sensor's clock at room time 0 [s].
+        clock_drift_ppm: drift of the sensor's clock relative to room time [ppm].
+        latency_s: delay from the capture of a frame to its arrival at the node [s].
+        latency_jitter_s: standard deviation of the latency, cut at three of them [s].
+        lost: fraction of frames that are lost, 0 to 1.
         max_bodies: number of people tracked at once; a Kinect v2 tracks 6.
-        forget_s: how long a hidden joint is inferred before it counts as not tracked.
-        mirror_beyond_deg: angle away from the sensor beyond which it takes a person's back for the front.
-        noise: of the joints, if ``errors`` is ``model``.
+        forget_s: how long a hidden joint is inferred before it counts as not tracked [s].
+        mirror_beyond_deg: angle of the facing away from the sensor beyond which it takes a person's back for the front
+            [deg].
+        noise: noise of the joints, if ``errors`` is ``model``.
         errors: ``model``, or ``kinect-v2-measured``: `mocapella.sources.simulate.measured` in place of ``noise`` and
             ``mirror_beyond_deg``, with its losses of people and its errors of tilt and height.
     """
@@ -113,18 +114,18 @@ class SensorSettings:
 
     @property
     def focal_px(self) -> tuple[float, float]:
-        """Focal lengths at which the image covers the field of view."""
+        """Focal lengths along x and y at which the image covers the field of view [px]."""
         (width, height), (across, up) = self.depth_size_px, self.fov_deg
         return width / 2 / math.tan(math.radians(across) / 2), height / 2 / math.tan(math.radians(up) / 2)
 
     @property
     def T_world_sensor(self) -> Float64:  # noqa: N802 - the field's notation
-        """Pose (4, 4): tilt about its own x, then yaw about the vertical, then translation."""
+        """(4, 4) from the camera frame to the world: tilt about its own x, then yaw, then translation."""
         yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
         return rigid(rotation_about_y(yaw) @ rotation_about_x(-tilt), self.position)
 
     def project(self, points: Float64) -> Float64:
-        """Project points (..., 3) in the camera frame to pixels (..., 2); u grows with x, v downwards.
+        """Project points (..., 3) in the camera frame [m] to pixels (..., 2) [px]; u grows with x, v downwards.
 
         (0, 0) is the image's corner. NaN for a point that is not in front of the lens.
         """
@@ -135,30 +136,36 @@ class SensorSettings:
         return np.stack([u, v], axis=-1)
 
     def in_view(self, points: Float64, pixels: Float64) -> NDArray[np.bool_]:
-        """Whether points (..., 3) in the camera frame, with pixels (..., 2), are in field of view and range (...)."""
+        """Return whether points are in field of view and range (...,).
+
+        ``points`` (..., 3) are in the camera frame [m], ``pixels`` (..., 2) their projections [px].
+        """
         inside = (pixels >= 0) & (pixels <= self.depth_size_px)
         depth = points[..., 2]
         return np.asarray(inside.all(axis=-1) & (depth >= self.range_m[0]) & (depth <= self.range_m[1]))
 
     def clipped_edges(self, pixels: Float64) -> NDArray[np.uint8]:
-        """`Edge` bits (bodies,) of the image edges that bodies with pixels (bodies, joints, 2) extend beyond."""
+        """Return the `Edge` bits (bodies,) of the image edges that bodies extend beyond.
+
+        ``pixels`` (bodies, joints, 2) are the joints' projections [px].
+        """
         u, v, (width, height) = pixels[..., 0], pixels[..., 1], self.depth_size_px
         over = ((u > width, Edge.RIGHT), (u < 0, Edge.LEFT), (v < 0, Edge.TOP), (v > height, Edge.BOTTOM))
         return np.asarray(sum(np.where(out.any(axis=-1), np.uint8(bit), np.uint8(0)) for out, bit in over))
 
     def clock_ns(self, room_ns: int) -> int:
-        """The sensor's own clock at a room time."""
+        """Return the time on the sensor's own clock at a room time [ns]."""
         return round(self.clock_offset_s * NS_PER_S) + room_ns + round(room_ns * self.clock_drift_ppm * 1e-6)
 
     def frame_ns(self, index: int) -> int:
-        """Room time at which frame 0, 1, 2, … is captured."""
+        """Return the room time at which the frame of an index, from 0, is captured [ns]."""
         # In integers: with times since 1970, a float would be wrong by some hundred nanoseconds.
         rate = Fraction(self.rate_hz).limit_denominator(1_000_000)
         return round(self.phase_s * NS_PER_S) + index * NS_PER_S * rate.denominator // rate.numerator
 
 
 def axial_noise(depth: Float64, oblique: Float64) -> Float64:
-    """Standard deviation [m] of a Kinect v2's depth at a depth [m] and an angle of incidence [rad].
+    """Return the standard deviation of a Kinect v2's depth [m], at a depth [m] and an angle of incidence [rad].
 
     P. Fankhauser et al., "Kinect v2 for Mobile Robot Navigation: Evaluation and Modeling" (ICAR 2015), the axial
     noise model: 1.5 − 0.5 z + 0.3 z² + 0.1 z^(3/2) θ² / (π/2 − θ)² millimetres. θ is limited to 75°, the end of the

@@ -27,9 +27,9 @@ ANKLE_HEIGHT = 0.039
 STEP_HEIGHT_M = 0.07
 ARM_RISE_S = 0.8
 REACH = 0.995
-"""Greatest extension of a leg: knees are never locked."""
+"""Greatest extension of a leg, as a fraction of its length: knees are never locked."""
 PELVIS_SMOOTHING = 11
-"""Poses over which the height of the pelvis is smoothed."""
+"""Number of poses over which the height of the pelvis is smoothed."""
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -38,8 +38,8 @@ class GaitTracks:
     """The route on the time grid.
 
     Attributes:
-        spots: (poses, 3) x, z and heading of the body.
-        ankles: (poses, 2, 3) left and right [m].
+        spots: (poses, 3) x, z [m] and heading [rad] of the body in the world.
+        ankles: (poses, 2, 3) positions of the left and the right ankle in the world [m].
         yaws: (poses, 2) directions of the feet [rad].
         swings: (poses, 2) phase of a foot's swing, 0 to 1; 0 on the floor.
         across: (poses,) how far the right arm is held in front of the chest, 0 to 1.
@@ -56,10 +56,10 @@ def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Ge
     """Animate a body along a closed route.
 
     Args:
-        legs: of the route, in order.
-        lengths: (25,) of the bones [m].
-        stature: [m], for the width of the stance and the thickness of the limbs.
-        rng: of the phases of breathing and swaying, which differ between people.
+        legs: legs of the route, in order.
+        lengths: (25,) length of the bone that ends at each joint [m].
+        stature: height of the person, for the width of the stance and the thickness of the limbs [m].
+        rng: random numbers for the phases of breathing and swaying, which differ between people.
     """
     tracks = _tracks(legs, stature)
     sway = _sway(len(tracks.spots), rng)

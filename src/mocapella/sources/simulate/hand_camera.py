@@ -29,7 +29,7 @@ _CLEARLY: Final = 0.85
 
 
 class HandCameraFrame(NamedTuple):
-    """A frame, its due time in the scene's time [s], and the shot that it was detected in."""
+    """A frame, its due time on the scene's clock [s], and the rendered image that it was detected in."""
 
     due_s: float
     frame: MarkerFrame
@@ -55,9 +55,9 @@ class SimulatedHandCamera:
         """Yield frames from ``start_s`` until before ``stop_s`` of the scene's time, at the camera's rate and phase.
 
         Args:
-            start_s, stop_s: see above; without ``stop_s``, it does not end.
-            now_s: the scene's present time. Overdue frames are skipped, as by a camera whose reader is late; None skips
-                no frame.
+            start_s, stop_s: times on the scene's clock [s]; without ``stop_s``, it does not end.
+            now_s: function that returns the present time on the scene's clock [s]. Overdue frames are skipped, as by a
+                camera whose reader is late; None skips no frame.
         """
         camera, k = self.camera, math.ceil((start_s - self.camera.phase_s) * self.camera.fps)
         while True:
@@ -73,12 +73,12 @@ class SimulatedHandCamera:
 
 
 def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
-    """Set a frame's capture time to a time of the scene; a camera's clock begins at 1 ns."""
+    """Return a frame with its capture time set to a time of the scene [s]; a camera's clock begins at 1 ns."""
     return msgspec.structs.replace(frame, time_ns=round(at_s * NS_PER_S) + 1)
 
 
 def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
-    """Learn the camera's colour profile from images in which all markers and the skin are marked.
+    """Learn the camera's colour profile from images, from ``from_s`` on [s], where all markers and the skin are marked.
 
     Raises:
         SettingsError: there are too few images with all markers visible.

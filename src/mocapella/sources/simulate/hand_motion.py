@@ -28,13 +28,13 @@ class HandMotionSettings:
     """Parameters of the hand's motion.
 
     Attributes:
-        centre_m: centre of the motion, world.
-        travel_m: amplitude along x, y, z.
-        travel_hz: frequency.
-        turn_deg: amplitude of the rotation about its own x, y and z, from upright.
-        posture_s: time from one posture to the next.
+        centre_m: centre of the motion in the world [m].
+        travel_m: amplitude of the translation along x, y, z [m].
+        travel_hz: frequency of the translation [Hz].
+        turn_deg: amplitude of the rotation about the hand's own x, y and z, from upright [deg].
+        posture_s: time from one posture to the next [s].
         bend: range of the flexions, from 0 (a hand at rest) to 1 (all within the joint limits).
-        spread: the same for abduction.
+        spread: range of the abductions, likewise from 0 to 1.
     """
 
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -65,7 +65,7 @@ class HandMotion:
         self._rates = rng.uniform(0.8, 1.25, 6)
 
     def at(self, at_s: float) -> HandPose:
-        """Pose at a time [s]."""
+        """Return the hand's pose at a time of the scene [s]."""
         s = self.settings
         swing = np.sin(2 * math.pi * s.travel_hz * self._rates * at_s + self._phases)
         x, y, z = np.radians(s.turn_deg) * swing[3:]
@@ -76,7 +76,10 @@ class HandMotion:
         return HandPose(self.angles(at_s), T)
 
     def angles(self, at_s: float) -> Float64:
-        """Joint angles (21,) [rad], with minimum jerk between postures (T. Flash, N. Hogan, 1985)."""
+        """Return the angles (21,) of `mocapella.model.hand.ANGLES` at a time of the scene [s], in radians.
+
+        Between postures, motion has minimum jerk (T. Flash, N. Hogan, 1985).
+        """
         k, u = divmod(at_s / self.settings.posture_s, 1.0)
         part = u**3 * (10 - 15 * u + 6 * u * u)
         before, after = self._posture(int(k)), self._posture(int(k) + 1)
@@ -99,7 +102,7 @@ class HandMotion:
 
 
 def landmarks_of(model: HandModel, shape: HandShape, pose: HandPose) -> Float64:
-    """Positions (21, 3) of a hand's joints and tips, world [m]."""
+    """Return the landmarks (21, 3) of a hand: its joints and tips in the world [m]."""
     points = np.zeros((len(LANDMARKS), 3))
     for digit in range(5):
         R, point = model.frames[digit], np.array(shape.bases[digit])

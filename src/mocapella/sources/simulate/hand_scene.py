@@ -43,7 +43,7 @@ _PALM_RADIUS_M: Final = 0.0125
 _TIP_HALF_M: Final = 0.004
 _BALL_M: Final = 0.009
 BASE_MARKERS: Final = ("base", "index base", "little base")
-"""Markers on the palm: near the wrist, and below the knuckles of index and little finger."""
+"""Names of the markers on the palm: near the wrist, and below the knuckles of index and little finger."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,16 @@ class SimulatedCamera:
     """A simulated colour camera.
 
     Attributes:
-        name: of the sensor.
-        position_m: world, y up.
-        looks_at_m: point on the optical axis, world.
-        view_deg: horizontal field of view.
-        size_px: (width, height).
-        distortion: k1 k2 p1 p2 k3.
-        fps: frame rate.
-        phase_s: time of the first frame.
-        readout_s: from the first row to the last; 0 is a global shutter.
-        exposure_s: exposure time of a row.
+        name: name of the sensor.
+        position_m: position of the camera in the world, y up [m].
+        looks_at_m: point on the optical axis, in the world [m].
+        view_deg: horizontal field of view [deg].
+        size_px: (width, height) of the image.
+        distortion: distortion coefficients k1 k2 p1 p2 k3.
+        fps: frame rate [Hz].
+        phase_s: time of the first frame, on the scene's clock [s].
+        readout_s: readout time from the first row to the last; 0 is a global shutter [s].
+        exposure_s: exposure time of a row [s].
         image: parameters of the simulated image sensor.
     """
 
@@ -91,14 +91,14 @@ class SimulatedCamera:
 
     @property
     def lens(self) -> Float64:
-        """(9,) of `mocapella.geometry.lens`."""
+        """(9,) intrinsics, see `mocapella.geometry.lens`."""
         width, height = self.size_px
         focal = 0.5 * width / math.tan(0.5 * math.radians(self.view_deg))
         return np.array([focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), *self.distortion])
 
     @property
     def T_camera_world(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4), with the image upright."""
+        """(4, 4) from the world to the camera frame (x right, y down, z out of the lens), with the image upright."""
         forward = np.subtract(self.looks_at_m, self.position_m)
         z = forward / np.linalg.norm(forward)
         up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.99 else np.array([0.0, 0.0, -1.0])
@@ -119,18 +119,18 @@ class HandSceneSettings:
     """Description of a scene.
 
     Attributes:
-        cameras: of the scene.
-        paints: of thumb to little finger, and of the base markers; their names are the markers'.
-        motion: of the hand.
+        cameras: the cameras.
+        paints: paints of thumb to little finger, and of the base markers, with the markers' names.
+        motion: motion of the hand.
         handedness: left or right.
-        hand_length_m: from the wrist to the tip of the middle finger.
-        skin: reflectance of red, green, blue.
+        hand_length_m: length of the hand from the wrist to the tip of the middle finger [m].
+        skin: reflectance of the skin in red, green, blue, 0 to 1.
         skin_gloss: gloss of the skin.
-        clutter: colourfulness of the wall, 0 … 1.
-        brightness_change: greatest factor on the light's strength, either way.
+        clutter: colourfulness of the wall, 0 to 1.
+        brightness_change: greatest factor by which the light's strength rises and falls.
         colour_change: greatest relative change of the light's red and blue.
-        shading: share of the light that is directed.
-        light_hz: frequency of the light's changes.
+        shading: fraction of the light that is directed, 0 to 1.
+        light_hz: frequency of the light's changes [Hz].
     """
 
     cameras: tuple[SimulatedCamera, ...]
@@ -168,13 +168,14 @@ class HandShot:
     """An image and its ground truth.
 
     Attributes:
-        camera: its name.
-        at_s: the middle of the first row's exposure.
-        image: (height, width, 3) uint8, blue, green, red.
-        centres_px: (markers, 2) at the middle of the exposure of the centre's row; NaN behind the camera.
-        visible: (markers,) share of the marker's projected area that is in the image and not occluded.
-        markers_world: (markers, 3) at ``at_s`` [m].
-        pose: of the hand at ``at_s``.
+        camera: name of the camera.
+        at_s: the middle of the first row's exposure, on the scene's clock [s].
+        image: (height, width, 3) uint8 BGR.
+        centres_px: (markers, 2) x, y of the markers' centres at the middle of the exposure of their row [px]; NaN
+            behind the camera.
+        visible: (markers,) fraction of the marker's projected area that is in the image and not occluded.
+        markers_world: (markers, 3) centres at ``at_s``, world [m].
+        pose: pose of the hand at ``at_s``.
         landmarks: (21, 3) at ``at_s``, world [m].
     """
 
@@ -251,7 +252,10 @@ class HandScene:
         return HandShot(camera, at_s, camera_image(linear, c.image, rng), px, visible, world, pose, landmarks)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
-        """Strength, colour (3,) and direction (3,) towards the light, world."""
+        """Return the light at a time of the scene [s]: its strength, colour (3,) as red, green, blue, and direction.
+
+        The direction is the unit vector (3,) towards the light, in the world.
+        """
         s = self.settings
         swing = np.sin(2 * math.pi * s.light_hz * self._rates * at_s + self._phases)
         colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])
@@ -298,7 +302,7 @@ MARKER: Final = 12
 
 
 def base_places(scene: HandScene) -> Float64:
-    """Positions (base markers, 3) in the palm's frame of a right hand [m]; mirrored for a left hand."""
+    """Return the positions (base markers, 3) in the palm's frame of a right hand [m]; mirrored for a left hand."""
     shot_pose = scene.motion.at(0.0)
     parts, _ = scene._parts(0.0)
     rows = [int(np.flatnonzero(parts[:, MARKER] == k)[0]) for k in range(len(TIPS), len(scene.settings.paints))]

@@ -20,7 +20,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 SAMPLES = 4
-"""Rays per pixel, 2 × 2, each at its own instant of the exposure; the assignment alternates from pixel to pixel."""
+"""Number of rays per pixel, 2 × 2, each at its own instant of the exposure, which alternates from pixel to pixel."""
 
 
 class HandCamera(NamedTuple):
@@ -28,8 +28,8 @@ class HandCamera(NamedTuple):
 
     Attributes:
         pinhole: (4,) fx, fy, cx, cy [px].
-        exposure_s: how long a row is exposed.
-        readout_s: from the first row to the last.
+        exposure_s: exposure time of a row [s].
+        readout_s: readout time from the first row to the last [s].
     """
 
     pinhole: Float64
@@ -41,9 +41,9 @@ class HandLight(NamedTuple):
     """The light on a hand.
 
     Attributes:
-        colour: (3,) red, green, blue.
+        colour: (3,) strength in red, green, blue.
         towards: (3,) unit vector towards the light, camera frame.
-        shading: share of the light that is directed; the rest is ambient.
+        shading: fraction of the light that is directed, 0 to 1; the rest is ambient.
     """
 
     colour: Float64
@@ -55,7 +55,16 @@ class HandLight(NamedTuple):
 def hit(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float, dx: float, dy: float
 ) -> tuple[float, float]:
-    """Depth z at which the ray (dx, dy, 1)·z first meets a capsule, and the share along its axis; infinite for none."""
+    """Intersect the ray z · (dx, dy, 1) from the camera with a capsule.
+
+    Args:
+        ax, ay, az, bx, by, bz: ends of the capsule's axis in the camera frame [m].
+        radius: radius of the capsule [m].
+        dx, dy: direction x/z, y/z of the ray.
+
+    Returns:
+        Depth z of the first intersection [m], infinite without one; and its place along the axis, from 0 to 1.
+    """
     ux, uy, uz = bx - ax, by - ay, bz - az
     uu = ux * ux + uy * uy + uz * uz
     dd = dx * dx + dy * dy + 1.0
@@ -82,7 +91,16 @@ def hit(
 
 @njit(cache=True, nogil=True)
 def spans(parts: Float64, rates: Float64, pinhole: Float64, reach: float, h: int, w: int, out: Int64) -> None:
-    """Write the range of rows and columns (n, 4) that each part can cover within ±``reach`` seconds."""
+    """Compute the range of rows and columns that each part can cover around the middle of the first row's exposure.
+
+    Args:
+        parts: (n, 13), see the module.
+        rates: (n, 6) velocities of their ends [m/s].
+        pinhole: (4,) fx, fy, cx, cy [px].
+        reach: greatest distance in time from that middle, before or after [s].
+        h, w: size of the image [px].
+        out: (n, 4) written: first row, end row, first column, end column; the ends are excluded.
+    """
     for i in range(len(parts)):
         x0, x1, y0, y1 = float(w), -1.0, float(h), -1.0
         for end in range(2):
@@ -108,7 +126,7 @@ def photograph(
     wall: Float32, rays: Float32, parts: Float64, rates: Float64, camera: HandCamera, lighting: HandLight,
     linear: Float32, seen: Float64, whole: Float64,
 ) -> None:  # fmt: skip
-    """Write the image (h, w, 3) float32, and count each marker's rays.
+    """Render the linear light of an image, and count each marker's rays.
 
     Args:
         wall: (h, w, 3) float32 reflectance of the background.
@@ -116,7 +134,7 @@ def photograph(
         parts: (n, 13) at the middle of the first row's exposure, see the module.
         rates: (n, 6) velocities of their ends [m/s].
         camera, lighting: the camera, and the light on the hand.
-        linear: written.
+        linear: (h, w, 3) float32, written: red, green, blue.
         seen, whole: (markers,) counts of the visible rays, and of all rays as if nothing occluded them; added to.
     """
     h, w, _ = wall.shape

@@ -36,7 +36,7 @@ UInt8 = NDArray[np.uint8]
 
 CAPSULE, ELLIPSE = 0.0, 1.0
 SUB_TIMES: Final = 4
-"""Instants of one exposure that are averaged."""
+"""Number of instants of one exposure that are averaged."""
 _STEP_S: Final = 1e-4
 _FINGERS: Final = (  # base x, y; direction from straight up, to the right [deg]; length; widths at base and tip
     (-0.47, -0.45, -52.0, 0.66, 0.15, 0.115),
@@ -51,7 +51,7 @@ _BASE: Final = (0.0, -0.35)
 
 @dataclass(frozen=True)
 class Paint:
-    """A marker's paint: its name, its reflectance of red, green and blue, and its gloss."""
+    """A marker's paint: its name, its reflectance of red, green and blue from 0 to 1, and its gloss."""
 
     name: str
     albedo: tuple[float, float, float]
@@ -67,23 +67,23 @@ class MarkerSceneSettings:
     """Description of a scene.
 
     Attributes:
-        paints: of thumb to little finger and of the hand's base.
+        paints: paints of thumb to little finger and of the hand's base.
         size_px: (width, height) of the image.
-        palm_px: width of the palm; 90 px is a hand half a metre in front of the thesis' camera.
+        palm_px: width of the palm; 90 px is a hand half a metre in front of the thesis' camera [px].
         palm_change: relative change of the hand's size, as its distance varies.
-        travel_px: greatest displacement of the hand from the centre, in x and y.
-        sway_hz: frequency of its motion.
-        turn_deg: greatest rotation.
+        travel_px: greatest displacement of the hand from the centre, in x and y [px].
+        sway_hz: frequency of the hand's motion [Hz].
+        turn_deg: greatest rotation of the hand [deg].
         curl: relative shortening of the fingers when they bend.
-        skin: reflectance of red, green, blue.
+        skin: reflectance of the skin in red, green, blue, 0 to 1.
         skin_gloss: gloss of the skin.
-        clutter: colourfulness of the wall, 0 … 1.
-        brightness_change: greatest factor on the light's strength, either way.
+        clutter: colourfulness of the wall, 0 to 1.
+        brightness_change: greatest factor by which the light's strength rises and falls.
         colour_change: greatest relative change of the light's red and blue.
-        shading: share of the light that is directed.
-        light_hz: frequency of the light's changes.
-        exposure_s: exposure time of a row.
-        readout_s: from the first row to the last; 0 is a global shutter.
+        shading: fraction of the light that is directed, 0 to 1.
+        light_hz: frequency of the light's changes [Hz].
+        exposure_s: exposure time of a row [s].
+        readout_s: readout time from the first row to the last; 0 is a global shutter [s].
         hides: whether an object passes in front of the hand.
         hand: whether the hand is in the scene.
         camera: parameters of the simulated camera.
@@ -131,11 +131,11 @@ class MarkerShot:
     """An image and its ground truth.
 
     Attributes:
-        at_s: the middle of the first row's exposure.
-        image: (height, width, 3) uint8, blue, green, red.
-        centres_px: (markers, 2) x, y, at the middle of the exposure of the centre's row.
-        visible: (markers,) share of the marker's area that is in the image and not occluded.
-        radii_px: (markers,) square root of the product of the half axes.
+        at_s: the middle of the first row's exposure, on the scene's clock [s].
+        image: (height, width, 3) uint8 BGR.
+        centres_px: (markers, 2) x, y of the markers' centres, at the middle of the exposure of their row [px].
+        visible: (markers,) fraction of the marker's area that is in the image and not occluded.
+        radii_px: (markers,) square root of the product of the half axes [px].
     """
 
     at_s: float
@@ -186,7 +186,10 @@ class MarkerScene:
         return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
-        """Strength, colour (3,) and direction (3,) towards the light: x right, y down, z towards the camera."""
+        """Return the light at a time of the scene [s]: its strength, colour (3,) as red, green, blue, and direction.
+
+        The direction is the unit vector (3,) towards the light: x right, y down, z towards the camera.
+        """
         s = self.settings
         swing = [math.sin(2 * math.pi * s.light_hz * self._rates[k] * at_s + self._phases[k]) for k in range(5)]
         colour = np.array([1 + s.colour_change * swing[1], 1.0, 1 - s.colour_change * swing[1]])
@@ -194,7 +197,10 @@ class MarkerScene:
         return s.brightness_change ** swing[0], colour, towards / np.linalg.norm(towards)
 
     def shapes(self, at_s: float) -> Float64:
-        """Shapes (shapes, 13) in front of the wall at a time, back to front; for the columns, see the kernels."""
+        """Return the shapes (shapes, 13) in front of the wall at a time of the scene [s], back to front.
+
+        The columns are described in `mocapella.sources.simulate.marker_scene_kernels`.
+        """
         s = self.settings
         if not s.hand:
             return np.zeros((0, COLUMNS))
@@ -244,7 +250,15 @@ MARKER, COLUMNS = 12, 13
 
 
 def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> Float32:
-    """Reflectance (height, width, 3) of a cluttered wall in red, green and blue: smooth noise and rectangles."""
+    """Return the reflectance (height, width, 3) of a cluttered wall in red, green and blue, 0 to 1.
+
+    It consists of smooth noise and rectangles.
+
+    Args:
+        size_px: (width, height) of the image.
+        clutter: colourfulness, 0 to 1.
+        rng: random numbers.
+    """
     width, height = size_px
     picture = np.full((height, width, 3), 0.30)
     for cells in (4, 12, 50):

@@ -21,7 +21,13 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True)
 def surface(p: Float64, x: float, y: float, out: Float64) -> None:
-    """Write the coverage from 0 to 1 of the pixel (x, y) by shape p, and the unit normal's x, y, z, into out (4,)."""
+    """Compute how much of a pixel a shape covers, and the shape's normal there.
+
+    Args:
+        p: (13,) the shape, see the module.
+        x, y: centre of the pixel [px].
+        out: (4,) written: coverage from 0 to 1; x, y, z of the unit normal, z towards the camera.
+    """
     if p[6] > 0.5:
         c, s = math.cos(p[4]), math.sin(p[4])
         u, v = c * (x - p[0]) + s * (y - p[1]), -s * (x - p[0]) + c * (y - p[1])
@@ -49,19 +55,19 @@ def photograph(
     wall: Float32, shapes: Float64, rates: Float64, sub_times: Float64, row_s: float, light: Float64, towards: Float64,
     shading: float, linear: Float32, seen: Float64,
 ) -> None:  # fmt: skip
-    """Write the image (h, w, 3) float32 and add each marker's visible area [px] to ``seen``.
+    """Render the linear light of an image, and measure each marker's visible area.
 
     Args:
         wall: (h, w, 3) float32 reflectance of the background.
-        shapes: (n, 13) at time 0, back to front, see the module.
-        rates: (n, 13) their change per second.
-        sub_times: instants of an exposure, relative to its middle [s].
+        shapes: (n, 13) at the middle of the first row's exposure, back to front, see the module.
+        rates: (n, 13) change of ``shapes`` per second.
+        sub_times: (k,) instants of an exposure, relative to its middle [s].
         row_s: delay from one row to the next [s].
-        light: (3,) red, green, blue.
-        towards: (3,) unit vector towards the light.
-        shading: share of the light that is directed.
-        linear: written.
-        seen: (markers,) in and out.
+        light: (3,) strength of the light in red, green, blue.
+        towards: (3,) unit vector towards the light: x right, y down, z towards the camera.
+        shading: fraction of the light that is directed, 0 to 1.
+        linear: (h, w, 3) float32, written: red, green, blue.
+        seen: (markers,) visible area of each marker [px²]; added to.
     """
     h, w, _ = wall.shape
     n, markers = len(shapes), len(seen)

@@ -54,20 +54,23 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         measured_on: description of the recordings and the method.
-        alpha_deg: (bins,) |α| of the next five rows.
+        alpha_deg: (bins,) |α| at which the next five tables are given [deg].
         mirrored: (bins,) probability that left and right are swapped.
-        yaw_deg, yaw_sd_deg: (bins,) reported yaw relative to the direction to the sensor, with correct labels.
-        mirrored_yaw_deg, mirrored_yaw_sd_deg: the same with swapped labels.
-        bias_m: (25, `BIAS_BINS`, 3) to the side, up, towards the sensor; see `view_axes`.
-        sd_m: (25, 2, 3) of each coordinate: visible or hidden; front, side, back.
-        correlation: (25, 25) of the joints' noise, without the white part.
-        white_m: (25,) white part of a visible joint in a front view; otherwise scaled like ``sd_m``.
-        knots_s: (parts,) spacing of the splines' knots.
-        share: (parts,) of the splines' variance, for a moving person.
-        still_share: (parts,) the same for a still person; their sum is less than 1.
-        mirror_knots_s: spacing of the knots of the spline that decides about swapped labels.
-        losses_per_min: rate at which a sensor loses a person in view.
-        loss_s: durations of these losses, equally likely.
+        yaw_deg, yaw_sd_deg: (bins,) mean and standard deviation of the reported yaw relative to the direction to the
+            sensor, with correct labels [deg].
+        mirrored_yaw_deg, mirrored_yaw_sd_deg: (bins,) mean and standard deviation of that yaw with swapped labels
+            [deg].
+        bias_m: (25, `BIAS_BINS`, 3) bias of each joint to the side, up, and towards the sensor [m]; see `view_axes`.
+        sd_m: (25, 2, 3) standard deviation of a coordinate of each joint: visible or hidden; front, side, back [m].
+        correlation: (25, 25) correlation of the joints' noise, without the white part.
+        white_m: (25,) standard deviation of the white part for a visible joint in a front view [m]; otherwise scaled
+            like ``sd_m``.
+        knots_s: (parts,) spacing of each spline's knots [s].
+        share: (parts,) fraction of the variance that each spline has, for a moving person.
+        still_share: (parts,) that fraction for a still person; their sum is less than 1.
+        mirror_knots_s: spacing of the knots of the spline that decides about swapped labels [s].
+        losses_per_min: rate at which a sensor loses a person in view [1/min].
+        loss_s: durations of these losses, equally likely [s].
         joint_lost: probability that a visible joint is not tracked.
     """
 
@@ -125,9 +128,12 @@ class Errors:
         """Mix independent values of variance 1 into the noise that `put_on` takes.
 
         Args:
-            splines: (spacings, n, 77): for the coordinates, the yaw, and the decision about labels.
-            white: (n, 25, 3).
-            speed: (n,) [m/s].
+            splines: (spacings, n, 77) values for the 75 coordinates, the yaw, and the decision about labels.
+            white: (n, 25, 3) values for the joints' coordinates.
+            speed: (n,) speed of each person [m/s].
+
+        Returns:
+            The argument ``noise`` of `put_on`.
         """
         from scipy.special import ndtr
 
@@ -144,13 +150,13 @@ class Errors:
 
         Args:
             world: (n, 25, 3) true joints [m].
-            eye: (3,) position of the lens [m].
-            visible: (n, 25).
-            noise: of `noise`: (n, 25, 3) of variance 1 plus the white part; (n,) of variance 1 for the yaw; and (n,)
-                from 0 to 1, where values below the probability of swapped labels swap them.
+            eye: (3,) position of the lens in the world [m].
+            visible: (n, 25) whether each joint is visible to the sensor.
+            noise: result of the method `noise`: (n, 25, 3) of variance 1 plus the white part; (n,) of variance 1 for
+                the yaw; and (n,) from 0 to 1, where values below the probability of swapped labels swap them.
 
         Returns:
-            joints (n, 25, 3), world [m], and swapped (n,).
+            Joints (n, 25, 3), world [m], and whether the labels are swapped (n,).
         """
         joint_noise, yaw_noise, chance = noise
         forward = facing(world)
@@ -203,7 +209,7 @@ class Course:
         self.tilt_error, self.height_error = TILT_SD * float(tilt), HEIGHT_SD * float(height)
 
     def splines(self, room_ns: int) -> Float64:
-        """Values of all splines (spacings, people, 3 · 25 + 2), of variance 1."""
+        """Return the values of all splines (spacings, people, 3 · 25 + 2), of variance 1, at a room time [ns]."""
         out = []
         for i, spacing in enumerate(self.errors.spacings):
             knot, rest = divmod(room_ns, round(spacing * NS_PER_S))
@@ -212,7 +218,10 @@ class Course:
         return np.stack(out)
 
     def lost(self, room_ns: int) -> Bools:
-        """Whether the sensor has lost each person (people,) in view; at most one loss in `LOSS_WITHIN` seconds."""
+        """Return whether the sensor has lost each person (people,) in view at a room time [ns].
+
+        There is at most one loss in `LOSS_WITHIN` seconds.
+        """
         data = self.errors.data
         block, rest = divmod(room_ns, round(LOSS_WITHIN * NS_PER_S))
         lengths = np.array(data.loss_s or [0.0])
@@ -243,27 +252,33 @@ class Course:
 
 
 def bias_place(alpha: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """The two bins around α (...,) [rad], and the weight of the second."""
+    """Return the two bins of the bias around α (...,) [rad], and the weight of the second in linear interpolation."""
     place = (np.asarray(alpha) / (2 * np.pi) * BIAS_BINS) % BIAS_BINS
     first = np.floor(place).astype(np.intp) % BIAS_BINS
     return first, (first + 1) % BIAS_BINS, place - np.floor(place)
 
 
 def toward_sensor(bodies: Float64, eye: Float64) -> Float64:
-    """Yaw (...,) of the direction from the trunks of bodies (..., 25, 3) to a lens (..., 3) [rad]."""
+    """Return the yaw (...,) of the direction from the trunks of bodies (..., 25, 3) to a lens (..., 3) [rad]."""
     sight = eye - np.nanmean(bodies[..., _TRUNK, :], axis=-2)
     return np.asarray(np.arctan2(sight[..., 0], sight[..., 2]))
 
 
 def view_axes(toward: Float64) -> Float64:
-    """Frame (..., 3, 3) of a yaw: columns to the side (up × towards), up, and horizontally towards the sensor."""
+    """Return the axes of a view (..., 3, 3) for the yaw (...,) towards the sensor [rad].
+
+    The columns are unit vectors to the side (up × towards), up, and horizontally towards the sensor.
+    """
     sin, cos, zero = np.sin(toward), np.cos(toward), np.zeros_like(toward)
     columns = ((cos, zero, -sin), (zero, zero + 1.0, zero), (sin, zero, cos))
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
 def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
-    """Rotate bodies (..., 25, 3) by angles (...,) about the vertical through SpineMid [rad]."""
+    """Return bodies (..., 25, 3), y up, rotated about the vertical through SpineMid.
+
+    ``turn`` (...,) are the angles [rad].
+    """
     middle = bodies[..., JOINT["SpineMid"], None, :]
     x, y, z = np.moveaxis(bodies - middle, -1, 0)
     cos, sin = np.cos(turn)[..., None], np.sin(turn)[..., None]
@@ -271,7 +286,7 @@ def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
 
 
 def spline_weights(part: float) -> Float64:
-    """Weights (4,) of the knots −1, 0, 1 and 2 at a position from 0 to 1; their squares sum to 1."""
+    """Return the weights (4,) of the knots −1, 0, 1 and 2 at a position from 0 to 1; their squares sum to 1."""
     x = np.abs(np.array([1.0, 0.0, -1.0, -2.0]) + part)
     inner, outer = 2 / 3 - x**2 + x**3 / 2, np.maximum(2 - x, 0.0) ** 3 / 6
     weights = np.where(x < 1, inner, outer)
@@ -279,10 +294,10 @@ def spline_weights(part: float) -> Float64:
 
 
 def errors_from_json(text: bytes | str, file: object) -> Errors:
-    """Parse a file's text.
+    """Parse the text of a file of measured errors.
 
     Raises:
-        InputError: it is not such a file; names ``file``.
+        InputError: it is no such file; names ``file``.
     """
     what, fix = "table of a sensor's errors", "make it with `mocapella lab train sensor-errors`"
     data = decode_json(text, SensorErrors, what=what, file=file, fix=fix)
@@ -293,7 +308,7 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
 
 
 def errors_to_json(data: SensorErrors) -> str:
-    """Format the tables as a file's text, for `errors_from_json`."""
+    """Encode the tables as a file's text, for `errors_from_json`."""
     lines = []
     for key, value in msgspec.structs.asdict(data).items():
         rows = isinstance(value, list) and isinstance(value[0], list)
@@ -304,11 +319,11 @@ def errors_to_json(data: SensorErrors) -> str:
 
 @cache
 def measured_errors() -> Errors:
-    """The errors that ship with this version."""
+    """Return the errors that ship with this version."""
     source = files("mocapella.sources.simulate").joinpath("data", "kinect_v2_measured.json")
     return errors_from_json(source.read_bytes(), source)
 
 
 def statement() -> Mapping[str, Any]:
-    """Description of the recordings that they were measured on."""
+    """Return the description of the recordings that the shipped errors were measured on."""
     return measured_errors().data.measured_on

@@ -13,7 +13,7 @@ from mocapella.sources.simulate.body import joint_positions
 Float64 = NDArray[np.float64]
 
 PERIOD_NS = 20_000_000
-"""Distance of the poses in time: a whole number of nanoseconds, so that wrapping around is exact."""
+"""Time between two poses [ns]: an integer, so that the repetition is exact."""
 
 POSE_HZ = NS_PER_S / PERIOD_NS
 
@@ -23,10 +23,10 @@ class Motion:
     """Poses every `PERIOD_NS`, repeated periodically.
 
     Attributes:
-        root: (poses, 3), world [m].
+        root: (poses, 3) positions of the root joint, world [m].
         directions: (poses, 25, 3) unit vectors along the bones, world; zero for the root joint, which has no bone.
-        lengths: (25,) of the bones [m].
-        radii: (25,) of the bones' capsules [m].
+        lengths: (25,) length of the bone that ends at each joint [m].
+        radii: (25,) radius of each bone's capsule [m].
     """
 
     root: Float64
@@ -58,9 +58,9 @@ class Ensemble:
     """The motions of several people on one time grid.
 
     Attributes:
-        root: (poses, people, 3) [m].
-        directions: (poses, people, 25, 3).
-        lengths, radii: (people, 25) [m].
+        root: (poses, people, 3), as in `Motion`, world [m].
+        directions: (poses, people, 25, 3), as in `Motion`.
+        lengths, radii: (people, 25), as in `Motion` [m].
     """
 
     root: Float64
@@ -74,7 +74,10 @@ class Ensemble:
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
-        """Joints (people, 25, 3) [m]; between two poses, directions are interpolated and normalised."""
+        """Return the joints (people, 25, 3) at a room time [ns], world [m].
+
+        Between two poses, directions are interpolated and normalised.
+        """
         index, rest = divmod(room_ns % self.duration_ns, PERIOD_NS)
         after, weight = (index + 1) % len(self.root), rest / PERIOD_NS
         root = (1 - weight) * self.root[index] + weight * self.root[after]
@@ -95,12 +98,12 @@ def together(motions: list[Motion]) -> Ensemble:
 
 
 def normalised(vectors: Float64) -> Float64:
-    """Normalise vectors along the last axis; zero vectors are kept."""
+    """Return vectors (..., n) normalised along the last axis; zero vectors are kept."""
     length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
     return np.asarray(vectors / np.where(length > 1e-9, length, 1.0))
 
 
 def smooth_step(u: Float64) -> Float64:
-    """Smooth step from 0 to 1 for ``u`` from 0 to 1, with zero slope at both ends (cubic Hermite)."""
+    """Return a smooth step (...,) from 0 to 1 for ``u`` from 0 to 1, with zero slope at both ends (cubic Hermite)."""
     v = np.clip(u, 0.0, 1.0)
     return np.asarray(v**2 * (3 - 2 * v))

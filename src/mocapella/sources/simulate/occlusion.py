@@ -18,8 +18,8 @@ class Box:
     """A box on the floor, such as a table or a screen.
 
     Attributes:
-        centre: of its base (world x, z) [m].
-        size: along its own x, up, and its own z [m].
+        centre: centre of its base (world x, z) [m].
+        size: edges along its own x, up, and its own z [m].
         yaw_deg: rotation about the vertical axis, from z towards x.
     """
 
@@ -36,8 +36,8 @@ class Cylinder:
     """A pillar on the floor.
 
     Attributes:
-        centre: of its base (world x, z) [m].
-        radius, height: of the cylinder [m].
+        centre: centre of its base (world x, z) [m].
+        radius, height: size of the cylinder [m].
     """
 
     centre: tuple[float, float]
@@ -54,8 +54,8 @@ class Obstacles:
     """Boxes and cylinders as arrays for the kernels.
 
     Attributes:
-        boxes: (n, 7) x, z, half width, height, half depth, cosine and sine of the yaw.
-        pillars: (n, 4) x, z, radius, height.
+        boxes: (n, 7) x, z, half width, height, half depth [m], cosine and sine of the yaw.
+        pillars: (n, 4) x, z, radius, height [m].
     """
 
     boxes: Float64
@@ -75,7 +75,13 @@ def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstac
 
 
 def hidden(eye: Float64, joints: Float64, radii: Float64, blocks: Obstacles) -> NDArray[np.bool_]:
-    """Whether each joint (people, 25, 3) is occluded from the eye (3,), world [m]: (people, 25).
+    """Return whether each joint is occluded (people, 25).
+
+    Args:
+        eye: (3,) position of the sensor's lens, world [m].
+        joints: (people, 25, 3), world [m].
+        radii: (people, 25) radii of the bones' capsules [m].
+        blocks: obstacles in the room.
 
     A joint is occluded if the straight line to it comes closer to a bone's axis than the bone's radius (people, 25), or
     passes through an obstacle. Bones of its own body that contain the joint do not occlude it.

@@ -19,7 +19,13 @@ def hidden(  # noqa: PLR0917
     eye: Float64, joints: Float64, radii: Float64, parents: NDArray[np.int64], within: NDArray[np.bool_],
     boxes: Float64, pillars: Float64,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """`occlusion.hidden`, with the arrays of the body template and of `Obstacles`."""
+    """Return whether each joint is occluded (people, 25), see `occlusion.hidden`.
+
+    Args:
+        eye, joints, radii: (3,), (people, 25, 3), (people, 25) as in `occlusion.hidden` [m].
+        parents, within: (25,), (25, 25) of `BodyTemplate`.
+        boxes, pillars: (n, 7), (n, 4) of `Obstacles`.
+    """
     people, count = joints.shape[0], joints.shape[1]
     result = np.zeros((people, count), dtype=np.bool_)
     nothing = np.zeros(count, dtype=np.bool_)

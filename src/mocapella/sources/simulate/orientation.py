@@ -11,7 +11,7 @@ Float64 = NDArray[np.float64]
 
 
 def bone_ends(topology: Topology) -> NDArray[np.int64]:
-    """Start and end joint (joints, 2) of each joint's bone, which goes from the parent to the joint.
+    """Return the start and end joint (joints, 2) of each joint's bone, which goes from the parent to the joint.
 
     The root has the first bone that starts at it.
     """
@@ -22,15 +22,15 @@ def bone_ends(topology: Topology) -> NDArray[np.int64]:
 
 
 def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
-    """Unit quaternions (bodies, joints, 4) w, x, y, z with w ≥ 0, from a joint's own axes to the positions' frame.
+    """Return quaternions (bodies, joints, 4) w, x, y, z, w ≥ 0, from a joint's own axes to the positions' frame.
 
     A joint's y axis is along its bone, as with the Kinect; z is the body's forward direction, made perpendicular to y;
     x completes the right-handed axes. NaN if either end of the bone is NaN.
 
     Args:
-        positions: (bodies, joints, 3).
+        positions: (bodies, joints, 3) in any frame [m]; NaN where not known.
         bones: (joints, 2) of `bone_ends`.
-        forward: (bodies, 3) direction that the chest faces.
+        forward: (bodies, 3) direction that the chest faces, in the same frame.
     """
     from mocapella.sources.simulate import orientation_kernels
 

@@ -12,7 +12,7 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True)
 def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
-    """`orientation.bone_orientations`."""
+    """Return the quaternions (bodies, joints, 4) of `orientation.bone_orientations`, with the same arguments."""
     bodies, joints = positions.shape[0], positions.shape[1]
     result = np.full((bodies, joints, 4), np.nan)
     for body in range(bodies):

@@ -35,10 +35,10 @@ class Garment:
 
     Attributes:
         pattern: one of `PATTERNS`.
-        colour: reflectance of red, green and blue.
-        second: the pattern's other colour.
-        size_m: of the pattern.
-        shine: gloss.
+        colour: reflectance of red, green and blue, 0 to 1.
+        second: reflectance of the pattern's other colour.
+        size_m: size of the pattern [m].
+        shine: gloss of the surface.
     """
 
     pattern: str
@@ -61,8 +61,8 @@ class Outfit:
 
     Attributes:
         shirt, trousers, shoes, skin, hair: see `Garment`.
-        sleeve: length of the sleeves, as a share of the arm from shoulder to wrist; 0 for none.
-        leg: length of the trousers, as a share of the leg from hip to ankle.
+        sleeve: length of the sleeves, as a fraction of the arm from shoulder to wrist; 0 for none.
+        leg: length of the trousers, as a fraction of the leg from hip to ankle.
     """
 
     shirt: Garment
@@ -115,9 +115,9 @@ def make_outfit(name: str | None = None, seed: int = 0, colours: tuple[Colour, C
     """Make an outfit with random skin and hair.
 
     Args:
-        name: of `outfit_names`; None for a random one, but never `BACKGROUND`.
-        seed: of the random choices.
-        colours: of the room's wall and floor, for `BACKGROUND`.
+        name: one of `outfit_names`; None for a random one, but never `BACKGROUND`.
+        seed: random seed.
+        colours: reflectances of the room's wall and floor, for `BACKGROUND`.
 
     Raises:
         SettingsError: unknown outfit, or the room's colours are missing.
@@ -148,7 +148,7 @@ class Clothes:
 
     Attributes:
         parts: (faces,) index of each face's zone.
-        zones: (parts, 21), spots: (n, 5), materials: (m, 10); see `body_paint_kernels.bake`.
+        zones, spots, materials: (zones, 21), (n, 5), (m, 10), see `body_paint_kernels.bake`.
     """
 
     parts: NDArray[np.int32]
@@ -158,7 +158,7 @@ class Clothes:
 
 
 def dressed(mesh: RiggedMesh, outfit: Outfit, seed: int = 0) -> Clothes:
-    """Put an outfit on a body; the seed is of folds and threads."""
+    """Return an outfit on a body's mesh; ``seed`` is the random seed of folds and threads."""
     at = {name: landmark.point for name, landmark in mesh.landmarks.items()}
     shirt, trousers, shoes, skin, hair, dark = range(6)
     eyes = Garment("plain", (0.02, 0.015, 0.015), shine=0.2)

@@ -19,7 +19,7 @@ class RenderedCamera(RenderedSource):
     Args:
         scene: the scene.
         camera: name of one of its cameras.
-        name: as the user wrote it.
+        name: name of the source, as the user wrote it.
         clock: the monotonic clock, in seconds.
 
     Raises:
@@ -35,14 +35,14 @@ class RenderedCamera(RenderedSource):
         super().__init__(name, self.camera.fps, self.camera.phase_s, clock=clock)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.restart()
         return SourceState(self.camera.size_px, self.camera.fps)
 
     def profile(self) -> ColourProfile:
-        """Colour profile learnt from images of the hand with all markers marked."""
+        """Return a colour profile that is learnt from images of the hand with all markers marked."""
         return pointed_at(self.scene, self.camera.name)
 
     def render(self, at_s: float) -> Image:
-        """As `RenderedSource.render`."""
+        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
         return self.scene.at(self.camera.name, at_s).image

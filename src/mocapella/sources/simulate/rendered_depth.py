@@ -34,7 +34,7 @@ class RenderedScene(Protocol):
         ...
 
     def at(self, at_s: float) -> Shot:
-        """Render the image of an instant [s], with its ground truth."""
+        """Render the image at a time since the scene's start [s], with its ground truth."""
         ...
 
 
@@ -42,8 +42,8 @@ class RenderedDepth(RenderedSource):
     """A rendered scene as an image source.
 
     Args:
-        scene: seen by its camera.
-        name: as the user wrote it.
+        scene: the scene, with its camera.
+        name: name of the source, as the user wrote it.
         options: the user's parameters; a lens and a unit replace the scene's, even if they are wrong.
         clock: the monotonic clock, in seconds.
     """
@@ -61,12 +61,12 @@ class RenderedDepth(RenderedSource):
         super().__init__(name, self.fps, clock=clock)
 
     def open(self) -> SourceState:
-        """As `PictureSource.open`."""
+        """Open the source and return its state; see `PictureSource.open`."""
         self.restart()
         return _state(self.scene, self.options, self.fps)
 
     def render(self, at_s: float) -> Image:
-        """As `RenderedSource.render`."""
+        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
         image: Image = self.scene.at(at_s).depth
         return image
 
@@ -75,7 +75,7 @@ class RenderedRecording:
     """One period of a scene as a recording: a `mocapella.sources.depth_files.DepthRecording`.
 
     Args:
-        scene, name, options: as for `RenderedDepth`.
+        scene, name, options: as in `RenderedDepth`.
     """
 
     def __init__(self, scene: RenderedScene, name: str, options: DepthOptions | None = None) -> None:
@@ -86,14 +86,19 @@ class RenderedRecording:
         self.count = max(math.floor(scene.period_s * fps), 1)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """As `DepthRecording.images`."""
+        """Yield the images of one period, from the first; see `DepthRecording.images`."""
         for number in range(self.count):
             at_s = number / self.fps
             yield RecordedDepth(f"{self.name}/{number}", round(at_s * NS_PER_S) + 1, self.scene.at(at_s).depth)
 
 
 def open_rendered(which: str, name: str, options: DepthOptions | None = None) -> RenderedDepth:
-    """Make the source of NAME, NAME/SEED or NAME/SEED/SENSOR.
+    """Return the image source of a simulated depth camera.
+
+    Args:
+        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR.
+        name: name of the source, as the user wrote it.
+        options: the user's parameters of the camera.
 
     Raises:
         SettingsError: unknown scene or sensor, or the seed is not a number.
@@ -102,10 +107,10 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
 
 
 def rendered_scene(which: str, name: str) -> RenderedScene:
-    """Load the scene of NAME, NAME/SEED or NAME/SEED/SENSOR: of people if it begins with `ROOM`, else of arms.
+    """Load a scene of people if ``which`` begins with `ROOM`, else of arms; arguments as in `open_rendered`.
 
     Raises:
-        SettingsError: as for `open_rendered`.
+        SettingsError: as in `open_rendered`.
     """
     scene, _, rest = which.partition("/")
     seed, _, sensor = rest.partition("/")

@@ -18,9 +18,9 @@ class RenderedSource(ABC):
     Its clock is the scene's, from 1 ns. Images are skipped if there is no time to render them. It does not end.
 
     Args:
-        name: as the user wrote it.
-        fps: frame rate.
-        phase_s: due time of the first image.
+        name: name of the source, as the user wrote it.
+        fps: frame rate [Hz].
+        phase_s: due time of the first image, on the scene's clock [s].
         clock: the monotonic clock, in seconds.
     """
 
@@ -35,7 +35,7 @@ class RenderedSource(ABC):
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
-        """Render the image of an instant [s]."""
+        """Render the image at a time on the scene's clock [s]."""
 
     def restart(self) -> None:
         """Render once, so that kernels are compiled before real time starts, and begin with the first image."""
@@ -43,11 +43,11 @@ class RenderedSource(ABC):
         self._turn = 0
 
     def begin(self, zero_s: float) -> None:
-        """As `PictureSource.begin`."""
+        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """As `PictureSource.read`."""
+        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
         now_s = max(0.0, self._clock() - self._zero_s)
         self._turn = max(self._turn, math.ceil((now_s - self._phase_s) * self._fps))
         at_s = self._phase_s + self._turn / self._fps

@@ -24,7 +24,7 @@ from mocapella.sources.simulate.scenarios import FACING_MAIN, STILL_S
 Float64 = NDArray[np.float64]
 
 BLEND_S = 1.6
-"""Duration of the blend from standing to the file's first pose, and from its last pose to standing."""
+"""Duration of the blend from standing to the file's first pose, and from its last pose to standing [s]."""
 _TRUNK = (("SpineShoulder", ("ShoulderLeft", "ShoulderRight")), ("SpineMid", ("SpineBase", "SpineShoulder")))
 """Trunk joints that a file may lack: each is half way between two others."""
 _SIZE_BONES = ("KneeLeft", "AnkleLeft", "KneeRight", "AnkleRight")
@@ -47,11 +47,11 @@ def bvh_motion(
 
     Args:
         bvh: content of the file.
-        start: position of the first pose (world x, z).
-        stature: [m]; the file is scaled to it, unless ``metres_per_unit`` is given.
+        start: position of the first pose (world x, z) [m].
+        stature: height of the person [m]; the file is scaled to it, unless ``metres_per_unit`` is given.
         rng: as in `mocapella.sources.simulate.gait.animate`.
-        metres_per_unit: the file's unit, such as 0.01 for centimetres; the stature then follows from the file.
-        file: named in errors.
+        metres_per_unit: the file's unit [m], such as 0.01 for centimetres; the stature then follows from the file.
+        file: named in errors, if given.
 
     Raises:
         InputError: joints are missing, or the legs have no length.
@@ -80,7 +80,7 @@ def bvh_motion(
 
 
 def joint_columns(bvh: Bvh, file: object = None) -> Mapping[str, int]:
-    """Map the body's joints to the file's, by the first naming scheme that fits.
+    """Map the names of the body's joints to indices of the file's joints, by the first naming scheme that fits.
 
     Raises:
         InputError: no scheme fits; names the missing joints of the closest one.

@@ -29,12 +29,13 @@ class PersonSettings:
     Attributes:
         start: initial position (world x, z) [m].
         scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`, or ``route``.
-        target: position that the scenario refers to (x, z): an obstacle's centre, or the other person's position.
+        target: position that the scenario refers to (world x, z): an obstacle's centre, or the other person's position
+            [m].
         first: whether this person moves first, if two take turns.
         route: steps of the scenario ``route``, see `mocapella.sources.simulate.scenarios.written_route`.
-        stature: [m].
+        stature: height of the person [m].
         bvh: path of a BVH file whose motion replaces the scenario.
-        bvh_metres_per_unit: its unit; None scales it to the stature.
+        bvh_metres_per_unit: unit of the BVH file [m]; None scales its motion to the stature.
     """
 
     start: tuple[float, float]
@@ -56,11 +57,11 @@ class SceneSettings:
     """Description of a scene.
 
     Attributes:
-        name: of the scene.
-        sensors: the first is the main sensor, which all people face at first.
+        name: name of the scene.
+        sensors: the sensors; the first is the main sensor, which all people face at first.
         people, boxes, cylinders: people and obstacles in the room.
-        seed: of all randomness: noise, losses, jitter, breathing.
-        topology: of the sensors' frames.
+        seed: random seed of noise, losses, jitter and breathing.
+        topology: name of the topology of the sensors' frames.
     """
 
     name: str
@@ -84,10 +85,10 @@ class Room:
     """A scene that can be evaluated at any instant. It repeats after `duration_ns`.
 
     Attributes:
-        settings: its description.
-        motion: of all people.
-        obstacles: in the room.
-        topology: of the sensors' frames.
+        settings: description of the scene.
+        motion: motion of all people.
+        obstacles: obstacles in the room.
+        topology: topology of the sensors' frames.
     """
 
     settings: SceneSettings
@@ -102,7 +103,7 @@ class Room:
 
     @property
     def duration_ns(self) -> int:
-        """Period of all motions."""
+        """Period of all motions [ns]."""
         return self.motion.duration_ns
 
     @property
@@ -116,11 +117,11 @@ class Room:
         return tuple(sensor.name for sensor in self.settings.sensors)
 
     def positions_at(self, room_ns: int) -> Float64:
-        """Joints (people, 25, 3) of `mocapella.sources.simulate.body.BODY` at a room time, world [m]."""
+        """Return the joints (people, 25, 3) of `mocapella.sources.simulate.body.BODY` at a room time, world [m]."""
         return self.motion.positions_at(room_ns)
 
     def sensor_index(self, sensor: int | str) -> int:
-        """Index of a sensor, from 0, by its name or its number from 1 (also as digits).
+        """Return the index of a sensor, from 0, by its name or its number from 1 (also as digits).
 
         Raises:
             SettingsError: unknown sensor; lists the known ones.

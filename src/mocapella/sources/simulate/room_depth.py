@@ -31,7 +31,7 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 WALL_M: Final = 5.0
-"""Distance of the wall from the camera."""
+"""Distance of the wall from the camera [m]."""
 FLOOR, WALL, FIRST_PERSON = 1, 2, 3
 """Values of `RoomShot.parts`; 0 is nothing."""
 _AROUND, _ALONG = 24, 6
@@ -55,10 +55,10 @@ class RoomDepthScene:
     """A room seen by one depth camera; made by `room_depth_scene`.
 
     Attributes:
-        room: with its people.
+        room: the room with its people.
         sensor: the camera.
-        T_camera_world: (4, 4).
-        period_s: period of everything except the noise.
+        T_camera_world: (4, 4) from the room's world to the camera frame (x right, y down, z out of the lens).
+        period_s: period of everything except the noise [s].
     """
 
     def __init__(self, room: Room, sensor: Sensor, seed: int) -> None:
@@ -75,7 +75,7 @@ class RoomDepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def at(self, at_s: float) -> RoomShot:
-        """Render the image of an instant [s], with its ground truth."""
+        """Render the image at a room time [s], with its ground truth."""
         people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
         depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
         for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
@@ -126,11 +126,11 @@ class RoomDepthScene:
 
 
 def capsule(a: Float64, b: Float64, radius_a: float, radius_b: float) -> tuple[Float64, Int64]:
-    """Closed mesh of a tapered capsule: vertices (n, 3) and triangles (m, 3), which face outwards.
+    """Return the closed mesh of a tapered capsule: vertices (n, 3) [m] and triangles (m, 3), which face outwards.
 
     Args:
-        a, b: (3,) its ends [m].
-        radius_a, radius_b: of the ends [m].
+        a, b: (3,) ends of its axis [m].
+        radius_a, radius_b: radii at the ends [m].
     """
     along = b - a
     length = float(np.linalg.norm(along))
@@ -169,9 +169,9 @@ def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> Roo
     """Load the people of a room, seen by a depth camera.
 
     Args:
-        name: of `mocapella.sources.simulate.scenes.scene_names`.
-        seed: of their motion and of the noise.
-        sensor: of `depth_scene.depth_sensor_names`.
+        name: one of `mocapella.sources.simulate.scenes.scene_names`.
+        seed: random seed of the people's motion and of the noise.
+        sensor: one of `depth_scene.depth_sensor_names`.
 
     Raises:
         SettingsError: unknown scene or sensor; lists the known ones.

@@ -12,17 +12,17 @@ Float64 = NDArray[np.float64]
 Point = tuple[float, float]
 
 STEP_S = 0.56
-"""A step's duration: 107 steps a minute, an adult's leisurely cadence."""
+"""Duration of a step [s]: 107 steps a minute, an adult's leisurely cadence."""
 STEP_M = 0.45
 TURN_PER_STEP = math.radians(50)
 HALF_TURN_S = math.ceil(math.pi / TURN_PER_STEP) * STEP_S
 RAMP_S = 0.6
-"""Duration of the acceleration at the start, and of the deceleration at the end."""
+"""Duration of the acceleration at the start, and of the deceleration at the end [s]."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Position on the floor (world x, z) and heading: 0 along z, growing towards x [rad]."""
+    """Position on the floor (world x, z) [m] and heading: 0 along z, growing towards x [rad]."""
 
     x: float
     z: float
@@ -34,10 +34,11 @@ class Leg:
     """A part of a route: standing (no steps), a straight line, or an arc about a centre, with an even rotation.
 
     Attributes:
-        start, end: headings are not wrapped, so ``end.heading - start.heading`` is the body's rotation.
+        start, end: first and last position; headings are not wrapped, so ``end.heading - start.heading`` is the body's
+            rotation.
         steps: number of steps; 0 stands still.
-        seconds: duration.
-        centre: of the arc, or None.
+        seconds: duration [s].
+        centre: centre of the arc (world x, z) [m]; None without an arc.
         arm_across: whether the right arm is held in front of the chest.
     """
 
@@ -49,7 +50,7 @@ class Leg:
     arm_across: bool = False
 
     def at(self, progress: Float64) -> Float64:
-        """x, z and heading (n, 3) at fractions (n,) of the leg's duration."""
+        """Return x, z [m] and heading [rad] (n, 3) at fractions (n,) of the leg's duration, 0 to 1."""
         u = _eased(progress, min(0.5, RAMP_S / self.seconds))[:, None]
         start = np.array([self.start.x, self.start.z, self.start.heading])
         end = np.array([self.end.x, self.end.z, self.end.heading])
@@ -76,7 +77,7 @@ class Route:
 
     @property
     def seconds(self) -> float:
-        """Duration so far."""
+        """Duration of the route so far [s]."""
         return sum(leg.seconds for leg in self.legs)
 
     def stand(self, seconds: float, *, arm_across: bool = False) -> None:
@@ -89,7 +90,7 @@ class Route:
             self.stand(seconds - self.seconds)
 
     def turn(self, heading: float) -> None:
-        """Turn on the spot to a heading, the shorter way."""
+        """Turn on the spot to a heading [rad], the shorter way."""
         by = math.remainder(heading - self.spot.heading, math.tau)
         if abs(by) > 1e-9:
             self._leg(Spot(self.spot.x, self.spot.z, self.spot.heading + by))

@@ -10,10 +10,10 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.sources.simulate.route import HALF_TURN_S, Point, Route, Spot
 
 STILL_S = 6.6
-"""Time that all people stand still at first: 120 frames at 30 Hz take 4 s, also for a sensor that starts late."""
+"""Time for which all people stand still at first: 120 frames at 30 Hz take 4 s, also for a late sensor [s]."""
 
 FACING_MAIN = math.pi
-"""Heading of a person who faces the main sensor, which stands near the world's origin and looks along z."""
+"""Heading of a person who faces the main sensor, which is near the world's origin and looks along z [rad]."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Cue:
     """The parameters of a scenario.
 
     Attributes:
-        start: initial position of the person (world x, z).
-        target: centre of the obstacle, or position of the other person, depending on the scenario.
+        start: initial position of the person (world x, z) [m].
+        target: centre of the obstacle, or position of the other person, depending on the scenario (world x, z) [m].
         first: whether this person moves first, if two people take turns.
     """
 
@@ -44,6 +44,12 @@ def scenario_names() -> tuple[str, ...]:
 def plan(scenario: str, start: Point, target: Point | None = None, *, first: bool = True) -> Route:
     """Plan the route of one person.
 
+    Args:
+        scenario: one of `scenario_names`.
+        start: initial position (world x, z) [m].
+        target: centre of the obstacle, or position of the other person (world x, z) [m].
+        first: whether this person moves first, if two people take turns.
+
     Raises:
         SettingsError: unknown scenario, or it needs a ``target`` and none is given.
     """
@@ -61,7 +67,7 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
     """Parse a route given step by step; the person faces the main sensor at first.
 
     Args:
-        start: (x, z) [m].
+        start: initial position (world x, z) [m].
         words: ``stand SECONDS``, ``go X Z`` (turn there first), ``shift X Z`` (without turning), ``turn DEGREES`` (0
             along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point).
 

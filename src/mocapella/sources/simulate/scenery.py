@@ -12,11 +12,11 @@ from mocapella.sources.simulate.scenes import scene_settings
 Float64 = NDArray[np.float64]
 
 SIDES = 32
-"""Sides of the prism that a cylinder is drawn as."""
+"""Number of sides of the prism that approximates a cylinder."""
 
 
 def scenery_of(scene: str) -> Scenery:
-    """The obstacles and sensor poses of a scene.
+    """Return the obstacles and sensor poses of a scene.
 
     Raises:
         SettingsError: no such scene; lists those there are.

@@ -60,10 +60,10 @@ def load_scene(
     Args:
         name: one of `scene_names`.
         seed: the same seed gives the same frames to the bit.
-        topology: of the frames, such as ``kinect_v1``.
+        topology: name of the topology of the frames, such as ``kinect_v1``.
         bvh: a BVH file whose motion replaces one person's scenario.
         bvh_person: number of that person, from 1.
-        bvh_metres_per_unit: the file's unit; None scales it to the person's stature.
+        bvh_metres_per_unit: the file's unit [m]; None scales its motion to the person's stature.
 
     Raises:
         SettingsError: an unknown scene or topology, or a number out of range.

@@ -26,11 +26,11 @@ class SeenArmSettings:
     """Quality of the simulated detector.
 
     Attributes:
-        measured_sd_m: standard deviation of a visible joint's coordinate.
-        inferred_sd_m: standard deviation of an inferred joint's coordinate.
-        lasts_s: time constant of the errors of inferred joints.
-        left_sure: reported confidence of the side.
-        wrong_side: share of the frames with the wrong side.
+        measured_sd_m: standard deviation of a visible joint's coordinate [m].
+        inferred_sd_m: standard deviation of an inferred joint's coordinate [m].
+        lasts_s: time constant of the errors of inferred joints [s].
+        left_sure: reported confidence of the side, from 0.5 to 1.
+        wrong_side: fraction of the frames with the wrong side, 0 to 1.
     """
 
     measured_sd_m: float = 0.004

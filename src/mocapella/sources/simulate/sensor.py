@@ -31,11 +31,11 @@ Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SEEN_TO_BEGIN = 0.4
-"""Share of visible joints from which a body is detected."""
+"""A body is detected if at least this fraction of its joints is visible."""
 SEEN_TO_GO_ON = 0.12
-"""Share of visible joints below which a body is lost; when detected again, it has a new id."""
+"""A body is lost if a smaller fraction of its joints is visible; when detected again, it has a new id."""
 SPEED_OVER_NS = 100_000_000
-"""Time span of the measurement of a person's speed, on which errors depend."""
+"""Interval over which a person's speed is measured, on which errors depend [ns]."""
 FIRST_ID = 72_057_594_037_927_936
 """Base of the tracking ids; those of a Kinect v2 are large numbers, too."""
 
@@ -45,7 +45,7 @@ class SimulatedFrame(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         due_s: room time at which it reaches the node [s].
-        frame: of the sensor; node_id and sent_ns are 0, since the node sets them.
+        frame: the sensor's frame; node_id and sent_ns are 0, since the node sets them.
         truth: the room at the capture time.
     """
 
@@ -104,7 +104,7 @@ class SimulatedSensor:
     Args:
         room: the room that it is in.
         sensor: its name, or its number from 1.
-        errors: of a sensor whose settings state ``kinect-v2-measured``; None for those that ship with this version.
+        errors: errors of a sensor whose settings state ``kinect-v2-measured``; None for the shipped errors.
 
     Raises:
         SettingsError: unknown sensor, or the body lacks joints of the room's topology.
@@ -131,7 +131,7 @@ class SimulatedSensor:
         return self.settings.name
 
     def frames(self, start_s: float = 0.0, stop_s: float | None = None) -> Iterator[SimulatedFrame]:
-        """Yield the frames captured from ``start_s`` until before ``stop_s`` (room time), or forever.
+        """Yield the frames captured from ``start_s`` until before ``stop_s``, both room times [s]; None for no end.
 
         Frame k (captured at ``settings.frame_ns(k)``) depends only on the scene, its seed and k, not on the start. The
         exceptions are ``sequence``, which counts from 0; tracking ids; the order of the bodies; and the choice of the
@@ -275,7 +275,10 @@ class SimulatedSensor:
 def merge(
     sensors: Iterable[SimulatedSensor], start_s: float = 0.0, stop_s: float | None = None
 ) -> Iterator[SimulatedFrame]:
-    """Merge the frames of several sensors in the order of arrival at their nodes; ties are in the order of names."""
+    """Merge the frames of several sensors in the order of arrival at their nodes; ties are in the order of names.
+
+    ``start_s`` and ``stop_s`` as in `SimulatedSensor.frames`.
+    """
     streams = [sensor.frames(start_s, stop_s) for sensor in sensors]
     return heapq.merge(*streams, key=lambda item: (item.due_s, item.frame.sensor))
 

@@ -32,9 +32,9 @@ def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "
     """Write a scene's images, rig and ground truth.
 
     Args:
-        folder: created if missing.
+        folder: folder of the files; created if missing.
         scene: the scene.
-        codec: of `CODECS`.
+        codec: one of `CODECS`.
         masks: whether to write lossless videos of the true masks as well: ``camera1.mask.avi`` ….
 
     Returns:
@@ -84,7 +84,7 @@ def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "
 
 
 def truth_of(scene: SilhouetteScene) -> dict[str, Any]:
-    """Content of ``truth.json``."""
+    """Return the content of ``truth.json``."""
     people = []
     for person, mesh in enumerate(scene.meshes):
         poses = scene.poses(person)

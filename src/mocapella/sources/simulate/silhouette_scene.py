@@ -56,11 +56,11 @@ class CameraLook:
 
     Attributes:
         exposure: signal of white in full light, relative to full scale.
-        photons: electrons at full scale; fewer give more photon noise.
-        read_noise: standard deviation, relative to full scale.
+        photons: number of electrons at full scale; fewer give more photon noise.
+        read_noise: standard deviation of the read noise, relative to full scale.
         flicker: relative standard deviation of the brightness from image to image.
         drift: relative change of the brightness over ten seconds.
-        exposure_s: exposure time; 0 gives no motion blur.
+        exposure_s: exposure time; 0 gives no motion blur [s].
     """
 
     exposure: float = 0.75
@@ -83,13 +83,13 @@ class SilhouetteScene:
     """People, a room and cameras.
 
     Attributes:
-        name: of the motion.
-        seed: of all random choices.
-        meshes, outfits, motions: of the people.
+        name: name of the motion.
+        seed: random seed of all choices.
+        meshes, outfits, motions: mesh, clothes and motion of each person.
         rig: the cameras, with exact calibration.
-        times_s: (frames,) of the images.
+        times_s: (frames,) capture times of the images since the motion's start [s].
         look: exposure and noise of the cameras.
-        corruption: of the images, or None.
+        corruption: corruption of the images; None for none.
     """
 
     def __init__(
@@ -124,23 +124,23 @@ class SilhouetteScene:
         return self.meshes[0]
 
     def pose(self, k: int, person: int = 0) -> TreePose:
-        """A person's pose in frame k."""
+        """Return a person's pose in the frame of index k."""
         return self.motions[person].pose(self.times_s[k])
 
     def poses(self, person: int = 0) -> TreePose:
-        """A person's poses in all frames, with a batch axis (frames,)."""
+        """Return a person's poses in all frames, with a batch axis (frames,)."""
         return self.motions[person].pose(self.times_s)
 
     def landmarks(self, k: int, person: int = 0) -> Float64:
-        """A person's landmarks (landmarks, 3) in the mesh's order, world [m]."""
+        """Return a person's landmarks (landmarks, 3) in the frame of index k, in the mesh's order, world [m]."""
         return landmarks_at(self.meshes[person], self.pose(k, person))
 
     def images(self, k: int) -> list[UInt8]:
-        """Images (height, width, 3) blue, green, red of all cameras in frame k, with the corruption."""
+        """Return images (height, width, 3) uint8 BGR of all cameras in the frame of index k, with the corruption."""
         return [self.image(k, camera) for camera in range(len(self._placed))]
 
     def image(self, k: int, camera: int) -> UInt8:
-        """As `images`, for one camera."""
+        """Return the image of `images` for the camera of one index."""
         stage = self._stage(k)
         stages: Sequence[LitBodies] = (stage,)
         if self.look.exposure_s > 0:
@@ -150,15 +150,15 @@ class SilhouetteScene:
         return image if self.corruption is None else self.corruption.of(image, k, camera)
 
     def masks(self, k: int) -> list[NDArray[np.bool_]]:
-        """True masks (height, width) of all cameras: whether each pixel's centre shows a person."""
+        """Return the true masks (height, width) of all cameras: whether each pixel's centre shows a person."""
         return [covered.people >= 0 for covered in self.covered(k)]
 
     def covered(self, k: int) -> list[Covered]:
-        """Ground truth of all cameras: person, part and depth at each pixel's centre."""
+        """Return the ground truth of all cameras: person, part and depth at each pixel's centre."""
         return [covered(self._stage(k), placed) for placed in self._placed]
 
     def background(self, k: int = 0) -> list[UInt8]:
-        """Images (height, width, 3) of the empty room, with the brightness and the noise of frame k."""
+        """Return images (height, width, 3) uint8 BGR of the empty room, with brightness and noise of frame k."""
         empty = Layer((0, 0), np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
         return [self._developed(empty, None, k, camera) for camera in range(len(self._placed))]
 
@@ -202,17 +202,17 @@ def silhouette_scene(
     """Make a scene of `scene_names`.
 
     Args:
-        name: of the motion.
-        seed: of bodies, clothes, room, light, tempo, and the cameras' poses.
+        name: name of the motion.
+        seed: random seed of bodies, clothes, room, light, tempo, and the cameras' poses.
         cameras: number of cameras, in a ring.
         size_px: (width, height) of their images.
-        seconds: duration; None for that of the motion.
-        fps: frame rate.
-        outfit: of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
+        seconds: duration [s]; None for that of the motion.
+        fps: frame rate [Hz].
+        outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
-        sex, height_m: of the first person; None for random ones.
+        sex, height_m: sex and height [m] of the first person; None for random ones.
         look: exposure and noise of the cameras.
-        corruption: of the images.
+        corruption: corruption of the images; None for none.
         bvh: a file whose motion replaces the motion ``walk``.
 
     Raises:

@@ -35,12 +35,13 @@ def draw_tags(
     """Draw tags, with a white margin of two cells, into an image; nearer tags occlude farther ones.
 
     Args:
-        linear: (height, width, 3) light of the image, in and out.
-        lens: (9,) of `mocapella.geometry.lens`.
-        T_camera_tag: (4, 4) by the tag's number; its frame as in `mocapella.model.tags`. Tags seen from behind are not
-            drawn.
-        dictionary, side_m: of all tags; the dark square's side [m].
-        light: on the tags.
+        linear: (height, width, 3) linear light of the image, in and out.
+        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        T_camera_tag: pose (4, 4) of each tag, by its number; the tag's frame is as in `mocapella.model.tags`. Tags seen
+            from behind are not drawn.
+        dictionary: ArUco dictionary of all tags.
+        side_m: side of each tag's dark square [m].
+        light: strength of the light on the tags; 1 shows a white surface as white.
     """
     far_first = sorted(T_camera_tag.items(), key=lambda tag: -float(np.linalg.norm(tag[1][:3, 3])))
     for number, T in far_first:
