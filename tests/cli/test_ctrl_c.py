@@ -37,7 +37,7 @@ MOMENTS = [
     ("typer", ["replay", "walk"]),
     ("typer", ["--version"]),
     ("mocapella.cli.view", ["view"]),
-    ("numba", ["demo", "--no-view"]),
+    ("mocapella.live.server", ["demo", "--no-view"]),
     ("zenoh", ["serve", "--no-view"]),
     ("zenoh", ["node", "simulate"]),
     ("zenoh", ["node", "bridge"]),
