@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import threading
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from support.distributions import distribution
 from support.programs import Program, free_port, wait_until
 
+from mocapella.cli.common import PAGE_DRAWN
+from mocapella.cli.serve import LiveSession, _pass_on
 from mocapella.errors import NotNowError
 from mocapella.live.compilation import Compilation
+from mocapella.live.launch import Children
 from mocapella.live.session import Session
 from mocapella.model.scene import Phase
 from mocapella.model.session import Setup
@@ -127,6 +134,53 @@ def test_the_end_of_a_wait_changes_nothing_in_a_session_that_tracks() -> None:
 
 def test_a_method_without_kernels_is_compiled() -> None:
     assert is_compiled("stand-still")
+
+
+class Waits:
+    """A compilation that has not ended."""
+
+    done, started = False, False
+
+    def start(self) -> None:
+        self.started = True
+
+
+def test_it_begins_once_a_browser_draws_the_view_or_the_view_has_ended() -> None:
+    """Before that, it would take the time of the browser."""
+    with Children() as view, Children() as nodes:
+        view.start(["view", "--help"])
+        waits = Waits()
+        session = LiveSession(cast(Any, None), view, nodes, threading.Event(), cast(Any, waits))
+        session.begin_if_compiled()
+        assert waits.started == view.any_ended()
+        session.shown.set()
+        session.begin_if_compiled()
+        assert waits.started
+        waits = session.compilation = cast(Any, Waits())
+        session.shown.clear()
+        wait_until("the view has ended", view.any_ended)
+        session.begin_if_compiled()
+        assert waits.started
+
+
+@pytest.mark.parametrize(
+    ("line", "called"), [("view: http://127.0.0.1:1/", "url"), (PAGE_DRAWN, "page"), ("a warning", ""), ("", "")]
+)
+def test_what_the_view_says_of_itself_is_not_shown_as_it_is(
+    line: str, called: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calls: list[str] = []
+    _pass_on(line, lambda url: calls.append("url"), lambda: calls.append("page"))
+    assert calls == [called] * bool(called)
+    assert capsys.readouterr().err.strip() == ("" if called else line)
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux with autogroups has them")
+def test_a_compilation_gives_way_to_other_sessions_too() -> None:
+    code = "from mocapella.live.compilation import _give_way; _give_way(); print(open('/proc/self/autogroup').read())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "10"
+    assert done.stdout != Path("/proc/self/autogroup").read_text(encoding="ascii")
 
 
 def test_where_kernels_cannot_be_kept_no_process_compiles_them(monkeypatch: pytest.MonkeyPatch) -> None:

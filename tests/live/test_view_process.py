@@ -12,6 +12,7 @@ import pytest
 from support.browser import FLAGS, page_url
 from support.programs import Program, free_port, result_here, wait_until
 
+from mocapella.cli.common import PAGE_DRAWN
 from mocapella.recording.take_reader import read_take
 from mocapella.wire.reader import send_command
 from mocapella.wire.session import open_reader
@@ -54,6 +55,7 @@ def test_a_view_without_a_server_says_what_it_waits_for_and_ends_on_ctrl_c(tmp_p
         wait_until("its words", view.said(f"no server at {address} yet: start one with `mocapella serve`"), timeout=120)
         assert view.end() == 0
     assert "Traceback" not in view.output
+    assert view.output.count(PAGE_DRAWN) == 1
 
 
 @needs_browser
@@ -64,8 +66,10 @@ def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one
     serve = ("serve", "--no-view", "--port", str(port))
     with Program(tmp_path, "view", "view", "--connect", f"tcp/127.0.0.1:{port}", "--view-port", str(page_port)) as view:
         wait_until("its URL", view.said(f"view: http://127.0.0.1:{page_port}"), timeout=120)
+        assert PAGE_DRAWN not in view.output
         page = open_page(browser, page_port)
         expect_state(page, "No server")
+        wait_until("it knows of the page", view.said(PAGE_DRAWN))
         with Program(tmp_path, "first", *serve) as first:
             expect_state(page, "Waiting for sensors")
             first.end(signal.SIGKILL)

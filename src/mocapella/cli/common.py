@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 DEFAULT_PORT = 7447
+PAGE_DRAWN: Final = "view: drawn in a browser"
+"""Line that the command `view` prints when the first browser draws the view."""
 DEFAULT_VIEW_PORT = 7448
 DEFAULT_TAKES = Path("takes")
 DEFAULT_SCENE: Final = "obstacle"

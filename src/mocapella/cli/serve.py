@@ -20,6 +20,7 @@ from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_TAKES,
     DEFAULT_VIEW_PORT,
+    PAGE_DRAWN,
     RIG_HELP,
     START_FORM,
     START_HELP,
@@ -65,6 +66,8 @@ _INVITE = (
     "sensors and readers on other machines need a key: `mocapella session invite sensor` here writes it, and "
     "`mocapella session join` there takes it (port {port} must be open to them)"
 )
+PAGE_WAIT_S = 10.0
+"""Longest time for which a compilation waits for a browser to draw the view, from the view's URL on [s]."""
 BEGIN_IN_S = 1.0
 """Time from the moment when every node is ready until their sources begin, so that they can join the bus [s]."""
 
@@ -81,7 +84,8 @@ class LiveSession:
         compilation: compilation of the method's kernels, which must end before tracking can begin; None if they are
             compiled.
         begins: whether tracking begins by itself after the compilation.
-        shown: event that is set when the view has printed its URL; without a view, it is set from the beginning.
+        shown: event that is set when a browser draws the view, or `PAGE_WAIT_S` after the view has printed its URL;
+            without a view, it is set from the beginning.
     """
 
     server: Server
@@ -177,16 +181,20 @@ def live_session(
         view = stack.enter_context(Children())
         shown = threading.Event()
 
+        wait_for_page = threading.Timer(PAGE_WAIT_S, shown.set)
+        wait_for_page.daemon = True
+        stack.callback(wait_for_page.cancel)
+
         def show_url(url: str) -> None:
             on_url(url)
-            shown.set()
+            wait_for_page.start()
 
         if view_port is None:
             shown.set()
         else:
             own = str(address._replace(session=session_name(address.session)))  # not a key that was paired
             arguments = ["view", "--connect", own, "--view-port", str(view_port), "--host", VIEW_HOST]
-            view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url))
+            view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url, shown.set))
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
 
@@ -198,9 +206,11 @@ def _check_bus_port(address: Address) -> None:
         check_port_free(address.host, address.port, "--port")
 
 
-def _pass_on(line: str, on_url: Callable[[str], None]) -> None:
+def _pass_on(line: str, on_url: Callable[[str], None], on_page: Callable[[], None]) -> None:
     if line.startswith("view: http"):
         on_url(line.removeprefix("view: "))
+    elif line == PAGE_DRAWN:
+        on_page()
     elif line:
         say(line)
 

@@ -7,7 +7,16 @@ from typing import Annotated
 import typer
 
 from mocapella.cli.app import LIVE, app
-from mocapella.cli.common import DEFAULT_ADDRESS, DEFAULT_VIEW_PORT, Connect, Host, ViewPort, say, warn_if_open
+from mocapella.cli.common import (
+    DEFAULT_ADDRESS,
+    DEFAULT_VIEW_PORT,
+    PAGE_DRAWN,
+    Connect,
+    Host,
+    ViewPort,
+    say,
+    warn_if_open,
+)
 
 
 @app.command(rich_help_panel=LIVE)
@@ -42,5 +51,6 @@ def view(
             cloth=cloth,
             scenery=scenery,
             on_ready=lambda url: say(f"view: {url}"),
+            on_page=lambda: say(PAGE_DRAWN),
             on_waiting=lambda reason: say(f"{reason}; waiting for it (Ctrl-C ends)"),
         )

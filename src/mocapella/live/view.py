@@ -180,13 +180,14 @@ def run_view(
     cloth: bool = False,
     scenery: str | None = None,
     on_ready: Callable[[str], None] = lambda url: None,
+    on_page: Callable[[], None] = lambda: None,
     on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
     ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
-    obstacles are drawn. ``on_ready`` is called with the page's URL, ``on_waiting`` with the
-    reason if no server there admits it yet.
+    obstacles are drawn. ``on_ready`` is called with the page's URL, ``on_page`` once, when the first
+    browser draws the view, and ``on_waiting`` with the reason if no server there admits it yet.
 
     Raises:
         AddressInUseError: the port is in use.
@@ -206,6 +207,7 @@ def run_view(
             on_ready(viewer.url)
             picture = ViewState()
             errors = Boundary()  # the log has them, and a line in the terminal
+            drawn = False
 
             def draw(now_s: float) -> None:
                 scene, frames, status = picture.update(*link.newest(), now_s)
@@ -214,6 +216,9 @@ def run_view(
 
             for now_s in beats(RATE_HZ, stop):
                 errors.run("drawing", partial(draw, now_s))
+                if not drawn and viewer.pages:
+                    drawn = True
+                    on_page()
         finally:
             viewer.close()
     finally:

@@ -95,6 +95,11 @@ class Viewer:
         self._home: tuple[object, Look | None] = (None, None)
 
     @property
+    def pages(self) -> int:
+        """Number of browser pages that draw the view at present."""
+        return len(self._browsers)
+
+    @property
     def url(self) -> str:
         """URL of the page, with the access token."""
         return self._server.url
