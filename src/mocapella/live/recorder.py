@@ -275,7 +275,18 @@ class Recorder:
             return
         if sequence < self._first.get(node, 0):  # from before the take began
             return
+        if wanted is None:
+            self._include(node, sequence)
         self._writer.write_frame(data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns)
+
+    def _include(self, node: NodeKey, sequence: int) -> None:
+        """Let the take begin with a frame that was on its way when it began.
+
+        The node has sent it before, so it does not count it; but it may be tracked, and scenes need their frames.
+        """
+        ledger = self._writer.accounts.nodes.get(node)
+        if ledger is not None and ledger.agreed and sequence < ledger.first:
+            self._writer.accounts.change(node, lambda known: known.expect(sequence))
 
     def _refuse(self, sensor: str, what: str, why: str) -> None:
         if (sensor, what) not in self._refused:

@@ -1,0 +1,44 @@
+"""What a recorder takes for the take, of frames on the live path and of those that are sent again."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import msgspec
+from support.take_making import SECOND, frame, info
+
+from mocapella.live.record_path import hear_answer
+from mocapella.live.recorder import Recorder
+from mocapella.recording.take_writer import TakeWriter
+from mocapella.schema import encode_frame
+from mocapella.wire.delivery import FrameAnswer
+from mocapella.wire.keys import NodeKey
+
+FRONT = NodeKey("front", 1)
+
+
+def encoded(number: int) -> bytes:
+    return encode_frame(msgspec.structs.replace(frame("front", 1), sequence=number))
+
+
+def test_a_frame_that_was_on_its_way_as_the_take_began_belongs_to_it(tmp_path: Path) -> None:
+    """Its node has sent it before, so the node's first frame of the take is the next one: 14."""
+    recorder = Recorder(TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0), lambda text: None)
+    answer = FrameAnswer(next=16, oldest=0, first=14, leaving=False)
+    recorder.account(FRONT, partial(hear_answer, answer=answer, first=14, end=None))
+    for number in (13, 14, 15):
+        recorder.frame(FRONT, encoded(number), SECOND, number)
+    recorder.sent_again([(0, 9)], FRONT, encoded(9), SECOND)  # of a node that sends more than it was asked for
+    recorder.account(FRONT, partial(hear_answer, answer=answer, first=None, end=16))
+    health = recorder.close()
+    assert (health.frames, health.lost) == (3, 0)
+
+
+def test_what_was_tracked_before_the_take_does_not_belong_to_it(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0)
+    recorder = Recorder(writer, lambda text: None, {FRONT: 14})
+    for number in (12, 13, 14):
+        recorder.frame(FRONT, encoded(number), SECOND, number)
+    health = recorder.close()
+    assert (health.frames, health.lost) == (1, 0)
