@@ -26,7 +26,7 @@ from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 COMPILED = 300.0
 """By then everything is compiled, even beside other tests [s]."""
 SLOW_HZ = 8.0
-"""Poses a second at most, of 10 that the motion has."""
+"""Poses a second at most, of 20 that the motion has."""
 NAMED = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "head")
 
 
@@ -43,7 +43,7 @@ class Stage:
         off: cameras whose streams end.
     """
 
-    def __init__(self, fps=10.0):
+    def __init__(self, fps=20.0):
         self.scene = silhouette_scene(
             "knee-bend", seed=4, cameras=3, size_px=(320, 240), fps=fps, sex="male", height_m=1.75
         )
