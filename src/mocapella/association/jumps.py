@@ -27,12 +27,15 @@ Bools = NDArray[np.bool_]
 class JumpSettings:
     """Thresholds of a jump.
 
+    A body has jumped if its middle is farther than step_m + fastest_m_s · Δt from every position of the last doubt_s of
+    any body of the same sensor, whatever its id; Δt is the time since that position.
+
     Attributes:
-        step_m: motion of a body's middle between two frames that the sensor's own error explains [m].
-        fastest_m_s: highest speed of a person; a larger motion than step_m plus this speed times the time is a jump
-            [m/s].
-        longest_step_s: for a body that has jumped, the longest time in that product [s].
-        doubt_s: a body that jumped and stays away is accepted after this time [s].
+        step_m: motion of a body's middle that the sensor's own error explains, whatever the time [m].
+        fastest_m_s: highest speed of a person [m/s].
+        longest_step_s: largest Δt for the last position of a body that has jumped since [s].
+        doubt_s: age at which a position is forgotten; a body whose last position is older is accepted wherever it is,
+            so that a body that jumped and stays away is accepted after this time [s].
     """
 
     step_m: float = 0.05

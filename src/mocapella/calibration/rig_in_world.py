@@ -101,13 +101,18 @@ class RigAlignment:
         self.found, self._samples, self._taken_s, self._tried_s = memory
 
     def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:
-        """Update the estimate with the bodies and people at one time.
+        """Take a sample of the bodies and people at one time, and renew `found` if it is due.
+
+        Which body is which person is found out. A call sooner than ``every_s`` after the last sample does nothing; an
+        estimate stays until a better one replaces it. A time before that of the last sample resets everything, because
+        the clock was set back.
 
         Args:
-            bodies: (joints, 3) of each body by its name, in the rig's frame [m]; NaN where not known. Left and right
-                joints alternate.
-            people: (joints, 3) of each person by id, in the world [m]; the same joints.
-            at_s: capture time of both [s].
+            bodies: (joints, 3) of each body by its name, in the rig's frame [m]; NaN where not known. Joints 2k and 2k
+                + 1 are a pair of left and right.
+            people: (joints, 3) of each person by id, in the world [m]; the same joints, NaN where not known. Left and
+                right may be swapped.
+            at_s: capture time of both, on the common clock [s].
         """
         s = self.settings
         if at_s < self._taken_s:

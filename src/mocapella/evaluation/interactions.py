@@ -102,9 +102,11 @@ def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
 
 
 def distance_figures(apart: Float64) -> dict[str, float]:
-    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` over the pairs of views of their mean Δd.
+    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` (95th percentile) over pairs of views of the mean Δd of their
+    joints.
 
-    ``apart`` (pairs, joints) is the distance Δd of the two views of a joint [m].
+    ``apart`` (pairs, joints) is the distance Δd between both views of a joint [m]; joints that are NaN or infinite, and
+    pairs without any other, do not count. All three are NaN if no pair counts.
     """
     finite = np.isfinite(apart)
     some = finite.any(axis=1)

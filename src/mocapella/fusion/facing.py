@@ -166,10 +166,10 @@ class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
 
 
 class FacingFilter:
-    """Histogram filter of all people's facings.
+    """Histogram filter of the facings of all people; call `update` with each sensor's frame.
 
     Attributes:
-        memory: its state, which can be copied and restored.
+        memory: its whole state. It is updated in place: keep a deep copy, and assign one to restore it.
     """
 
     def __init__(

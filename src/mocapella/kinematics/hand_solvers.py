@@ -176,25 +176,49 @@ class _Iterative(_Solver):
 
 
 class Fabrik(_Iterative):
-    """Solver by forward and backward reaching, with a rotor and hinges that are held within their limits."""
+    """Solver by forward and backward reaching, with a rotor and hinges that are held within their limits.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's lengths.
+        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+    """
 
     name, kind = "FABRIK", "FABRIK"
 
 
 class JacobianTranspose(_Iterative):
-    """Solver by gradient steps, each of the length that is optimal for linear motion of the tip."""
+    """Solver by gradient steps, each of the length that is optimal for linear motion of the tip.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's lengths.
+        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+    """
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
 
 
 class PseudoInverse(_Iterative):
-    """Solver by the smallest steps that would reach the target if the tip's motion were linear."""
+    """Solver by the smallest steps that would reach the target if the tip's motion were linear.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's lengths.
+        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+    """
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
 
 
 class DampedLeastSquares(_Iterative):
-    """Solver by pseudo-inverse steps, damped near singular poses."""
+    """Solver by pseudo-inverse steps with a constant damping, which shortens them near singular poses.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's lengths.
+        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+    """
 
     name, kind = "damped least squares", "DAMPED"
 

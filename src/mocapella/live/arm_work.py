@@ -74,7 +74,14 @@ class ArmWork:
         detector.reset()
 
     def look(self, picture: Picture) -> ArmFrame:
-        """Detect the arms in an image.
+        """Detect the arms in an image, and count it in ``looked_at`` and ``with_arms``; `in_time` counts the late ones.
+
+        Args:
+            picture: depth in the source's unit; its time is the frame's.
+
+        Returns:
+            The arms, or the reason why there are none. Node id, number and publication time are 0 until it is
+                published.
 
         Raises:
             InputError: the depth unit is implausible, or the camera's image size, lens or unit has changed.

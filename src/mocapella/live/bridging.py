@@ -38,7 +38,12 @@ class ServedSensor:
             raise self.membership.refusal
 
     def close(self) -> None:
-        """Leave the bus; a refusal is not raised again, and frames that are not stored are only reported."""
+        """Leave the bus, and release the sensor's name; return once the frames of an open take are stored, or after
+        about 10 s.
+
+        Frames that are not stored by then are reported by ``say``, and described in ``unstored``, which is empty
+        otherwise.
+        """
         self.ended.set()
         self.membership.wait()
         try:

@@ -48,7 +48,7 @@ class HealthWatch:
             self._free = free_bytes(Path(take).parent if take else self._takes)
 
     def ended(self, part: str) -> None:
-        """Report that a part of the session, such as the view, has ended by itself."""
+        """Note that a part of the session, such as ``view``, has ended by itself; from now on `health` lists it."""
         if part not in self._ended:
             self._ended = (*self._ended, part)
 

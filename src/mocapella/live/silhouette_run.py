@@ -114,7 +114,17 @@ class SilhouetteRun:
         self._scene: Scene | None = None
 
     def learn_empty(self, images: Mapping[str, UInt8]) -> None:
-        """Learn the empty room from images (height, width, 3) by camera; before the first frame."""
+        """Learn the empty room from one image of each camera; before the first frame, repeatedly if wanted.
+
+        Images of a camera that is not in the rig or of another size, and all images after the first frame, are not
+        used; the tracker counts them as rejected and raises nothing.
+
+        Args:
+            images: (height, width, 3) uint8 BGR by the camera's name; cameras may be missing.
+
+        Raises:
+            SettingsError: an array has another shape or type.
+        """
         for arrival in arrivals_of(images, 0, empty_room=True):
             self._give(arrival, None)
 

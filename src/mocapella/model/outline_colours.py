@@ -15,7 +15,7 @@ BODIES: Final[tuple[Colour, ...]] = ((60, 255, 90), (255, 214, 64), (226, 120, 2
 
 
 def body_colour(number: int) -> Colour:
-    """Return the colour of a body by its index from 0."""
+    """Return the colour of a body by its index from 0; the colours of `BODIES` repeat after the last."""
     return BODIES[number % len(BODIES)]
 
 

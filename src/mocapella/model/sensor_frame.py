@@ -34,7 +34,10 @@ class SensorFrame(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def field_of_view_deg(self) -> tuple[float, float]:
-        """Horizontal and vertical field of view of the sensor [°]."""
+        """Horizontal and vertical field of view of the sensor, for drawings only [°].
+
+        Here a placeholder, `UNKNOWN_FIELD_OF_VIEW_DEG`: types of frames that know better override it.
+        """
         return UNKNOWN_FIELD_OF_VIEW_DEG
 
     @property

@@ -132,7 +132,10 @@ class TakeWriter:
 
     @property
     def seconds(self) -> float:
-        """Time from the first entry to the last, on the server's clock [s]."""
+        """Time from the start of the first run, or an earlier entry, to the last entry, on the server's clock [s].
+
+        For a resumed take, this includes the earlier parts and the interruptions.
+        """
         return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) / NS_PER_S
 
     def start_run(self, info: TakeInfo) -> None:

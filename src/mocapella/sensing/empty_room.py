@@ -48,7 +48,7 @@ class EmptyRoom:
         """Learn the empty room from images, except near people.
 
         Args:
-            images: (height, width, 3) uint8 by camera.
+            images: (height, width, 3) uint8 BGR by camera.
             people: silhouettes of the people in the images, by camera.
         """
         for name, image in images.items():

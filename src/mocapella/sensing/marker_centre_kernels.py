@@ -87,7 +87,9 @@ def centre(
         light: (256,) linear light of a pixel value.
         x, y: mean of the pixels with the marker's colour [px].
         xx, xy, yy: their variances and covariance [px²].
-        out: (4,) written: refined x and y [px], their standard deviation [px], and the share of rays with an edge.
+        out: (4,) written: refined x and y [px]; the roughness of the edge, which is the standard deviation of its
+            distance on a single ray [px]; and the share of rays with an edge, 0 to 1. If fewer than half of the rays
+            have an edge, x and y are the given ones, and the roughness is 1.
     """
     det = xx * yy - xy * xy
     a, b, c = yy / det, -xy / det, xx / det

@@ -73,7 +73,7 @@ class MarkerLimits(NamedTuple):
         elongation: largest elongation, as in `marker_piece_kernels.shape_of`.
         fill: smallest fill, as in `marker_piece_kernels.shape_of`.
         window_px: side of the search window about the predicted position [px].
-        sd_floor_px, sd_scale: a centre's standard deviation is √(floor² + (scale·that of `centre`)²) [px].
+        sd_floor_px, sd_scale: standard deviation of a centre: √(floor² + (scale·roughness of `centre`)²) [px].
         area_range: largest factor between the area and the learnt one, in either direction.
         acceleration_px_s2: unmodelled acceleration of a marker, which widens the window [px/s²].
         forget_s: time since a marker's last detection after which there is no prediction [s].

@@ -55,12 +55,14 @@ class RegionSettings:
         window_px: distance between the nodes of the densities' lattice, and radius of their neighbourhoods; rounded to
             a multiple of 8 samples [px].
         band_px: samples farther from the prior's contour do not change sides [px].
-        unsure_px: samples nearer to the prior's contour are not learnt from before the first move [px].
+        unsure_px: samples nearer to the prior's contour are not learnt from before the first move; no effect if a start
+            contour is given [px].
         iterations: largest number of moves of the contour.
         least_sd: least standard deviation of a density [grey levels].
         outliers: share of pixels whose value fits neither side; it bounds the weight of a single pixel.
-        fewest_px2: area on a side below which its density is mixed with that of both sides [px²].
-        median: whether single wrong pixels are removed by a 3 × 3 median.
+        fewest_px2: weight of the density common to both sides in each side's own density, as an area; it dominates a
+            side with a smaller area [px²].
+        median: whether a 3 × 3 median of the image removes single wrong pixels first.
     """
 
     prior_weight: float = 0.05

@@ -33,8 +33,10 @@ class ArmPanel:
         """Update the metrics, at most every `EVERY_S`; show or hide the folder."""
         if state.visible != self._visible:
             self._visible = self._folder.visible = state.visible
-        quality = None if state.shown is None else state.shown.quality
-        if not state.visible or quality is None or state.now_s - self._shown_s < EVERY_S:
+        if not state.visible or state.shown is None or state.now_s - self._shown_s < EVERY_S:
+            return
+        quality = state.shown.quality  # of this stage's memory while its folder is visible
+        if quality is None:
             return
         self._shown_s = state.now_s
         self._text.content = quality_html(state.scene, quality)

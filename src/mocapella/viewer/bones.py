@@ -192,10 +192,13 @@ def joint_strokes(positions: Any, states: Any, colours: Any, radii: Any, *, doub
 def halo_strokes(positions: Any, states: Any, sds: Any, colours: Any) -> Strokes:
     """Return a translucent ball around every uncertain joint; its radius is one standard deviation of a coordinate.
 
+    A joint is uncertain if its standard deviation is above `SURE_SD_M`, whether it is tracked or inferred. The ball is
+    the more opaque the larger the deviation (`doubt`), and its radius is at most `LARGEST_HALO_M`.
+
     Args:
-        positions: (skeletons, joints, 3) joint positions [m].
-        states: (skeletons, joints) `JointState`.
-        sds: (skeletons, joints) standard deviation of a coordinate [m]; NaN if unknown.
+        positions: (skeletons, joints, 3) joint positions [m]; a joint with NaN gets no ball.
+        states: (skeletons, joints) `JointState`; a joint that is not tracked gets no ball.
+        sds: (skeletons, joints) standard deviation of a coordinate [m]; NaN if unknown, which gives no ball.
         colours: (skeletons, 3) red, green and blue, 0 to 255.
     """
     p, s, sd = np.asarray(positions, np.float32), np.asarray(states), np.asarray(sds, np.float32)

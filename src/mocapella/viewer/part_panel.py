@@ -32,11 +32,14 @@ class PanelState:
 
     Attributes:
         scene: the scene that this browser shows; None before the first.
-        parts: the scene's parts of the folder's type.
-        shown: value that the stage's memory derived from the scene (`mocapella.viewer.stage.StageMemory.update`).
+        parts: the scene's parts of the folder's type; empty for the folder of a stage.
+        shown: value that the memory of the presently shown stage derived from the scene
+            (`mocapella.viewer.stage.StageMemory.update`). While a stage's own folder is not visible, it is the value of
+            another stage, which may have another type.
         visible: whether the folder is shown, because the tracking method can make such parts, or the stage is shown.
         can_name: whether a person can be given a name now.
-        changed: whether the scene or the session's status has changed since the last call.
+        changed: whether the session's status, the notices, or the change between live and replay is new since the last
+            call of `PartPanel.show`. In a followed live session, a new scene alone does not set it.
         now_s: the present time on this process's monotonic clock [s].
         lately: function of a duration [s]; it returns the times [s] on the scenes' common clock and the scenes of that
             duration up to the shown scene.

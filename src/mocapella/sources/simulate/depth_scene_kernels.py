@@ -96,7 +96,10 @@ def draw(
 
 @njit(cache=True, error_model="numpy")
 def count_alone(seen: Float64, triangles: Integers, chosen: Bool, depth: NDArray[Any]) -> int:
-    """Count the pixels that triangles cover without occlusion, also beyond the image by up to its size.
+    """Count the pixels that the chosen triangles cover, each once, as if nothing else were in the scene.
+
+    Pixels beyond the image count too, up to its width and height on each side. Triangles count from either side; those
+    with a vertex nearer than `NEAR_M` do not.
 
     Args:
         seen: (n, 3) of `project`.
