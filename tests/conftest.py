@@ -68,7 +68,7 @@ PROGRAMS = (
     "live/test_node.py",
     "live/test_arm_node.py",
     "live/test_marker_node.py",
-    "live/test_recording_desk.py",
+    "live/test_recording_service.py",
     "live/test_silhouettes_served.py",
     "sources/test_acquisition.py",
     "sources/test_bridge.py",
