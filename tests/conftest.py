@@ -72,6 +72,7 @@ PROGRAMS = (
     "live/test_silhouettes_served.py",
     "sources/test_acquisition.py",
     "sources/test_bridge.py",
+    "sources/test_live_set.py",
     "cli/test_align.py",
     "cli/test_hand_measure.py",
     "cli/test_record.py",

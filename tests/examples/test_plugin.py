@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.browser import FLAGS, new_page
+from support.browser import FLAGS
 from support.distributions import distribution
 from support.programs import Program, free_port, result, run, wait_until
 
@@ -175,7 +175,7 @@ def test_its_spots_are_in_the_view(tmp_path: Path) -> None:
         url = re.findall(r"live view: (http\S+)", session.serve.output)[0]
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            page = new_page(browser, 800, 480)
+            page = browser.new_page(viewport={"width": 800, "height": 480})
             page.set_default_timeout(60_000)
             page.goto(url)
             page.locator(".mocapella-status", has_text="2 spots").wait_for()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from support.browser import FLAGS, new_page, page_url
+from support.browser import FLAGS, page_url
 from support.programs import Program, free_port, wait_until
 
 from mocapella.sensing.colour_profile import load_profile
@@ -36,7 +36,7 @@ def page() -> Iterator[Page]:
 
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        opened = new_page(chromium, 640, 480)
+        opened = chromium.new_page(viewport={"width": 640, "height": 480})
         opened.set_default_timeout(WAIT_MS)
         yield opened
         chromium.close()

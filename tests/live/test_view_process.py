@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from support.browser import FLAGS, new_page, page_url
+from support.browser import FLAGS, page_url
 from support.programs import Program, free_port, result_here, wait_until
 
 from mocapella.cli.common import PAGE_DRAWN
@@ -37,7 +37,7 @@ def browser() -> Iterator[Browser]:
 
 
 def open_page(browser: Browser, port: int) -> Page:
-    page = new_page(browser, 640, 480)
+    page = browser.new_page(viewport={"width": 640, "height": 480})
     page.set_default_timeout(120_000)
     page.goto(page_url(port))
     return page

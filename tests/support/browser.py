@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 FLAGS = [
     "--headless",
@@ -24,20 +23,3 @@ FLAGS = [
 def page_url(port: int) -> str:
     """Return the address of a view with the token of all tests."""
     return f"http://127.0.0.1:{port}/?token={os.environ['MOCAPELLA_VIEW_TOKEN']}"
-
-
-def new_page(browser: Any, width: int, height: int) -> Any:
-    """Return an empty page that draws at most `DRAWN_HZ` times a second.
-
-    The view draws as often as the browser lets it. In software that takes all of a core, also while a test waits.
-    """
-    page = browser.new_page(viewport={"width": width, "height": height})
-    page.add_init_script(DRAW_SELDOM)
-    return page
-
-
-DRAWN_HZ = 8
-DRAW_SELDOM = f"""
-window.requestAnimationFrame = (callback) => setTimeout(() => callback(performance.now()), {1000 // DRAWN_HZ});
-window.cancelAnimationFrame = clearTimeout;
-"""

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.browser import FLAGS, new_page
+from support.browser import FLAGS
 from support.fitted_scenes import body, left_out, scene, view
 from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 from support.walkers import health, status
@@ -103,7 +103,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
     try:
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            page = new_page(browser, 1100, 640)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
             page.goto(page_of_run.url)
             page.locator(".mocapella-status", has_text="Getting ready").wait_for()
@@ -118,7 +118,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             # In the middle of the run, and of a browser that is too busy to decode any picture.
             shown.update(dict.fromkeys(pictures, CameraPicture(b"never decoded", size)))
             busy.set()
-            other = new_page(browser, 1100, 640)
+            other = browser.new_page(viewport={"width": 1100, "height": 640})
             other.set_default_timeout(WAIT_MS)
             other.goto(page_of_run.url)
             other.locator(".mocapella-status", has_text="Following").wait_for()
@@ -171,7 +171,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
         loop.start()
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            page = new_page(browser, 1100, 640)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
             page.goto(page_of_run.url)
             page.locator(".mocapella-status", has_text="End").wait_for()
@@ -243,7 +243,7 @@ def test_a_session_shows_bodies_and_asks_for_the_pictures_that_are_shown_and_can
         assert asked == []  # nobody looks
         with sync_api.sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            page = new_page(browser, 1100, 640)
+            page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
             page.goto(viewer.url)
             page.locator(".mocapella-status", has_text="Tracking").wait_for()

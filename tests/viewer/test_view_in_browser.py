@@ -13,7 +13,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from support.browser import DRAW_SELDOM, FLAGS
+from support.browser import FLAGS
 from support.drawings import tracking_drawing
 from support.stand_in_server import StandIn
 from support.unsure_scene import MOVED, WALK, placed
@@ -116,7 +116,6 @@ def chromium(tmp_path_factory):
             args=FLAGS,
             viewport=LARGE,
         )
-        context.add_init_script(DRAW_SELDOM)
         yield context
         context.close()
 
