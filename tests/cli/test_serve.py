@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
-from mocapella.cli.serve import LayoutKeeper, LiveSession, ServeKeys, load_layout_option, settings_of_files, wait_while
+from mocapella.cli.live_session import LiveSession, wait_while
+from mocapella.cli.serve import LayoutKeeper, ServeKeys, load_layout_option, settings_of_files
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings

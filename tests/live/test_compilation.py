@@ -14,7 +14,7 @@ from support.distributions import distribution
 from support.programs import Program, free_port, wait_until
 
 from mocapella.cli.common import PAGE_DRAWN
-from mocapella.cli.serve import LiveSession, _pass_on
+from mocapella.cli.live_session import LiveSession, _pass_on
 from mocapella.errors import NotNowError
 from mocapella.live.compilation import Compilation
 from mocapella.live.launch import Children

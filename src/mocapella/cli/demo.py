@@ -89,7 +89,7 @@ def demo(
 
     Example:  mocapella demo --scene walk --seconds 30 --record walk-1
     """
-    from mocapella.cli.serve import finish, live_session, say_url, start_together, wait_while
+    from mocapella.cli.live_session import finish, live_session, say_url, start_together, wait_while
     from mocapella.live.launch import check_port_free
     from mocapella.live.server import ServerSettings
     from mocapella.live.signals import stop_on_signals

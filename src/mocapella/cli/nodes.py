@@ -103,7 +103,7 @@ def serve_frames(
     Args:
         frames: function that returns the frames in the order of their due times; called when the run begins.
         sensor: name of the sensor.
-        connect: address of the server, such as ``tcp/127.0.0.1:7447``.
+        connect: address of the server, such as ``tls/127.0.0.1:7447``.
         epoch: Unix time of the frames' time 0 [s]; None for the beginning of the run.
         json: file for the summary, or ``-`` for standard output; None writes none.
         wait: whether the run begins only once a server is running.

@@ -142,7 +142,7 @@ def _comparison(recorded: int, differing: int) -> str:
 def _replay_live(
     file: Path, recording: Recording, stop: threading.Event, port: int, view_port: int | None, take: Path | None
 ) -> dict[str, Any]:
-    from mocapella.cli.serve import finish, live_session, start_together, wait_while
+    from mocapella.cli.live_session import finish, live_session, start_together, wait_while
     from mocapella.live.server import ServerSettings
     from mocapella.wire.address import Address
     from mocapella.wire.session_key import session_name

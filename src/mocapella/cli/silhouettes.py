@@ -276,7 +276,7 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
 def open_view(run: SilhouetteRun, port: int | None, *, no_browser: bool) -> SilhouetteView:
     """Serve the live view, print its address, and open it in the browser unless ``no_browser``."""
     from mocapella.cli.demo import choose_port
-    from mocapella.cli.serve import say_url
+    from mocapella.cli.live_session import say_url
     from mocapella.live.silhouette_view import SilhouetteView
 
     page = SilhouetteView("127.0.0.1", choose_port(port, DEFAULT_VIEW_PORT), run)

@@ -10,26 +10,18 @@ import math
 from typing import Any, Final
 
 import viser
-from viser._messages import (
-    CommandTriggerMessage,
-    FileTransferPart,
-    FileTransferStartUpload,
-    GuiButtonHoldMessage,
-    GuiFormDirtyMessage,
-    GuiFormSubmitMessage,
-    GuiUpdateMessage,
-)
+from viser import _messages
 
 LONGEST_TEXT: Final = 1000
 MOST_VALUES: Final = 16
 """Largest number of elements in a control's value."""
 _UNUSED: Final = (
-    CommandTriggerMessage,
-    FileTransferPart,
-    FileTransferStartUpload,
-    GuiButtonHoldMessage,
-    GuiFormDirtyMessage,
-    GuiFormSubmitMessage,
+    _messages.CommandTriggerMessage,
+    _messages.FileTransferPart,
+    _messages.FileTransferStartUpload,
+    _messages.GuiButtonHoldMessage,
+    _messages.GuiFormDirtyMessage,
+    _messages.GuiFormSubmitMessage,
 )
 """Messages of a browser about controls that the view does not have."""
 
@@ -40,14 +32,14 @@ def guard_controls(client: viser.ClientHandle) -> None:
     theirs = gui._handle_gui_updates
     messages = gui._websock_interface
 
-    async def guarded(client_id: int, message: GuiUpdateMessage) -> None:
+    async def guarded(client_id: int, message: _messages.GuiUpdateMessage) -> None:
         handle = gui._gui_input_handle_from_uuid.get(message.uuid)
         if handle is not None and may_change(handle, message.updates):
             await theirs(client_id, message)
 
     hear_nothing_unused(gui)
-    messages.unregister_handler(GuiUpdateMessage, theirs)
-    messages.register_handler(GuiUpdateMessage, guarded)
+    messages.unregister_handler(_messages.GuiUpdateMessage, theirs)
+    messages.register_handler(_messages.GuiUpdateMessage, guarded)
 
 
 def hear_nothing_unused(gui: viser.GuiApi) -> None:
