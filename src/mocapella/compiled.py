@@ -14,7 +14,11 @@ __all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_first_compilation", 
 
 @contextmanager
 def on_first_compilation(tell: Callable[[], None]) -> Iterator[None]:
-    """``tell`` is called when numba begins to compile the first time; loading what it has kept is no such time."""
+    """Call ``tell`` when numba first begins to compile a kernel within the context, to announce the wait to a user.
+
+    Further compilations are not reported, nor kernels that are loaded from disk. ``tell`` takes no arguments and runs
+    in the thread that compiles.
+    """
 
     class First(event.Listener):
         told = False
@@ -32,15 +36,15 @@ def on_first_compilation(tell: Callable[[], None]) -> Iterator[None]:
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """numba's ``njit``, always with IEEE arithmetic, so that a take is replayed to the bit on the machine it is of.
+    """Return numba's ``njit`` decorator with IEEE arithmetic, so that one machine replays a take to the bit.
 
-    A kernel's code is also in the kernels that call it, where it is optimised once more, and which of these copies runs
-    depends on what a process has compiled or loaded before. Where the optimiser may regroup or fuse, copies round
-    differently.
+    A kernel is compiled again inside each kernel that calls it. With ``fastmath``, the optimiser may regroup sums
+    differently in each copy, and the copies round differently. Write ``@njit()`` with parentheses. With
+    ``NUMBA_DISABLE_JIT``, the decorator returns the Python function itself.
 
     Args:
-        cache: keep the machine code on disk (`mocapella.kernel_cache`).
-        options: numba's.
+        cache: whether the machine code is kept on disk (`mocapella.kernel_cache`).
+        options: further options of numba's ``njit``.
 
     Raises:
         ValueError: ``fastmath`` is asked for.

@@ -51,10 +51,15 @@ _NOT_64_BITS: Final = "has a whole number of more than 64 bits"
 
 
 def read_whole(path: Path | str, *, fix: str, most_bytes: int = MOST_BYTES) -> bytes:
-    """Return the contents of a file.
+    """Return the contents of a file, or refuse it as soon as more than ``most_bytes`` are read.
+
+    Args:
+        path: the file, or a device or pipe.
+        fix: advice that errors name.
+        most_bytes: largest size.
 
     Raises:
-        InputError: it cannot be read, or is larger; the remedy is ``fix``.
+        InputError: the file does not exist, cannot be read, or is larger.
     """
     try:
         with Path(path).open("rb") as file:
@@ -76,7 +81,7 @@ def _pieces(file: BinaryIO, path: Path | str, fix: str, most_bytes: int) -> Iter
 
 
 def decode_text(data: bytes | str, *, file: object = None, fix: str | None = None) -> str:
-    """Decode UTF-8 text, without a byte order mark; text that is decoded already is returned.
+    """Decode UTF-8 text and drop a byte order mark; a ``str`` is returned unchanged.
 
     Args:
         data: the text.
@@ -110,13 +115,13 @@ def decode_json(
 
     Args:
         data: the text.
-        kind: type of the value; by default any.
-        what: it should be, for errors.
-        file, fix: of errors.
+        kind: type of the result, such as a `msgspec.Struct`; by default plain dictionaries, lists, texts and numbers.
+        what: noun for the text in errors, such as ``sensor layout``.
+        file, fix: the file and the advice that errors name, if given.
 
     Raises:
-        InputError: it is not JSON or of another type (names the field), nested too deeply, or has an integer of more
-            than 64 bits.
+        InputError: the text is not JSON, is of another type (names the field), is nested deeper than `DEEPEST` levels,
+            or has an integer of more than 64 bits.
     """
     try:
         _check_nesting(data.encode() if isinstance(data, str) else data)
@@ -148,10 +153,10 @@ def _check_integers(value: Any) -> None:
 
 
 def decode_msgpack(data: bytes) -> Any:
-    """Return the value of MessagePack bytes.
+    """Return the value of MessagePack bytes: plain dictionaries, lists, texts, bytes and numbers.
 
     Raises:
-        InputError: they are not MessagePack, or nested too deeply.
+        InputError: the bytes are not MessagePack, or nested too deeply.
     """
     try:
         return msgspec.msgpack.decode(data)
@@ -164,7 +169,7 @@ def convert(value: Any, kind: type[T], *, what: str, file: object = ..., fix: st
 @overload
 def convert(value: Any, kind: UnionType, *, what: str, file: object = ..., fix: str | None = ...) -> Any: ...
 def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str | None = None) -> Any:
-    """Convert decoded JSON or TOML to a value of type ``kind``.
+    """Convert decoded JSON or TOML to a value of type ``kind``, strictly: a text does not become a number.
 
     Args:
         value: the decoded value.
@@ -173,7 +178,7 @@ def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str |
         file, fix: the file and the advice that errors name, if given.
 
     Raises:
-        InputError: it is of another type; names the field.
+        InputError: the value does not have that type; names the field.
     """
     try:
         return msgspec.convert(value, kind)
@@ -217,19 +222,32 @@ def _check_depth(value: Any) -> None:
 
 
 def own_toml(package: str, *names: str) -> dict[str, Any]:
-    """Return a TOML file of this program, by its package, folders and name."""
+    """Return the tables of a TOML file that ships with this program.
+
+    Args:
+        package: the package that has the file, such as ``mocapella.model``.
+        names: the folders in the package, then the file's name.
+    """
     return decode_toml(files(package).joinpath(*names).read_bytes(), file=names[-1])
 
 
 def decode_csv(
     data: bytes, *, file: object = None, fix: str | None = None
 ) -> tuple[tuple[str, ...], Iterator[tuple[int, dict[str, str]]]]:
-    """Return the columns of a table with commas, and its rows: number in the file (the header is 1), cells by column.
+    """Read a comma-separated table with a header row.
 
-    Empty rows are left out; a short row lacks its last columns.
+    Args:
+        data: UTF-8 text.
+        file, fix: the file and the advice that errors name, if given.
+
+    Returns:
+        The names of the columns, () for an empty text, and an iterator of (number, cells by column). Empty rows are
+        left out and not counted; the header is row 1. A short row lacks its last columns; cells beyond the header are
+        dropped.
 
     Raises:
-        InputError: it is not UTF-8, or a row cannot be read; names the row.
+        InputError: the text is not UTF-8, a line is longer than `MOST_LINE`, there are more than `MOST_COLUMNS`
+            columns, or the CSV is malformed. The iterator raises it for the rows; names the row.
     """
     text = decode_text(data, file=file, fix=fix)
     if max(map(len, io.StringIO(text)), default=0) > MOST_LINE:
@@ -253,7 +271,9 @@ def _rows(text: str, file: object, fix: str | None) -> Iterator[tuple[int, list[
 
 
 def check_filled(places: int, rows: int, *, file: object) -> None:
-    """Check that a table's array has few empty places, because its size is a product of numbers of names.
+    """Check that the array that a table fills is not far larger than the table, before the array is allocated.
+
+    The array has an axis for each column of names, such as frames and points, so a small file can ask for a huge array.
 
     Args:
         places: number of elements that the array would have.
@@ -271,7 +291,14 @@ def check_filled(places: int, rows: int, *, file: object) -> None:
 
 
 def text_blocks(path: Path, *, fix: str) -> Iterator[str]:
-    """Yield ASCII text in pieces of whole lines, with ``\\n`` between lines and no empty end; ``.gz`` is unpacked.
+    """Yield an ASCII file in blocks of whole lines of about 1 MiB, for tables too large to read whole.
+
+    A block has ``\\n`` between its lines, whatever the file has, and none at its end. A byte order mark and the file's
+    trailing white space are dropped; an empty file yields nothing. A file whose name ends with ``.gz`` is unpacked.
+
+    Args:
+        path: the file.
+        fix: advice that errors name where they have none of their own.
 
     Raises:
         InputError: the file cannot be read, is damaged, not plain text, has too long a line, or unpacks to more than

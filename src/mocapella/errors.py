@@ -36,7 +36,17 @@ class InputError(MocapellaError):
     """A file that cannot be used.
 
     The message is one line with the known parts: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``.
-    Rows count from 1 and the header is row 1, as a text editor counts lines.
+
+    Args:
+        problem: the fault, as a predicate of the file, such as ``cannot be read``.
+        file: the file's path or name.
+        row: number of the row; the header is row 1.
+        field: name of the column or field.
+        value: the faulty value; its ``repr`` is shown, cut to 60 characters.
+        fix: the remedy.
+
+    Attributes:
+        problem, file, row, field, value, fix: as given; None if not given.
     """
 
     def __init__(
@@ -130,7 +140,12 @@ class NotNowError(MocapellaError):
 
 
 def one_of(value: str, choices: Iterable[str]) -> str:
-    """Return ``'kinect_v2, kinect_v1 (did you mean kinect_v2?)'``: the valid values, for an error's message."""
+    """Return ``'kinect_v2, kinect_v1 (did you mean kinect_v2?)'``: the valid values, for an error's message.
+
+    Args:
+        value: the invalid value; the question is left out if no choice resembles it.
+        choices: the valid values, listed in their order; the text is empty if there are none.
+    """
     names = list(choices)
     close = difflib.get_close_matches(value, names, n=1)
     return ", ".join(names) + (f" (did you mean {close[0]}?)" if close else "")

@@ -39,15 +39,20 @@ _IMPORT: Final = re.compile(r"^from mocapella\.([\w.]+) import (?:\(([^)]*)\)|(.
 
 
 class NotCompiledError(Exception):
-    """A kernel would have to be compiled where `only_compiled` forbids it."""
+    """A kernel would have to be compiled where `only_compiled` forbids it; the text is its name and signature.
+
+    It is a signal to the caller that a compilation is needed, and no `MocapellaError`.
+    """
 
 
 @contextmanager
 def only_compiled() -> Iterator[None]:
-    """Load kernels, but compile none.
+    """Let kernels be loaded from disk, but none be compiled: a test of whether a method's kernels are ready.
+
+    The context holds for the current thread. It concerns only kernels with ``cache=True``.
 
     Raises:
-        NotCompiledError: a kernel that is called within is not on disk.
+        NotCompiledError: a kernel that is called within is neither loaded nor on disk.
     """
     before = _compiling_allowed.set(False)
     try:
@@ -57,7 +62,17 @@ def only_compiled() -> Iterator[None]:
 
 
 def sources_of(file: Path, package: Path = _PACKAGE) -> list[Path]:
-    """The file, and every file of the package that it imports, directly or not; sorted."""
+    """Return the file and every file of the package that it imports, directly or not, sorted by path.
+
+    Only ``from mocapella.… import …`` at the beginning of a line is followed.
+
+    Args:
+        file: a Python source.
+        package: folder of the package ``mocapella``.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
     found, open_ = set[Path](), [file]
     while open_:
         one = open_.pop()
@@ -68,7 +83,13 @@ def sources_of(file: Path, package: Path = _PACKAGE) -> list[Path]:
 
 
 def source_digest(file: Path, package: Path = _PACKAGE) -> str:
-    """24 hexadecimal digits of the contents of `sources_of` a file.
+    """Return 24 hexadecimal digits, a digest of the contents of all `sources_of` a file.
+
+    Each file is read once in a process: a later change is not noticed.
+
+    Args:
+        file: a Python source.
+        package: folder of the package ``mocapella``.
 
     Raises:
         OSError: the file cannot be read.
@@ -80,16 +101,19 @@ def source_digest(file: Path, package: Path = _PACKAGE) -> str:
 
 
 def keep_on_disk(dispatcher: Any) -> None:
-    """Load a kernel's machine code from disk from now on, and save there what is compiled.
+    """Make a kernel load its machine code from disk, and save newly compiled code there.
 
-    The folder is ``NUMBA_CACHE_DIR`` if that is set, else ``__pycache__`` beside the source, else the user's cache.
-    Where none of them can be written, the kernel is compiled anew in each process.
+    The folder is ``NUMBA_CACHE_DIR`` if that is set, else ``__pycache__`` beside the source, else the user's cache. It
+    is looked for at the kernel's first call. Where none of them can be written, each process compiles the kernel.
+
+    Args:
+        dispatcher: numba's dispatcher of the kernel; its cache is replaced.
     """
     dispatcher._cache = _AtFirstCall(dispatcher.py_func)
 
 
 def keeps_kernels() -> bool:
-    """Whether a folder for compiled kernels can be written."""
+    """Whether a folder for compiled kernels can be written, so that other processes can use what one compiles."""
     try:
         _KernelCacheImpl(source_digest)
     except RuntimeError:

@@ -18,7 +18,7 @@ from numba.core.targetconfig import ConfigStack
 
 
 def compiling() -> bool:
-    """Whether this thread is compiling a kernel: one that is asked for now is a callee."""
+    """Whether this thread is compiling a kernel, so that a kernel requested now is a callee of that one."""
     return ConfigStack.top_or_none() is not None  # type: ignore[no-untyped-call]
 
 
@@ -27,14 +27,26 @@ class Callee:
 
 
 class KernelDispatcher(CPUDispatcher):
-    """numba's dispatcher, whose overloads are callees until Python calls them."""
+    """numba's dispatcher of one kernel, which generates machine code only for signatures that Python calls.
+
+    An overload, the compilation for one signature, that only other kernels call has a `Callee` as its entry point. It
+    is compiled again, with machine code, when Python calls it.
+
+    Args:
+        py_func: the Python function.
+        targetoptions: numba's options of ``njit``.
+    """
 
     def __init__(self, py_func: Any, targetoptions: dict[str, Any]) -> None:
         super().__init__(py_func, targetoptions=targetoptions)
         self._compiler = _KernelCompiler(py_func, self.targetdescr, targetoptions, {}, compiler.Compiler)
 
     def compile(self, sig: Any) -> Any:
-        """Return the entry point of an overload: a `Callee` for a kernel that calls it, a function for Python."""
+        """Compile the overload of a signature unless it exists already, and return its entry point.
+
+        ``sig`` is numba's signature or tuple of argument types. While another kernel is being compiled, the entry point
+        may be a `Callee`; otherwise it is a function that Python can call.
+        """
         with global_compiler_lock:
             args = tuple(sigutils.normalize_signature(sig)[0])  # type: ignore[no-untyped-call]
             compiled: Any = self.overloads.get(args)
@@ -43,7 +55,7 @@ class KernelDispatcher(CPUDispatcher):
             return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
-        """Register an overload. Python's calls look only for those with machine code."""
+        """Register a compilation result ``cres``, so that Python's calls find it only if it has machine code."""
         if isinstance(cres.entry_point, Callee):
             self.overloads[tuple(cres.signature.args)] = cres
         else:
@@ -111,12 +123,17 @@ class _CalleeLibrary(_KernelLibrary):
 
 
 def is_callee(serialized: tuple[Any, ...]) -> bool:
-    """Whether a serialised compilation is one of a `Callee`."""
+    """Whether ``serialized``, numba's tuple for a compilation in its cache, has LLVM code alone and no machine code."""
     return bool(serialized[0][1] == "bitcode")
 
 
 def rebuild_callee(target: Any, serialized: tuple[Any, ...]) -> Any:
-    """Return the compilation of a callee that was serialised."""
+    """Return numba's compilation result of a callee that was read from the cache.
+
+    Args:
+        target: numba's target context.
+        serialized: a tuple for which `is_callee` is True.
+    """
     (name, _, bitcode), fndesc, environment, signature, _, lifted, annotation, reload_init, environments = serialized
     for initialise in reload_init:
         initialise()

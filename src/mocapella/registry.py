@@ -65,12 +65,15 @@ class Skipped:
 class Table(MutableMapping[str, D], Generic[D]):
     """The descriptors of one entry point group by name: Mocapella's first, then by package and name.
 
-    A descriptor can also be set by name for this process alone, for example in a notebook or a test.
+    ``table[name]`` imports a descriptor once and raises `KeyError` if it is unknown or unusable; ``in``, iteration and
+    ``len`` import descriptors too, and leave out unusable ones. If two packages register a name, the first has it.
+    ``table[name] = descriptor`` and ``del table[name]`` change the table of this process alone, for example in a
+    notebook or a test; a descriptor that is set is not checked.
 
     Args:
-        group: of the entry points, such as ``mocapella.methods``.
-        kind: class of the descriptors.
-        what: noun for a descriptor in errors.
+        group: the entry point group, such as ``mocapella.methods``.
+        kind: class of the descriptors; an entry point to an object of another class is unusable.
+        what: noun for a descriptor in errors, such as ``tracking method``.
 
     Attributes:
         group, what: as given.
@@ -89,12 +92,12 @@ class Table(MutableMapping[str, D], Generic[D]):
         return tuple(self._skipped)
 
     def plugins(self) -> dict[str, str]:
-        """Load the descriptors of other packages; return the package of each usable one by name."""
+        """Load the descriptors of other packages; return the package of each usable one, with its version, by name."""
         points = tuple(self._points().items())
         return {n: _package(p) for n, p in points if p is not None and _distribution(p) != OURS and n in self}
 
     def package(self, name: str) -> str:
-        """Return the package that registers a name, with its version; empty if none does."""
+        """Return the package that registers a name, with its version; empty if none does or the name was set here."""
         point = self._points().get(name)
         return "" if point is None else _package(point)
 
@@ -191,7 +194,10 @@ def plugin_points() -> list[EntryPoint]:
 
 
 def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
-    """Return other packages' entry points in groups that do not exist; ``groups`` are the existing ones."""
+    """Return other packages' entry points in misspelt groups, which no table would find.
+
+    These are groups that begin with ``mocapella.`` and are not among ``groups``, the existing ones.
+    """
     known = sorted(groups)
     return [
         Skipped(p.group, p.name, _package(p), f"there is no such group; known: {one_of(p.group, known)}")
@@ -202,10 +208,9 @@ def wrong_groups(groups: Iterable[str]) -> list[Skipped]:
 
 @cache
 def load(reference: str) -> Any:
-    """Import the object of a reference ``module:name``.
+    """Import the object of a reference ``module:name``, once for each reference.
 
-    Descriptors refer in this way to objects of other packages, such as a stage of the view, that most processes never
-    need.
+    Descriptors refer in this way to objects that most processes never need, such as a stage of the live view.
 
     Raises:
         PluginError: the module or name does not exist, or its import fails.

@@ -21,10 +21,16 @@ _NUMBER = re.compile(r"-?(NaN|Infinity|(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?)")
 
 
 def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") -> T:
-    """Convert a mapping to a settings value of class ``kind``.
+    """Convert a mapping to a settings value.
+
+    Args:
+        kind: the value's class, a dataclass; keys that are left out take its defaults.
+        data: values by field name; nested mappings become nested settings. Types must fit: a text is no number.
+        where: the mapping's name in errors.
 
     Raises:
-        SettingsError: an unknown key (with a suggestion), a wrong type, or a value out of range; names ``where``.
+        SettingsError: an unknown key at any depth (with a suggestion), a missing key or a wrong type, with ``where``
+            in the text; or a value out of range, with the text of the class's own check.
     """
     names = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for key in data:
@@ -39,7 +45,17 @@ def parse(kind: type[T], data: Mapping[str, Any], *, where: str = "settings") ->
 
 
 def check(condition: bool, name: str, value: object, wanted: str) -> None:
-    """Raise a `SettingsError` with the valid values of ``name``, unless ``condition`` holds."""
+    """Check one setting, in the ``__post_init__`` of a settings class.
+
+    Args:
+        condition: whether the value is valid.
+        name: name of the setting.
+        value: its value.
+        wanted: the valid values in words, such as ``above 0``.
+
+    Raises:
+        SettingsError: ``condition`` is False; the text is "name is value; it must be wanted".
+    """
     if not condition:
         raise SettingsError(f"{name} is {value!r}; it must be {wanted}")
 
@@ -57,7 +73,10 @@ def _refuse_ignored(given: Any, taken: Any, where: str) -> None:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge two mappings recursively; values of ``other`` replace those of ``one``."""
+    """Return two mappings merged recursively, such as the settings of a file and of the command line.
+
+    Where a key is in both, two mappings are merged, and otherwise the value of ``other`` is taken. Neither is changed.
+    """
     out = dict(one)
     for key, value in other.items():
         mine = out.get(key)
@@ -66,7 +85,10 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
-    """Convert ``["frames=60", "people.smoothing=kalman"]`` to a nested mapping; the method checks names and ranges.
+    """Convert ``["frames=60", "people.smoothing=kalman"]`` to ``{"frames": 60, "people": {"smoothing": "kalman"}}``.
+
+    A value is decoded as JSON, or is a text if it is no JSON. Of equal names, the last counts. Names and ranges are not
+    checked here but by `parse`. None or no pairs give an empty mapping.
 
     Raises:
         SettingsError: a pair is not of the form NAME=VALUE, or is a number that a take cannot store.

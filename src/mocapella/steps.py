@@ -12,7 +12,7 @@ equal images always give equal results."""
 
 
 def at_once(steps: Steps[T]) -> T:
-    """Run all steps; return the result."""
+    """Run a divided computation without pauses, and return its result, the return value of the generator."""
     while True:
         try:
             next(steps)

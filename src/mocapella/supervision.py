@@ -33,19 +33,20 @@ def printable(text: str, most: int = LONGEST_LINE) -> str:
     """Return a text of foreign origin as one line that is safe in a terminal and a log.
 
     C0 and C1 control characters, bidirectional controls, line separators and lone surrogates are escaped, such as
-    ``\\x1b``; a text of more than ``most`` characters is cut.
+    ``\\x1b``. A text of more than ``most`` characters is cut before, and ends with "…"; its escapes may lengthen it.
     """
     return visible(text if len(text) <= most else text[: most - 1] + "…")
 
 
 class Boundary:
-    """Carries out work, and catches its unexpected errors. Any thread may use it.
+    """Runs the work of a loop or callback, and catches, counts and reports unexpected errors. Any thread may use it.
 
-    `MemoryError` is not caught, because the process cannot be trusted afterwards.
+    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one.
 
     Args:
-        say: receives a line about an error, at most every `AGAIN_S` for each place in the source.
-        clock: the monotonic clock, in seconds.
+        say: receives a line about an error, at most every `AGAIN_S` for each reason (see `counts`), in the thread of
+            the work; by default errors are only logged.
+        clock: returns the monotonic time [s].
     """
 
     def __init__(
@@ -58,16 +59,20 @@ class Boundary:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of errors, by reason: the operation, the type of the error, and the place in the source."""
+        """Copy of the numbers of errors by reason, such as ``frame: ValueError in model/memory.py:57``.
+
+        After `MOST_REASONS` different reasons, further ones are counted as `OTHER`.
+        """
         with self._lock:
             return dict(self._counts)
 
     def run(self, what: str, work: Callable[[], object]) -> str:
-        """Carry out ``work``; return an empty text, or a description of its error.
+        """Call ``work``; return an empty text, or a description of its error in one line.
 
         Args:
-            what: is done, in a constant number of variants: never a text from a message.
-            work: is called once.
+            what: name of the operation, which begins the reason in `counts`: one of a few constants, never a text from
+                a message.
+            work: is called once, without arguments; its result is dropped.
 
         Raises:
             MemoryError: of ``work``.
@@ -81,7 +86,10 @@ class Boundary:
         return ""
 
     def wrap(self, what: str, work: Callable[..., object]) -> Callable[..., None]:
-        """Return a function with the arguments of ``work`` that is carried out as by `run`."""
+        """Return a function that passes its positional arguments to ``work`` and runs it as `run` does.
+
+        The function returns None. It serves as a callback of a library.
+        """
 
         def guarded(*arguments: Any) -> None:
             self.run(what, lambda: work(*arguments))

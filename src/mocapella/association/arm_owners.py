@@ -24,10 +24,13 @@ class ArmOwnerSettings:
     """Parameters of the assignment.
 
     Attributes:
-        take_m: mean distance of the joints within which an arm is assigned to a person [m].
-        keep_m: mean distance of the joints within which an arm stays with its person [m].
-        other_side_m: penalty of assigning the arm to a limb of the other side [m].
-        switch_m: penalty of changing the arm's present limb [m].
+        take_m: largest mean distance of elbow, wrist and hand for an arm to be assigned to a person; larger: arms are
+            assigned in spite of larger errors, also to wrong people [m].
+        keep_m: largest such distance for an arm to stay with its present person [m].
+        other_side_m: penalty, added to the distance, of assigning the arm to a limb of the other side; larger: the
+            sides are trusted more [m].
+        switch_m: penalty, added to the distance, of changing the arm's present limb; larger: arms change their limbs
+            more rarely [m].
     """
 
     take_m: float = 0.2
@@ -44,10 +47,15 @@ class ArmOwnerSettings:
 
 
 class ArmOwners:
-    """Assigns arms to people over time. The same input in the same order gives the same result.
+    """Assigns tracked arms of depth cameras to tracked people, over time.
+
+    The same input in the same order gives the same result.
+
+    Args:
+        settings: gates and penalties; the defaults if None.
 
     Attributes:
-        limbs: by the arm's id, the person's id and whether the arm is the person's left one.
+        limbs: present limb of each arm, by the arm's id: the person's id, and whether it is the person's left limb.
     """
 
     def __init__(self, settings: ArmOwnerSettings | None = None) -> None:
@@ -61,14 +69,18 @@ class ArmOwners:
     def update(
         self, arms: Sequence[int], lefts: Bools, joints: Float64, people: Sequence[int], limbs: Float64
     ) -> list[int]:
-        """Assign the arms of one instant to people.
+        """Assign the arms of one instant to people, each limb to at most one arm.
+
+        An arm whose person is missing from ``people`` gets −1, and is remembered as that person's. An arm that is
+        missing from ``arms`` is forgotten.
 
         Args:
-            arms: ids of the n arms.
+            arms: ids of the n arms; may be empty.
             lefts: (n,) whether they are left arms.
-            joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known.
-            people: ids of the m people.
-            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; likewise.
+            joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known. Distances are means over
+                the joints that arm and limb both have; without one, the pair is not assigned.
+            people: ids of the m people; may be empty.
+            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN likewise.
 
         Returns:
             (n,) ids of persons, −1 for none.

@@ -23,10 +23,14 @@ class ArmMatchSettings:
     """Parameters of the matching.
 
     Attributes:
-        within_m: largest distance between the palms of a camera's arm and of its tracked arm [m].
-        follow_m: the same for an arm that the camera itself reports as the previous one [m].
-        other_side_m: penalty of an arm that is certainly of the other side; less for an uncertain side [m].
-        new_id_m: penalty of an arm that has another id in the camera than before [m].
+        within_m: largest distance between the palms of a camera's arm and of its tracked arm, including the penalty
+            ``other_side_m``; larger: fast arms keep their ids, but near arms are mixed up more easily [m].
+        follow_m: the same for an arm that the camera itself reports under the id that the tracked arm had before;
+            larger: the camera's own ids are trusted farther [m].
+        other_side_m: penalty, added to the distance, of an arm that is certainly of the other side; less for an
+            uncertain side; larger: left and right arms are matched more rarely [m].
+        new_id_m: penalty, added to the distance, of an arm that has another id in the camera than before; larger: the
+            camera's own ids are followed more [m].
     """
 
     within_m: float = 0.15
@@ -48,15 +52,20 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     slack_m: Float64,
     settings: ArmMatchSettings | None = None,
 ) -> Int64:
-    """Return the index of the tracked arm for each of a camera's arms (n,); −1 for none.
+    """Match the arms of a depth camera's frame with the tracked arms, one to one.
+
+    As many arms as possible are matched within the gates, at the smallest total cost.
 
     Args:
-        palms: (n, 3) of the camera's arms, world [m]; NaN if unknown.
+        palms: (n, 3) of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
         sides: (n,) confidence of a left arm, from −1 (right) to 1.
         known_palms, known_sides: (m, 3) and (m,) the same of the tracked arms, predicted to the camera's time.
-        followed: (n, m) whether the camera reports the same arm as before.
+        followed: (n, m) whether the camera's arm has the id that the camera gave to this tracked arm before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
-        settings: gates and penalties.
+        settings: gates and penalties; the defaults if None.
+
+    Returns:
+        (n,) index of the tracked arm of each of the camera's arms; −1 for none.
     """
     s = settings or ArmMatchSettings()
     apart = np.linalg.norm(palms[:, None] - known_palms[None], axis=-1)

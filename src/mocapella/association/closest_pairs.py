@@ -19,14 +19,14 @@ Float64 = NDArray[np.float64]
 
 
 class PersonViews(msgspec.Struct, frozen=True, eq=False):
-    """A person's number, and the person's views in the order of their sensors' names."""
+    """One person of `HeldPairs.update`: the number, and the views in the order of their sensors' names."""
 
     person: int
     views: tuple[PotentialSkeleton, ...]
 
 
 def skeleton_distances(positions: Float64, states: NDArray[np.uint8]) -> Float64:
-    """Return the mean distances of the joints that both skeletons track.
+    """Return the mean distance between each two skeletons, over the joints that both track (not infer).
 
     Args:
         positions: (n, joints, 3), all in one frame [m].
@@ -49,15 +49,16 @@ def closest_pairs(
     """Group skeletons by person.
 
     The closest two of different sensors are joined first, with the groups they are in, as long as no group gets two
-    skeletons of one sensor; this repeats until nothing can be joined. The remaining skeletons are people seen by one
-    sensor. The order of ``skeletons`` does not matter.
+    skeletons of one sensor; this repeats until nothing can be joined. Skeletons without a common tracked joint are not
+    joined directly. The remaining skeletons are people seen by one sensor. The order of ``skeletons`` does not matter.
 
     Args:
         skeletons: all sensors' skeletons, in the world.
-        max_distance_m: pairs further apart are not joined. The thesis has no such limit.
+        max_distance_m: pairs further apart, by `skeleton_distances`, are not joined. The thesis has no such limit.
 
     Returns:
-        Groups, each in the order of its sensors' names, ordered by their first (sensor, tracking id).
+        Groups, each in the order of its sensors' names, ordered by their first (sensor, tracking id); empty without
+        skeletons.
     """
     ordered = sorted(skeletons, key=_key)
     if not ordered:
@@ -82,6 +83,9 @@ class HeldPairs:
 
     Persons are numbered 0, 1, 2, … and numbers are not reused. A person with a known tracking id keeps the number
     through a recalibration.
+
+    Args:
+        max_distance_m: see `closest_pairs`; infinite for no limit [m].
     """
 
     def __init__(self, max_distance_m: float = np.inf) -> None:
@@ -95,11 +99,15 @@ class HeldPairs:
         self._person: dict[BodyKey, int] = {}
 
     def update(self, skeletons: Sequence[PotentialSkeleton], calibration: int) -> tuple[PersonViews, ...]:
-        """Return the people with a visible joint, in the order of their numbers.
+        """Return the people with a visible (tracked or inferred) joint, in the order of their numbers.
 
         Args:
             skeletons: all skeletons of calibrated sensors, in the world.
-            calibration: number of the calibration that they use; with a new one, all skeletons are grouped again.
+            calibration: number of the calibration that they use, from 1; with a new one, all skeletons are grouped
+                again, and the ids of missing ones are forgotten.
+
+        Raises:
+            KeyError: a skeleton's (sensor, tracking id) was not grouped by this calibration; `rename` changes ids.
         """
         if calibration != self._calibration:
             self._calibration = calibration
@@ -114,7 +122,10 @@ class HeldPairs:
         )
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """Replace tracking ids of a sensor; ``new_ids`` maps each old id to the new id of the same body."""
+        """Replace tracking ids of a sensor, so that a body with a new id keeps its person.
+
+        ``new_ids`` maps each old id to the new id of the same body; unknown old ids are ignored.
+        """
         people = {new: self._person.pop((sensor, old)) for old, new in new_ids.items() if (sensor, old) in self._person}
         self._person.update({(sensor, new): person for new, person in people.items()})
 

@@ -31,11 +31,14 @@ class JumpSettings:
     any body of the same sensor, whatever its id; Δt is the time since that position.
 
     Attributes:
-        step_m: motion of a body's middle that the sensor's own error explains, whatever the time [m].
-        fastest_m_s: highest speed of a person [m/s].
-        longest_step_s: largest Δt for the last position of a body that has jumped since [s].
+        step_m: distance that a body's middle may move at once, by the sensor's own error, without having jumped;
+            larger: fewer bodies are rejected [m].
+        fastest_m_s: highest speed of a person: a body has jumped if it moved farther than ``step_m`` plus this times
+            the elapsed time; larger: fewer bodies are rejected [m/s].
+        longest_step_s: largest elapsed time that counts since the last position of a body that has jumped; larger: such
+            a body is accepted again farther away [s].
         doubt_s: age at which a position is forgotten; a body whose last position is older is accepted wherever it is,
-            so that a body that jumped and stays away is accepted after this time [s].
+            so a body that jumped and stays away is accepted after this time [s].
     """
 
     step_m: float = 0.05
@@ -49,7 +52,7 @@ class JumpSettings:
 
 
 class JumpLimits(NamedTuple):
-    """The fields of `JumpSettings` as a named tuple, for the kernels."""
+    """The fields of `JumpSettings`, with the same meaning, as floats [m], [m/s], [s], [s], for the kernels."""
 
     step_m: float
     fastest_m_s: float
@@ -58,7 +61,12 @@ class JumpLimits(NamedTuple):
 
 
 class KnownBodies(NamedTuple):
-    """The arrays of `SeenBodies` as a named tuple, for the kernels."""
+    """The arrays of `SeenBodies` themselves, not copies, as a named tuple for the kernels, which change them.
+
+    Attributes:
+        ids, at_s, middle, jumped: (bodies,) tracking ids, (bodies,) capture times [s], (bodies, middle joints, 3) last
+            positions in camera space [m], and (bodies,) whether the body has jumped since.
+    """
 
     ids: UInt64
     at_s: Float64
@@ -67,7 +75,7 @@ class KnownBodies(NamedTuple):
 
 
 class SeenBodies(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's last positions of bodies, from frames without a jump.
+    """A sensor's last positions of bodies that did not jump. `Jumps.update` changes the arrays in place.
 
     Attributes:
         ids: (bodies,) tracking ids.
@@ -89,11 +97,11 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def arrays(self) -> KnownBodies:
-        """The same arrays as a named tuple, for the kernels."""
+        """The same arrays, not copies, as a named tuple for the kernels."""
         return KnownBodies(self.ids, self.at_s, self.middle, self.jumped)
 
     def with_these(self, ids: UInt64, kept: Bools) -> SeenBodies:
-        """Return the kept bodies, followed by never seen ones for all other ids of a frame.
+        """Return a copy with the kept bodies, followed by never seen ones for all other ids of a frame.
 
         Args:
             ids: (bodies',) the frame's tracking ids.
@@ -105,10 +113,15 @@ class SeenBodies(msgspec.Struct, frozen=True, eq=False):
 
 
 class Jumps:
-    """Detects bodies at impossible positions. The same frames in the same order give the same results.
+    """Detects bodies that moved farther than people can, so that a tracker can leave them out.
+
+    The same frames in the same order give the same results.
+
+    Args:
+        settings: thresholds; the defaults if None.
 
     Attributes:
-        seen: bodies by the sensor's name.
+        seen: last positions of each sensor's bodies, by the sensor's name.
     """
 
     def __init__(self, settings: JumpSettings | None = None) -> None:
@@ -120,16 +133,18 @@ class Jumps:
         self.seen: dict[str, SeenBodies] = {}
 
     def update(self, sensor: str, ids: Sequence[int], middles: Float64, at_s: float) -> Bools:
-        """Compare a frame's bodies with recent positions of the same sensor's bodies, whatever their ids.
+        """Detect bodies of a frame that are far from all recent positions of the sensor's bodies; store the others.
 
         Args:
-            sensor: name of the sensor.
+            sensor: name of the sensor; the first frame of a sensor has new bodies only.
             ids: (bodies,) tracking ids.
-            middles: (bodies, middle joints, 3), the sensor's camera space [m]; NaN where not seen.
-            at_s: capture time [s].
+            middles: (bodies, middle joints, 3) joints on the body's middle line, in the sensor's camera space [m]; NaN
+                where not seen.
+            at_s: capture time [s]; it may be earlier than the last one.
 
         Returns:
-            (bodies,) whether the body is near a recent position; false for a body that jumped, true for a new one.
+            (bodies,) False for a body that jumped; True for one near a recent position, for a new body, for one without
+            a recent position of its own (see ``doubt_s``), and for one without a visible middle joint.
         """
         s, numbers, there = self.settings, np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
         seen = self.seen.get(sensor)

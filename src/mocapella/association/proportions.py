@@ -29,13 +29,19 @@ LENGTHS: Final = (
 SD_M: Final[Float64] = np.array([0.030, 0.026, 0.020, 0.022, 0.018, 0.012])
 """(lengths,) standard deviations over one second, rounded from the same logs [m]."""
 MOST: Final = 3.0
-"""Upper bound of a length's deviation, in standard deviations."""
+"""Largest deviation of a measured length from the running mean that is learnt, in standard deviations."""
 
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
-    """Return the lengths (bodies, lengths) of bodies (bodies, joints, 3) [m]; NaN if a joint is missing.
+    """Measure the lengths of bodies, to compare them by `size_difference`.
 
-    `LENGTHS` names them.
+    Args:
+        positions: (bodies, joints, 3) in any one frame [m]; NaN where not seen.
+        topology: names and order of the joints.
+
+    Returns:
+        (bodies, lengths) in the order of `LENGTHS`, for limbs the mean of both sides [m]; NaN where a joint is missing,
+        and everywhere if the topology lacks a joint of `LENGTHS`.
     """
     ends, lengths = ends_of_lengths(topology.joints), np.full((len(positions), len(LENGTHS)), np.nan)
     if ends is not None:
@@ -45,19 +51,22 @@ def sizes(positions: Float64, topology: Topology) -> Float64:
 
 @cache
 def unknown_size() -> Float64:
-    """Return the record (2, lengths) of unmeasured lengths: running mean [m], and number of values."""
+    """Return the record (2, lengths) of unmeasured lengths: running mean [m] (NaN), and number of values (0).
+
+    It is one shared array, which must be copied before it is changed.
+    """
     return np.stack([np.full(len(LENGTHS), np.nan), np.zeros(len(LENGTHS))])
 
 
 def known_size(known: Float64) -> bool:
-    """Return whether a record (2, lengths) contains at least half of the lengths."""
+    """Return whether at least half of the lengths of a record (2, lengths) of `unknown_size` have been measured."""
     return bool(2 * (known[1] > 0).sum() >= known.shape[1])
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Return the mean squared difference of two bodies' common lengths, in standard deviations.
+    """Return the mean squared difference of two bodies' common lengths, each in units of its standard deviation `SD_M`.
 
-    It is infinite if fewer than a third of the lengths are common.
+    It is infinite if fewer than a third of the lengths are known of both.
 
     Args:
         one, other: (lengths,) [m]; NaN where not measured.
@@ -71,8 +80,12 @@ def size_difference(one: Float64, other: Float64) -> float:
 def ends_of_lengths(joints: tuple[str, ...]) -> NDArray[np.int64] | None:
     """Return the indices of the joints at the ends of each length; None if a topology with these joints lacks one.
 
+    Args:
+        joints: names of the topology's joints, in its order.
+
     Returns:
-        (2 · lengths, 2): for each length a row of the left and a row of the right side, or its row twice.
+        (2 · lengths, 2): for each length a row of the left and a row of the right side, or its row twice. The array is
+        shared by all callers.
     """
     rows = []
     for one, other in LENGTHS:

@@ -20,15 +20,16 @@ def reidentified(bodies: Bodies, people: Sequence[Person], within_m: float) -> d
     """Match a sensor's new bodies with those it has lost.
 
     A new body is transformed to the world by each lost body's transform, and compared with that person's fused skeleton
-    by the mean distance of the joints that both track. The closest are matched first, each body and person once.
+    by the mean distance of the joints that both track. The closest are matched first, each body and person once. A pair
+    without a common tracked joint is not matched.
 
     Args:
-        bodies: bodies of the sensor's new frame.
+        bodies: bodies of the sensor's new frame, in its camera space.
         people: the people before that frame; a person whom the sensor has lost keeps a view of it.
-        within_m: largest distance of a match [m].
+        within_m: matches must be nearer than this; 0 matches none [m].
 
     Returns:
-        The new tracking id by the lost one.
+        The new tracking id of each lost one, by the lost tracking id; empty if no body is recognised.
     """
     candidates: list[tuple[float, int, int]] = []
     views = [(person, view) for person in people if (view := person.view_of(bodies.sensor)) is not None]

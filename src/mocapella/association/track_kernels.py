@@ -20,9 +20,9 @@ UInt64 = NDArray[np.uint64]
 Bools = NDArray[np.bool_]
 
 EXPIRED, COMPLETE, DECIDED, AMBIGUOUS = -1, 0, 1, 2
-"""Outcomes of `costs`."""
+"""Outcomes of `costs`, which describes them."""
 MAY_BE_ONE, MAY_BE_KNOWN, FORGOTTEN = 1, 2, 4
-"""Events of `take`; they are added."""
+"""Events of `take`, which describes them; they are added."""
 
 _MOST_VALUES = 300
 
@@ -92,6 +92,8 @@ def measure(positions: Float64, ends: Int64, lengths: Float64) -> None:
 def learn_size(size: Float64, seen: Float64) -> None:
     """Update a body's running mean of lengths by the lengths in one frame, in place.
 
+    A length counts as at most `MOST` standard deviations from the mean; after 300 values the mean follows new ones.
+
     Args:
         size: (2, lengths) mean [m], and number of values; see `mocapella.association.proportions.unknown_size`.
         seen: (lengths,) [m]; NaN where not measured.
@@ -124,11 +126,11 @@ def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArra
     Args:
         frame, gates, tracks: the frame's bodies, the gating settings, and the tracks.
         expected: (tracks, middle joints, 3) predicted positions, world [m]; NaN or no joints where not known.
-        result: written.
+        result: written, unless a track has expired.
 
     Returns:
-        `EXPIRED` if a track must be dropped first; `AMBIGUOUS` if two bodies want the same track; else `COMPLETE` if
-        each body has a track, or `DECIDED`.
+        `EXPIRED` if a track must be dropped first; `AMBIGUOUS` if two bodies have the same cheapest track, so that
+        ``result.rows`` is no assignment; else `COMPLETE` if each body has a track, or `DECIDED` if some have none.
     """
     at_s, column, ids, middles = frame.at_s, frame.column, frame.ids, frame.middles
     sized = len(frame.lengths) > 0
@@ -258,7 +260,7 @@ def stay(at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: 
         middles: (bodies, middle joints, 3) in the sensor's camera space [m]; NaN where not seen.
         limits: thresholds.
         known: the sensor's recent bodies.
-        there: (bodies,) written; true also for a body that is new or was unseen for long.
+        there: (bodies,) written; true also for a body that is new, was unseen for long, or has no visible middle joint.
 
     Returns:
         Whether ``known`` must be renewed, because a body is new or was unseen for long.

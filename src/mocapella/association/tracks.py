@@ -32,21 +32,27 @@ class TrackSettings:
     """Parameters of the assignment.
 
     Attributes:
-        gate_m: largest distance of a body from the person's predicted position [m].
-        stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person [m].
-        speed_m_s: growth of the gate while the person is unseen [m/s].
+        gate_m: largest distance of a body from the person's predicted position; larger: fast people keep their ids, but
+            near people are confused more easily [m].
+        stay_bonus_m: reduction of the distance for the body that the sensor last assigned to the person; larger: a
+            sensor's own ids are followed more [m].
+        speed_m_s: growth of the gate while the person is unseen; larger: people are found again farther away, and
+            confused more easily [m/s].
         widest_gate_m: upper bound of the gate [m].
-        confirm_after_s: a new person is reported after this time; a sensor's phantoms are shorter [s].
+        confirm_after_s: a new person is reported after this time; larger: fewer phantoms, whose lives are shorter, but
+            later reports [s].
         forget_after_s: a person unseen for longer is dropped, and becomes a new one on return [s].
-        same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance [m].
-        same_after_s: duration for which they must stay within it [s].
+        same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance for
+            ``same_after_s`` [m].
+        same_after_s: time for which two tracks must stay within ``same_within_m`` before they are merged [s].
         by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known [s].
         size_after_s: while a known person is missing, a new one is reported after this time, and is then recognised as
-            the missing one with the most similar lengths, if similar enough [s].
-        fastest_m_s: speed that bounds the distance of a missing person, beyond the gate [m/s].
-        same_size: largest mean squared difference of the lengths, in standard deviations; twice as much if the position
-            fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves in the same session, and so
-            are 38 % of others (``told_apart_by_lengths``).
+            the missing one with the most similar lengths, if similar enough; larger: the lengths are known better [s].
+        fastest_m_s: speed that bounds the distance of a missing person, beyond the gate; larger: people are recognised
+            by their lengths farther away [m/s].
+        same_size: largest mean squared difference of the lengths, in units of their variances, of a recognised person;
+            twice as much if the position fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves
+            in the same session, and so are 38 % of others (``told_apart_by_lengths``) [ratio].
     """
 
     gate_m: float = 0.6
@@ -78,7 +84,7 @@ class TrackSettings:
 
 
 class TrackArrays(NamedTuple):
-    """The arrays of a `TrackMemory` without ``person`` as a named tuple, for the kernels."""
+    """The arrays of a `TrackMemory` without ``person``, not copies, for the kernels, which change them in place."""
 
     since_s: Float64
     seen_s: Float64
@@ -108,7 +114,7 @@ class FrameBodies(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """The fields of `TrackSettings` for the gating as a named tuple, for the kernels."""
+    """The fields of `TrackSettings` for the gating, with the same meaning and units, as floats for the kernels."""
 
     gate_m: float
     stay_bonus_m: float
@@ -125,7 +131,7 @@ class Assignment(NamedTuple):
         cost: (bodies, tracks) cost of an assignment [m].
         allowed: (bodies, tracks) whether it passes the gates.
         unplaced: (bodies,) whether no middle joint is visible.
-        rows: (bodies,) the cheapest allowed track; −1 for none.
+        rows: (bodies,) the cheapest allowed track of each body; −1 for none. Two bodies may have the same one.
     """
 
     cost: Float64
@@ -135,13 +141,13 @@ class Assignment(NamedTuple):
 
 
 class TrackMemory(msgspec.Struct, eq=False):
-    """All tracks: a row for each, in the order of their numbers; a column for each sensor.
+    """All tracks: a row for each, in the order of their numbers; a column for each sensor. `Tracks` changes the arrays.
 
     Attributes:
         person: (tracks,) number of the person; never reused.
         since_s, seen_s: (tracks,) capture times of the first and last view, on the common clock [s].
         confirmed: (tracks,) whether the person is reported.
-        middle: (tracks, middle joints, 3) last seen position, world [m].
+        middle: (tracks, middle joints, 3) last seen position of each joint, world [m]; NaN where never seen.
         size: (tracks, 2, lengths) record of the body's lengths, see `mocapella.association.proportions.unknown_size`.
         body: (tracks, sensors) each sensor's last tracking id of the person.
         body_s: (tracks, sensors) capture time of that id's last view [s]; −inf where the sensor does not see the
@@ -159,7 +165,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @classmethod
     def empty(cls, tracks: int, sensors: int, joints: int) -> TrackMemory:
-        """Return unseen tracks for numbers of tracks, sensors and middle joints."""
+        """Return unseen tracks, for numbers of tracks, sensors and joints on the body's middle line."""
         return cls(
             np.zeros(tracks, dtype=np.int64),
             np.zeros(tracks),
@@ -186,12 +192,12 @@ class TrackMemory(msgspec.Struct, eq=False):
 
     @property
     def arrays(self) -> TrackArrays:
-        """The same arrays without ``person`` as a named tuple, for the kernels."""
+        """The same arrays without ``person``, not copies, as a named tuple for the kernels."""
         return TrackArrays(self.since_s, self.seen_s, self.confirmed, self.middle, self.size, self.body, self.body_s)
 
     @property
     def present(self) -> Bools:
-        """Whether any sensor sees each person at present, (tracks,)."""
+        """(tracks,) whether any sensor sees the person at present."""
         return np.asarray(np.isfinite(self.body_s).any(axis=1))
 
 
@@ -200,11 +206,11 @@ RECENT_S: Final = 0.25
 
 
 def distances(bodies: Float64, people: Float64) -> Float64:
-    """Return the mean distances of common joints.
+    """Return the mean distance of each body from each person, over the joints that both have.
 
     Args:
         bodies: (n, joints, 3) [m]; NaN where not seen.
-        people: (m, joints, 3), in the same frame.
+        people: (m, joints, 3), in the same frame [m]; NaN likewise.
 
     Returns:
         (n, m) [m]; infinite without a common joint.
@@ -215,14 +221,14 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
 
 def assign(cost: Float64, allowed: Bools) -> Int64:
-    """Solve the assignment of rows to columns: as many allowed pairs as possible, at the smallest total cost.
+    """Assign rows to columns, one to one: as many allowed pairs as possible, at the smallest total cost.
 
     Args:
-        cost: (n, m) of each pair.
+        cost: (n, m) of each pair; finite where allowed, and may be negative. n or m may be 0.
         allowed: (n, m) whether the pair is allowed.
 
     Returns:
-        (n,) column of each row; −1 for none.
+        (n,) column of each row; −1 for a row without one.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -236,10 +242,16 @@ def assign(cost: Float64, allowed: Bools) -> Int64:
 
 
 class Tracks:
-    """All tracked people. The same frames in the same order give the same result.
+    """Tracks of all people: assigns each sensor's bodies to people, frame by frame.
+
+    The same frames in the same order give the same result.
+
+    Args:
+        settings: parameters of the assignment; the defaults if None.
 
     Attributes:
-        memory: all tracks, including lost and unconfirmed ones.
+        memory: all tracks, including lost and unconfirmed ones; replaced or changed in place by each `update`.
+        sensors: names of the sensors, in the order of the memory's columns.
         merged: (kept, dropped) numbers of the tracks merged in the last update.
     """
 
@@ -258,13 +270,13 @@ class Tracks:
 
     @property
     def people(self) -> list[int]:
-        """Numbers of all people, by row."""
+        """Numbers of all tracks, by row of `memory`; a new list."""
         return list(self.memory.person.tolist())
 
     def owners(self, sensor: str) -> Mapping[int, int]:
-        """Return the number of the person of each body that the sensor sees, by tracking id.
+        """Return the person's number of each body that the sensor sees, by tracking id; empty for an unknown sensor.
 
-        The same object is returned until an assignment changes.
+        Unconfirmed people are included. The same object is returned until an assignment changes.
         """
         if sensor not in self._owners:
             self._owners[sensor] = {}
@@ -276,14 +288,17 @@ class Tracks:
         return self._owners[sensor]
 
     def rows(self, sensor: str, ids: Sequence[int]) -> Int64:
-        """Return the row in `memory` of each of the sensor's bodies (bodies,); −1 for unknown ones."""
+        """Return the row in `memory` of each of the sensor's bodies (bodies,), as last assigned; −1 for unknown ones.
+
+        ``ids`` (bodies,) are the sensor's tracking ids.
+        """
         if sensor not in self.sensors:
             return np.full(len(ids), -1, dtype=np.int64)
         m, numbers = self.memory, np.array(ids, dtype=np.uint64).astype(np.int64)
         return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
 
     def move(self, T_new_old: Float64) -> None:
-        """Express all positions in another world frame; T_new_old is a rigid motion (4, 4)."""
+        """Express all positions in another world frame, in `memory`; T_new_old is a rigid motion (4, 4)."""
         self.memory.middle = apply(T_new_old, self.memory.middle)
 
     def update(  # noqa: PLR0917 - one frame, as it comes
@@ -295,21 +310,23 @@ class Tracks:
         at_s: float,
         lengths: Float64 | None = None,
     ) -> Int64:
-        """Assign one frame's bodies to people.
+        """Assign one frame's bodies to people, and update `memory`; a body without a person becomes a new one.
+
+        If the number of middle joints differs from before, all tracks are dropped first.
 
         Args:
-            sensor: name of the sensor.
+            sensor: name of the sensor; an unknown one gets a new column.
             ids: (bodies,) tracking ids.
-            middles: (bodies, middle joints, 3), world [m]; NaN where not seen.
-            expected: (tracks, middle joints, 3) predicted for all tracks, world [m]; the last seen position is used
-                where it is NaN, and for all if None.
+            middles: (bodies, middle joints, 3) joints on the body's middle line, world [m]; NaN where not seen.
+            expected: (tracks, middle joints, 3) predicted for all tracks, by row of `memory` before the call, world
+                [m]; the last seen position is used for a track without a finite one, and for all if None.
             at_s: capture time, on the common clock [s].
             lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them, people are not
                 recognised by size.
 
         Returns:
-            (bodies,) the row of each in `memory`; −1 for a body without visible middle joints that is not known by its
-            id.
+            (bodies,) the row of each in `memory` after the call; −1 for a body without visible middle joints that is
+            not known by its id.
         """
         if self.memory.middle.shape[1] != middles.shape[1]:
             self.memory = TrackMemory.empty(0, len(self.sensors), middles.shape[1])

@@ -40,14 +40,22 @@ class ArmExtrinsicsSettings:
     """Requirements of a calibration by an arm.
 
     Attributes:
-        instants: least number of shared frames, and the number after which collection stops.
-        most_hz: highest rate of frames that are used [Hz].
-        gap_s: largest gap between the calibrated camera's frames that is interpolated [s].
-        space_m: least motion of the joints about their means: standard deviation in the second direction [m].
-        scale_m: scale of the robust weights [m].
-        largest_residual_m: above this residual, the cameras do not see the same arm [m].
-        largest_sd_m, largest_sd_rad: largest standard deviation of the pose's position [m] and rotation [rad].
-        delay_sd_s: prior standard deviation of the cameras' delay [s].
+        instants: least number of shared frames of an estimate, and the number after which collection stops; larger:
+            more accurate, but later [frames].
+        most_hz: highest rate of the shared frames that are used; larger: their number is reached sooner, with less
+            motion between them [Hz].
+        gap_s: largest gap between the calibrated camera's frames across which the arm is interpolated [s].
+        space_m: least motion of the joints about their means, as a standard deviation in the second direction; larger:
+            the user must move the arm farther [m].
+        scale_m: scale of the robust weights: at this residual the weight is a quarter; larger: outliers count more [m].
+        largest_residual_m: largest median distance between the cameras' joints for which the pose is used; above it,
+            they do not see the same arm [m].
+        largest_sd_m: largest standard deviation of the camera's position, as of a point at the arm, for which the pose
+            is used; smaller: the arm must be moved for longer [m].
+        largest_sd_rad: largest standard deviation of the camera's rotation for which the pose is used; smaller: the arm
+            must be moved for longer [rad].
+        delay_sd_s: prior standard deviation of the delay between the two cameras; larger: a longer delay can be
+            estimated, from more motion [s].
     """
 
     instants: tuple[int, int] = (60, 300)
@@ -114,10 +122,15 @@ class ArmSights(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArmExtrinsics:
-    """Estimates poses of cameras from the arms that they see.
+    """Estimates poses of cameras from the arms that they see together with calibrated cameras.
+
+    Args:
+        settings: requirements of a calibration; the defaults if None.
 
     Attributes:
-        found: newest estimate, by camera.
+        found: newest estimate, by camera; it may be used once nothing is ``missing``.
+        instants: shared frames collected so far, by camera without a pose.
+        seen: the newest frames, by camera.
     """
 
     def __init__(self, settings: ArmExtrinsicsSettings | None = None) -> None:
@@ -131,7 +144,9 @@ class ArmExtrinsics:
         self.seen: dict[str, deque[ArmSights]] = {}
 
     def update(self, camera: str, arms: Sequence[SeenArm], at_s: float, places: Mapping[str, Float64]) -> list[str]:
-        """Update the estimates with a camera's frame.
+        """Update the estimates with a camera's frame, in the order of its capture times.
+
+        Frames are left out where the arm is ambiguous, because a camera sees several of one side.
 
         Args:
             camera: name of the camera.
@@ -149,7 +164,7 @@ class ArmExtrinsics:
         return [other for other in sorted(self.instants) if other not in places and self._pair(other, camera, places)]
 
     def needs(self, camera: str) -> str:
-        """Return an instruction for the user while the camera has no pose; empty once it has one."""
+        """Return an instruction for the user while the camera has no pose that can be used; empty once it has one."""
         found = self.found.get(camera)
         if found is not None:
             return found.missing
@@ -234,8 +249,12 @@ def extrinsics_from_arm(
     """Estimate the pose of the camera that measured ``Instant.own``, and the missing requirements.
 
     Args:
-        instants: simultaneous observations of one arm by a calibrated camera and this one.
-        settings: the settings.
+        instants: simultaneous observations of one arm by a calibrated camera and this one; one or more.
+        settings: requirements of a calibration; the defaults if None.
+
+    Returns:
+        The estimate, however uncertain; its ``missing`` is the requirement that it does not fulfil. The delay is within
+        ±0.1 s.
     """
     s = settings or ArmExtrinsicsSettings()
     p, q = np.array([one.world for one in instants]), np.array([one.own for one in instants])

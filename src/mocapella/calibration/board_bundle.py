@@ -38,7 +38,7 @@ ROUNDS: Final = 12
 
 @dataclass(frozen=True)
 class Corners:
-    """The corners of all views, grouped by view.
+    """The corners of all views; the corners of one view are consecutive.
 
     Attributes:
         camera: (n,) index of the camera.
@@ -113,6 +113,8 @@ class _Problem:
 
 def adjust(corners: Corners, start: Bundle, free: Bool, free_boards: Bool, prior: LensPrior) -> Adjusted:
     """Minimise the reprojection error from ``start``, alternating with estimates of the noise level.
+
+    A camera's or a board's pose must be fixed, because a motion of everything does not change the error.
 
     Args:
         corners: the n corners of all views.

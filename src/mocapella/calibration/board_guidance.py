@@ -129,7 +129,10 @@ def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
 
 
 def tilt(view: BoardView, board: Board) -> float:
-    """Return the relative change of scale across the board in an image; 0 if it is parallel to the image."""
+    """Return the relative change of scale across the board in an image; 0 if it is parallel to the image.
+
+    It is 0 also for fewer than four corners, or corners on one row or column.
+    """
     rows, columns = np.divmod(view.ids, board.columns - 1)
     if len(view.ids) < 4 or len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2:
         return 0.0

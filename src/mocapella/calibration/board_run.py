@@ -121,10 +121,13 @@ class BoardRun:
         board: the calibration board.
         cameras: all names.
         known: cameras with a given lens, which stays fixed.
-        settings: the settings.
+        settings: which images count as simultaneous, and which views are kept.
 
     Attributes:
-        newest: the last answer of each camera, by name.
+        newest: the last answer of each camera, by name; empty before the first round.
+
+    Raises:
+        SettingsError: no cameras.
     """
 
     def __init__(
@@ -146,6 +149,9 @@ class BoardRun:
 
     def add(self, looks: Mapping[str, BoardLook]) -> None:
         """Add one round of images; cameras that are missing gave no image.
+
+        The round is not kept if no camera detected the board, or if the board hardly moved since the last kept one; but
+        a round whose views are all simultaneous replaces one whose views are not.
 
         Raises:
             CalibrationError: a camera that the run does not have.
@@ -175,7 +181,7 @@ class BoardRun:
 
     @property
     def views(self) -> list[BoardView]:
-        """All kept views; their frame number is the number of the round."""
+        """All kept views, in the order of their rounds, as copies; their frame number is the index of that round."""
         return [replace(view, frame=k) for k, of in enumerate(self._rounds) for view in of.views.values()]
 
     @property
@@ -203,7 +209,10 @@ class BoardRun:
         )  # fmt: skip
 
     def hints(self) -> list[Hint]:
-        """Return hints about missing views, the most urgent first; see `coverage`."""
+        """Return hints about missing views, the most urgent first; see `coverage`.
+
+        The first one is to hold the board still if none of the last `LATELY` rounds was simultaneous.
+        """
         hints = coverage(self.views, self.board, self.cameras, self.instants, lens_known=list(self._known))
         if len(self._lately) == LATELY and not any(self._lately):
             text = "hold the board still for a second: it moves too far between the cameras' pictures"
@@ -211,7 +220,7 @@ class BoardRun:
         return hints
 
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
-        """Calibrate the rig of all cameras.
+        """Calibrate the rig of all cameras from the views so far, which stay; see `calibrate_cameras`.
 
         Raises:
             CalibrationError: the views do not determine it; names the camera and what to film.

@@ -55,6 +55,11 @@ class OneCamera:
 def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = None) -> OneCamera:
     """Estimate a camera's lens, unless it is given, and the board's pose in each of its views.
 
+    Args:
+        views: one or more `usable` views of this camera, of one image size.
+        board: the calibration board.
+        known: the camera, if its lens is given and stays fixed.
+
     Raises:
         CalibrationError: there are too few views for a lens.
     """
@@ -91,7 +96,7 @@ def _directions(view: BoardView, lens: Float64) -> Float64:
 
 
 def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corners:
-    """Concatenate the corners of views.
+    """Concatenate the corners of views, for `board_bundle.adjust`.
 
     Args:
         views: of each view the index of its camera, the index of its board pose, and the view.
@@ -201,13 +206,16 @@ def joint_start(
     """Return initial values of the bundle adjustment, in the first camera's frame.
 
     Args:
-        views: views of all cameras.
+        views: `usable` views of all cameras, each camera's in the order that `one_camera` got them.
         instant_of: group of simultaneous frames, by camera and frame number.
-        single: each camera from its own views.
+        single: each camera from its own views; the first one's frame is the world.
         board: the calibration board.
 
     Returns:
         Cameras and board poses, the corners, and the group of simultaneous frames of each board pose.
+
+    Raises:
+        CalibrationError: as `places`.
     """
     names = list(single)
     seen: dict[str, int] = dict.fromkeys(names, 0)

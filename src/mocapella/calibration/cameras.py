@@ -117,7 +117,7 @@ def calibrate_cameras(
     origin: Origin | None = None,
     measure: bool = True,
 ) -> CameraCalibration:
-    """Calibrate a rig of all cameras in the views, or one camera's lens.
+    """Calibrate a rig of all cameras in the views, or one camera's lens. Views that are not `usable` are left out.
 
     Args:
         views: views of the board by all cameras.

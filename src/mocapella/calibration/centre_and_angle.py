@@ -42,7 +42,7 @@ def shoulder_angle(left: Any, right: Any) -> Float64:
     where W ≤ 0 (side view, or labels of a turned back): atan2(D, W).
 
     Args:
-        left, right: (..., 3) shoulders, camera space [m].
+        left, right: (..., 3) shoulders, camera space: x to the sensor's left, y up, z out of the lens [m].
 
     Returns:
         (...,) [rad], within [−π, π]; NaN where a shoulder is NaN.

@@ -46,7 +46,7 @@ class ColdStart:
     hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
 
     def update(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], mirror: NDArray[np.int64]) -> None:
-        """Update the hypotheses of all pairs of bodies.
+        """Update the hypotheses of all pairs of bodies with their newest frames; add new bodies' ones, up to `MOST`.
 
         Args:
             a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
@@ -62,7 +62,10 @@ class ColdStart:
             known.update(key[:2], a[key[0]], b[key[1]], mirror)
 
     def likeliest(self) -> Likeliest | None:
-        """Return the hypothesis with the best fit, and its best rival; None before there is data."""
+        """Return the hypothesis with the best fit, and its best rival; None before there is data.
+
+        Hypotheses with enough samples come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
+        """
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
@@ -91,6 +94,10 @@ class ColdStart:
         Args:
             a, b: each sensor's bodies, by tracking id.
             believed: the previous result, which stays unless another one is clearly better.
+
+        Returns:
+            The estimator of the best hypothesis, not a copy; else ``believed``, as with fewer than three bodies in a
+            sensor.
         """
         s = self.settings
         known = {
@@ -123,7 +130,7 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     rival: float
 
     def judged(self, estimate: PairEstimate) -> PairEstimate:
-        """Return the estimate of `pair`, marked as not trusted while rivals fit nearly as well."""
+        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well."""
         if estimate.trusted and not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
         return estimate

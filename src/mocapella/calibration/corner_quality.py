@@ -78,7 +78,10 @@ def corner_quality(
         instant_of: group of simultaneous frames, by camera and frame number.
         cameras: the rig's cameras, by name.
         board: gives the true distances.
-        noise: uncertainty of the cameras, in the order of their names, if known.
+        noise: uncertainty of the cameras, in the order of ``cameras``, if known.
+
+    Returns:
+        The errors; NaN where there is nothing to measure, as where no two cameras saw a corner together.
     """
     nan = float("nan")
     names = list(cameras)

@@ -38,7 +38,7 @@ def stand(
     states: NDArray[np.uint8],
     joints: FloorJoints,
 ) -> None:
-    """Write the feet of a frame, and add those that stand to the sums of `floor.FloorFromFeet`.
+    """Write the feet of a frame, and add the standing ones to the sums of `floor.FloorFromFeet`.
 
     Args:
         sums, back: (10,) and (4,) of `floor.FloorFromFeet`, updated.

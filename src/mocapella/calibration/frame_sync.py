@@ -12,15 +12,16 @@ from mocapella.errors import CalibrationError
 def synchronise_frames(
     times_s: Mapping[str, Sequence[float]], tolerance_s: float | None = None
 ) -> dict[tuple[str, int], int]:
-    """Group frames that were captured within a tolerance.
+    """Group frames that were captured within a tolerance of the first one of their group.
 
     Args:
         times_s: capture times of each camera's frames, on one clock [s]; NaN where unknown.
-        tolerance_s: largest time difference within a group; must be below half of the shortest frame interval, so that
-            a group has one frame per camera. A third of that interval where not given.
+        tolerance_s: largest time difference within a group; must be below half of the shortest of the cameras' median
+            frame intervals. A third of that interval where not given.
 
     Returns:
-        The group, numbered in order of time, of each (camera, frame) whose time is known.
+        The group, numbered from 0 in order of time, of each (camera, index of the frame) whose time is known. A group
+        has at most one frame per camera.
 
     Raises:
         CalibrationError: times do not increase, or the tolerance is too large.

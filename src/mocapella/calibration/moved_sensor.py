@@ -46,6 +46,9 @@ def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], ord
     Args:
         disagreeing, agreeing: pairs of sensors whose observations contradict, and confirm, their relative pose.
         order: all sensors.
+
+    Returns:
+        The moved sensors, the most contradicted first; none if no pair disagrees.
     """
     rest, moved = set(disagreeing), []
     while rest:

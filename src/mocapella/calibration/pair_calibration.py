@@ -37,28 +37,42 @@ class PairSettings:
     """Parameters of the calibration of a pair; docs/methods/people-calibration.md explains the values.
 
     Attributes:
-        memory_s: time constant of fading, in shared motion [s].
-        first_memory_s: that time constant at the beginning, when the weights come from a poor estimate [s].
-        memory_growth: growth of that time constant per second of shared motion, up to ``memory_s``.
-        residual_floor_m: residuals below this have equal weights [m].
-        label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped [m].
-        mirrored_weight: weight of a view with swapped labels.
-        inferred_weight: weight of a joint that a sensor only infers.
-        full_speed_m_s: least speed of a frame that counts by its full time [m/s].
-        still_fraction: fraction of the time that counts for a standing person; it decreases while they stand.
-        velocity_window_s: a joint's velocity spans this time before and after [s].
-        independent_after_m: distance after which a sensor's errors are taken as independent [m].
-        samples_wanted: least number of independent samples of a trusted estimate.
-        position_sd_wanted_m: largest standard deviation of a trusted estimate, at the people's positions [m].
-        rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation [rad].
+        memory_s: time constant of fading, in shared motion; larger: more accurate, but slower after a change [s].
+        first_memory_s: time constant of fading at the beginning, when the weights come from a poor estimate; larger:
+            early errors last longer [s].
+        memory_growth: growth of the time constant of fading, from ``first_memory_s`` to ``memory_s``, per second of
+            shared motion; larger: more of the first seconds is kept [s/s].
+        residual_floor_m: residuals below this have equal weights; larger: nearer to least squares, and less robust [m].
+        label_hysteresis_m: mean improvement of the joints' fit at which left and right are swapped; larger: labels
+            change more rarely, and wrong ones last longer [m].
+        mirrored_weight: weight of a view with swapped labels, relative to one without [0 to 1].
+        inferred_weight: weight of a joint that a sensor only infers, relative to a tracked one [0 to 1].
+        full_speed_m_s: least speed of a body for its frame to count by its full time; larger: slow motion counts less
+            [m/s].
+        still_fraction: fraction of the time that counts for a standing person; it decreases while they stand; larger:
+            standing people contribute more [0 to 1].
+        velocity_window_s: a joint's velocity is measured from this time before to this time after a frame; larger: less
+            noise, but each frame is used later [s].
+        independent_after_m: distance that a body moves until a sensor's errors are taken as independent; larger: fewer
+            samples, so people must walk farther [m].
+        samples_wanted: least number of independent samples of a trusted estimate; larger: people must walk farther
+            [samples].
+        position_sd_wanted_m: largest standard deviation of a trusted estimate's position, at the people; smaller:
+            people must walk farther [m].
+        rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation; smaller: people must walk
+            farther [rad].
         residual_allowed_m: largest mean distance between the two views' joints in a trusted estimate [m].
-        offset_bound_wanted_s: bound within which a clock offset counts as known [s].
-        offset_expected_s: prior standard deviation of the offset between synchronised clocks [s].
-        moved_factor: a sensor was moved if the two views' centres are farther apart than usual by this factor and by
-            moved_least_m.
-        moved_least_m: least distance of the centres of a moved sensor, see moved_factor [m].
-        every_s: least interval between frames of one body, because sensor errors persist for longer [s].
-        told_s: weight of a given initial estimate, as a duration of shared motion [s].
+        offset_bound_wanted_s: bound, of two standard deviations, within which a clock offset counts as known [s].
+        offset_expected_s: prior standard deviation of the offset between synchronised clocks; larger: the offset that
+            the motion shows counts more [s].
+        moved_factor: frames whose two centres are farther apart than ``moved_least_m``, and than this factor times
+            their usual distance, are left out; if that lasts, a sensor was moved; larger: only larger moves are noticed
+            [ratio].
+        moved_least_m: least distance of the two views' centres for a frame to be left out, see ``moved_factor`` [m].
+        every_s: least interval between used frames of one body; sensor errors last longer than a frame, so more frames
+            add little [s].
+        told_s: weight of a given initial estimate, as a duration of shared motion; larger: observations outweigh it
+            later [s].
     """
 
     memory_s: float = 15.0
@@ -157,6 +171,7 @@ class PairCalibration:
         T_a_b: (4, 4) the present estimate; NaN before there is one.
         moments, scatter, scalars, clock: see `pair_memory` and `geometry.alignment`.
         bodies: state of each pair of bodies, see `pair_memory`, by the key given to `update`.
+        mirrored_at_first: whether b's left and right start swapped for a new pair of bodies.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -170,7 +185,7 @@ class PairCalibration:
 
     @classmethod
     def begun_from(cls, T_a_b: Float64, settings: PairSettings, offset: float = 0.0) -> PairCalibration:
-        """Return an estimator that starts from a given motion (4, 4), and offset of b's clock [s].
+        """Return an estimator that starts from a given pose ``T_a_b`` (4, 4), copied, and offset of b's clock [s].
 
         The start counts as `PairSettings.told_s` seconds of a person who moves in the usual area, so observations soon
         outweigh it.
@@ -205,7 +220,10 @@ class PairCalibration:
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
-        """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted."""
+        """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted.
+
+        If it is not trusted, no frame is left out. Call it with the result of `estimate` at each refresh.
+        """
         reach = estimate.position_sd + REACH_M * estimate.rotation_sd
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
@@ -230,6 +248,8 @@ class PairCalibration:
 
     def follow_clock(self, estimate: PairEstimate) -> None:
         """Replace the assumed offset of b's clock by its most likely value, with synchronised clocks as prior.
+
+        Nothing happens before another independent sample is complete. A large change reduces the earlier sums.
 
         Args:
             estimate: the present result.
@@ -256,7 +276,10 @@ class PairCalibration:
 
 
 def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    """Return the present result of each pair, all with the settings of the first."""
+    """Return the present result of each pair, all with the settings of the first; `NO_PERSON` before there is one.
+
+    The pairs are not changed, and the results are copies.
+    """
     begun = [pair for pair in pairs if pair.moments[0] > 0]
     found = iter(_estimates(begun) if begun else ())
     return [next(found) if pair.moments[0] > 0 else _nothing(pair) for pair in pairs]

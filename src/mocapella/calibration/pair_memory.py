@@ -101,7 +101,7 @@ class PairArrays(NamedTuple):
 
 
 class BodyFrames(NamedTuple):
-    """Arrays of a `BodyTrack` as a named tuple, for the kernels."""
+    """Arrays ``times``, ``points``, ``weights`` and ``held`` of a `BodyTrack`, not copied, for the kernels."""
 
     times: Float64
     points: Float64
@@ -156,13 +156,13 @@ class BodyTrack:
 
     @classmethod
     def empty(cls, joints: int) -> BodyTrack:
-        """Return a track without frames."""
+        """Return a track without frames, for a topology with this number of joints."""
         n = 2 * FRAMES_KEPT
         zeros = np.zeros
         return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
     def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
-        """Append a frame; return False if it is not newer than the last one.
+        """Append a frame by copying its values, and drop frames beyond `FRAMES_KEPT`; False if it is not newer.
 
         Args:
             at: capture time, on the common clock [s].
@@ -217,7 +217,7 @@ class SensorTracks:
 
     @classmethod
     def empty(cls, joints: int, slots: int = 0) -> SensorTracks:
-        """Return tracks without bodies."""
+        """Return tracks without bodies, for a topology with this number of joints; slots are added as needed."""
         n = 2 * FRAMES_KEPT
         zeros = np.zeros
         return cls(
@@ -231,7 +231,9 @@ class SensorTracks:
         )
 
     def add(self, at: float, ids: Sequence[int], positions: Float64, states: UInt8, inferred_weight: float) -> None:
-        """Append a frame.
+        """Append a frame to its bodies' tracks, and make tracks of new bodies.
+
+        New bodies may enlarge the arrays; take tracks from `bodies` anew after each call.
 
         Args:
             at: capture time, on the common clock [s].

@@ -34,7 +34,8 @@ class PairAlignment:
         roll_clockwise_deg: clockwise roll, as seen from behind it, that would align it [°].
         higher_mm: height of the second camera above the first [mm].
         ahead_mm: distance of the second camera ahead of the first [mm].
-        vertical_px: largest vertical disparity of far points at the centre and the corners of the image [px].
+        vertical_px: largest vertical disparity of far points at the centre and the corners of the image; NaN if one is
+            outside the lens model [px].
         swapped: whether the second camera is to the left of the first.
     """
 
@@ -67,7 +68,7 @@ class PairAlignment:
 
 
 def align_pair(first: PlacedCamera, second: PlacedCamera) -> PairAlignment:
-    """Compare the second camera with the first, which is the reference."""
+    """Return the pose of the second camera relative to the first, as the turns that would make the pair parallel."""
     T_first_second = first.T_camera_world @ inverse(second.T_camera_world)
     R, t = T_first_second[:3, :3], T_first_second[:3, 3]
     axis = R[:, 2]

@@ -65,10 +65,11 @@ _RECORDED: Final = {"layout": "rig"}
 
 
 class PeopleCalibration:
-    """The poses and clocks of all sensors that send frames. Sensors need not be announced.
+    """Estimates the poses and clocks of all sensors that send frames. Sensors need not be announced.
 
     Attributes:
-        state: the present result.
+        settings: the settings; the defaults if None is given.
+        state: the present result; a new value at each refresh.
         layout: poses from a file that are used until people confirm or contradict them; None for none.
     """
 
@@ -117,7 +118,7 @@ class PeopleCalibration:
         people: Identities | None = None,
         pose: SensorPose | None = None,
     ) -> PeopleState:
-        """Update the calibration with one sensor's frame.
+        """Update the calibration with one sensor's frame; return the present result, as in `state`.
 
         Args:
             bodies: the sensor's bodies.
@@ -125,9 +126,6 @@ class PeopleCalibration:
             people: returns the person of each tracking id of a sensor; bodies of one person are matched. None derives
                 the matches from the calibration.
             pose: tilt and height of the sensor, if given; a height of 0 means not given.
-
-        Returns:
-            The present result, as in `state`.
         """
         sensor, now = bodies.sensor, self._seconds(at_ns)
         joins = sensor not in self._tracks
@@ -185,11 +183,11 @@ class PeopleCalibration:
         return SensorLayout(VERSION, self.state.floor_known, sensors, pairs)
 
     def memory(self) -> dict[str, Any]:
-        """Return all state for `recall`, by the names of its parts in takes."""
+        """Return all state, not copied, for `recall`, by the names of its parts in takes."""
         return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned, without a copy; raises `ValueError` as `set_memory` does."""
         names = {recorded: name for name, recorded in _RECORDED.items()}
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 

@@ -17,13 +17,15 @@ class PeopleCalibrationSettings:
         pair: settings of each pair of sensors.
         match_within_m: bodies of two sensors whose centres are nearer are one person, where identities are not given
             [m].
-        moved_after_s: a sensor that contradicts all others for this long was moved [s].
+        moved_after_s: a sensor that contradicts all others for this long was moved, and is calibrated again; larger:
+            fewer false alarms [s].
         frozen_after_s: a sensor whose bodies do not change at all for this long is not used [s].
         gone_after_s: a body that a sensor has not seen for this long is dropped [s].
-        clock_jump_s: tolerated delay of a sensor's times behind other sensors' [s].
-        refresh_s: interval at which all poses are recomputed [s].
-        first_refresh_s: that interval at first, while pairs have seen little motion [s].
-        partners: number of pairs of each sensor that are refined, the best ones, if it has more.
+        clock_jump_s: largest delay of a sensor's times behind other sensors' that is not reported as a wrong clock [s].
+        refresh_s: interval at which all poses are recomputed; larger: less work, and later poses [s].
+        first_refresh_s: shortest such interval, at first, while pairs have seen little motion [s].
+        partners: number of pairs of each sensor that are refined, the best ones, if it has more; larger: more work, and
+            more accurate poses [pairs].
     """
 
     RECORDED_AS: ClassVar[str] = "PeopleSettings"

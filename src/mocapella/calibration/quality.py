@@ -10,6 +10,8 @@ from mocapella.calibration.pair_calibration import PairEstimate
 def pair_quality(a: str, b: str, estimate: PairEstimate) -> str:
     """Describe a pair: ``front–side: 8 s of shared motion, 12 mm, 0.4°``, or ``front–side: walk a few steps``.
 
+    With an estimate that is not trusted yet, its figures follow the problem in brackets.
+
     Millimetres are the standard deviation of one sensor's view of a person in the other's frame; degrees that of the
     angle between the sensors.
     """

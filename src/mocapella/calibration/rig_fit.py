@@ -30,13 +30,17 @@ class RigFitSettings:
     """When a rig is reported as not fitting.
 
     Attributes:
-        memory_s: time constant of the statistics [s].
-        every_s: interval at which each pair of cameras is compared [s].
-        least_points: least number of observations before a result.
-        longest_gap_s: largest gap between a camera's frames that is interpolated [s].
-        largest_px: largest root mean square distance of a rig that fits [px].
-        swapped_ratio: cameras are reported as exchanged if exchanging them reduces the distance by this factor.
-        cap_px: upper bound of one observation's distance [px].
+        memory_s: time constant of the mean square distance of each pair of cameras; larger: fewer false alarms, later
+            ones [s].
+        every_s: interval at which each pair of cameras is compared; larger: less work, later results [s].
+        least_points: least number of compared markers in memory before a pair of cameras is judged; larger: fewer false
+            alarms, later ones [markers].
+        longest_gap_s: largest gap between a camera's frames across which its pixels are interpolated [s].
+        largest_px: largest root mean square distance of the pixels from a rig that fits; beyond it, the rig is reported
+            [px].
+        swapped_ratio: two cameras are reported as exchanged, rather than as moved, if exchanging them reduces the
+            distance by this factor [ratio].
+        cap_px: upper bound of one marker's distance; larger: a single wrong marker weighs more [px].
     """
 
     memory_s: float = 3.0
@@ -57,6 +61,11 @@ class RigFitSettings:
 class RigFit:
     """Monitors the cameras of one rig; `problem` describes errors.
 
+    Args:
+        rig: the calibrated cameras; its lenses and poses are copied.
+        points: number of markers in each frame.
+        settings: when the rig is reported as not fitting.
+
     The state is the two newest frames of each camera, and for each pair the number of points, the sums of their squared
     distances as calibrated and with the two cameras exchanged [px²], and the time of the last comparison.
     """
@@ -73,14 +82,14 @@ class RigFit:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all frames and statistics; the rig stays."""
         cameras = len(self._order)
         self._times = np.full((cameras, 2), -np.inf)
         self._pixels = np.full((cameras, 2, self._points, 2), np.nan)
         self._sums, self._looked_s = np.zeros((len(self._pairs), 3)), np.full(len(self._pairs), -np.inf)
 
     def update(self, camera: str, pixels: Any, at_s: float) -> None:
-        """Update the statistics with a camera's frame.
+        """Update the statistics with a camera's frame; one that is not newer than the camera's last is ignored.
 
         Args:
             camera: its name in the rig.
@@ -127,6 +136,8 @@ class RigFit:
 
     def rms_px(self, exchanged: bool = False) -> Float64:
         """Return the root mean square distance of pixels from the epipolar geometry of each pair of cameras.
+
+        The pairs are in the order of ``itertools.combinations`` over the rig's cameras.
 
         Args:
             exchanged: whether to return it for the pair's cameras exchanged, instead of as calibrated.

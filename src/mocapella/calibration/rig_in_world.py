@@ -37,12 +37,15 @@ class RigInWorldSettings:
     """Requirements of an accepted pose of the rig.
 
     Attributes:
-        every_s: interval between samples [s].
-        samples: number of samples kept per pair of a body and a person.
-        fewest: least number of samples for an estimate.
-        moved_m: least motion of both body and person [m].
-        within_m: largest median distance of joints of one person [m].
-        beyond: largest ratio of the median distance to that of the next person.
+        every_s: interval between samples; larger: more motion between them, and a later estimate [s].
+        samples: number of samples kept per pair of a body and a person, the newest ones; larger: more accurate, but
+            slower after a change [samples].
+        fewest: least number of samples for an estimate; larger: a later estimate [samples].
+        moved_m: least extent of the motion of both body and person; larger: people must walk farther, and are confused
+            more rarely [m].
+        within_m: largest median distance between the joints of a body and a person who are the same [m].
+        beyond: largest ratio of that distance to the body's distance from any other person; smaller: people are
+            confused more rarely, and matched later [ratio].
         again_s: interval between estimates [s].
     """
 
@@ -78,6 +81,9 @@ class RigInWorld(msgspec.Struct, frozen=True, eq=False):
 class RigAlignment:
     """Estimates the rig's pose in the world from simultaneous bodies and people.
 
+    Args:
+        settings: requirements of an accepted pose; the defaults if None.
+
     Attributes:
         found: the estimate; None before there is one.
     """
@@ -93,11 +99,11 @@ class RigAlignment:
         self._taken_s = self._tried_s = -np.inf
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, not copied, for `recall`."""
         return [self.found, self._samples, float(self._taken_s), float(self._tried_s)]
 
     def recall(self, memory: list[Any]) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned, without a copy."""
         self.found, self._samples, self._taken_s, self._tried_s = memory
 
     def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:

@@ -34,7 +34,7 @@ def table(found: CameraCalibration) -> list[tuple[str, ...]]:
 
 
 def sentences(found: CameraCalibration) -> list[str]:
-    """Describe the errors of the corners in millimetres, and the alignment of a parallel pair."""
+    """Describe the errors of the corners in millimetres, and the alignment of a parallel pair; empty without either."""
     fit, out = found.fit, []
     if fit.points:
         out.append(
@@ -108,7 +108,10 @@ def distance(found: CameraCalibration, a: str, b: str) -> float:
 
 
 def pair_of(found: CameraCalibration) -> dict[str, Any] | None:
-    """Return the alignment of two nearly parallel cameras; None for others."""
+    """Return the alignment of two nearly parallel cameras as values for JSON; None for other rigs.
+
+    The values are the fields of `PairAlignment`, the cameras' names ``first`` and ``second``, and ``advice``.
+    """
     if len(found.rig.cameras) != 2:
         return None
     (first, a), (second, b) = found.rig.cameras.items()

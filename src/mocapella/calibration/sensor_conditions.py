@@ -56,7 +56,7 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
 
     Args:
         name: name of the sensor.
-        pairs: all pairs of sensors.
+        pairs: all pairs of sensors that include this one.
         placed: all sensors' poses.
     """
     if not pairs:

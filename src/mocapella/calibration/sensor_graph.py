@@ -80,6 +80,9 @@ def place_sensors(
         sensors: names; the first of each component is its root, whose frame the component is in.
         pairs: relative poses of these sensors, at most one for each two.
         before: the previous result, as initial values of the refinement.
+
+    Returns:
+        All sensors, in the order of ``sensors``; one that no pair ties to another is its own root, at the identity.
     """
     rank = {sensor: i for i, sensor in enumerate(sensors)}
     by_surety = sorted(pairs, key=lambda pair: (not pair.trusted, pair.variance, rank[pair.a], rank[pair.b]))

@@ -101,7 +101,7 @@ def layout_pair(a: str, b: str, quality: str, pair: PairCalibration) -> LayoutPa
 
 
 def restored_pair(pair: LayoutPair, settings: PairSettings) -> PairCalibration:
-    """Return the estimator that continues from a saved pair, with these settings."""
+    """Return a new estimator that continues from a saved pair, with these settings and an unknown clock offset."""
     return PairCalibration(
         settings,
         np.array(pair.T_a_b),
@@ -188,7 +188,7 @@ def is_layout(data: bytes) -> bool:
 
 
 def save_layout(path: Path | str, layout: SensorLayout) -> None:
-    """Write a layout; the file appears complete or is unchanged.
+    """Write a layout as a JSON file, atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -197,7 +197,7 @@ def save_layout(path: Path | str, layout: SensorLayout) -> None:
 
 
 def load_layout(path: Path | str) -> SensorLayout:
-    """Read a layout.
+    """Read a sensor layout from a JSON file of `save_layout`.
 
     Raises:
         InputError: the file does not exist, or is no layout.

@@ -66,7 +66,7 @@ class PairOfSensors:
 
     @property
     def trusted(self) -> bool:
-        """Whether the relative pose is used."""
+        """Whether the relative pose is used: a trusted estimate, one that people confirmed, or one from a layout."""
         if self.calibration is None or self.estimate is None:
             return False
         problem = self.estimate.problem
@@ -75,11 +75,19 @@ class PairOfSensors:
 
 
 def covariance_of(pair: PairOfSensors) -> Float64:
-    """Return the covariance (6, 6) of a pair's estimate; of a given pose, the expected one until people confirm it."""
+    """Return the covariance (6, 6) of a pair's estimate; of a given pose, the expected one until people confirm it.
+
+    The pair must have an estimate. The covariance is that of a small motion in a's frame, see `PairEstimate`.
+    """
     assert pair.estimate is not None
     return _GIVEN if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
 
 
 def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
-    """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people."""
+    """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people.
+
+    Args:
+        key: the pair, whose sensors do not agree with each other.
+        agreeing: the pairs whose sensors see a body at the same position.
+    """
     return all(any(sensor in other and other != key for other in agreeing) for sensor in key)

@@ -19,6 +19,9 @@ def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) 
 
     Args:
         people_of_a, people_of_b: the person of each tracking id of a sensor.
+
+    Returns:
+        (id in a, id in b) of each person whom both have, in the order of a.
     """
     of_b = {person: body for body, person in people_of_b.items()}
     return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
@@ -33,6 +36,9 @@ def nearest_bodies(
         T_a_b: (4, 4) pose of the sensor b in a's frame.
         a, b: each sensor's bodies, by tracking id.
         within_m: largest distance of their centres [m].
+
+    Returns:
+        (id in a, id in b), ascending; none where a sensor has no body. A body without a visible joint matches nothing.
     """
     ours, theirs = sorted(a), sorted(b)
     (pairs,) = mutually_nearest(T_a_b[None], newest_centres(a), newest_centres(b), within_m)

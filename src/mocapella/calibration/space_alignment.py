@@ -135,6 +135,9 @@ def align_space(
         T_space_body: (poses, 4, 4) the object's body in that space.
         settings: parameters and required accuracy.
 
+    Returns:
+        The alignment, which fulfils all requirements.
+
     Raises:
         CalibrationError: too few simultaneous observations, too little motion or rotation, not one rigid object, or too
             uncertain; says what to do.
@@ -149,7 +152,7 @@ def align_space(
 def try_to_align(
     at_s: Any, points: Any, poses_s: Any, T_space_body: Any, settings: SpaceAlignmentSettings | None = None
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-    """Estimate the alignment as far as possible, and list its shortfalls.
+    """Estimate the alignment as far as possible, and list its shortfalls, for guidance while the object is moved.
 
     The fit is None if the observations do not suffice for one. Without shortfalls it is accurate enough.
 

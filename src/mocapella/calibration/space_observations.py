@@ -38,6 +38,9 @@ class SpaceObservations:
         thing, marker: name of the tracked object, or of the marker on it; one of them is empty.
         source: origin of the messages, named in errors: a take's path, or None.
 
+    Attributes:
+        scenes: number of scenes so far.
+
     Raises:
         SettingsError: both or neither of thing and marker are given.
     """
@@ -56,7 +59,10 @@ class SpaceObservations:
         self._poses: list[tuple[_Key, str, Float64]] = []
 
     def update(self, messages: Iterable[Scene | SensorFrame]) -> None:
-        """Add the observations in scenes (the cameras' object) and frames (the other tracker's body)."""
+        """Add the observations in scenes (the cameras' object or marker) and in `PoseFrame` (the other tracker's body).
+
+        Messages may come in any order; other frames are ignored.
+        """
         for message in messages:
             if isinstance(message, Scene):
                 self._add_scene(message)
@@ -82,7 +88,9 @@ class SpaceObservations:
         return space
 
     def attempt(self, settings: SpaceAlignmentSettings) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
-        """Return the best alignment so far, and its shortfalls; see `try_to_align`.
+        """Return the alignment from all observations so far, None if they do not suffice, and its shortfalls.
+
+        See `try_to_align`.
 
         Raises:
             InputError: the space or the body is unknown; lists the known ones.
@@ -106,6 +114,8 @@ class SpaceObservations:
     def poses(self) -> tuple[Float64, Float64]:
         """Return increasing times (n,) on the common clock [s] and ``T_space_body`` (n, 4, 4).
 
+        Frames whose scene has not come yet are left out, because their time is unknown.
+
         Raises:
             InputError: see `attempt`.
         """
@@ -118,8 +128,9 @@ class SpaceObservations:
         return np.array(times) / NS_PER_S, np.array([at[t] for t in times]).reshape(-1, 4, 4)
 
     def points(self) -> tuple[Float64, Float64]:
-        """Return times (n,) on the common clock [s] and points (n, m, 3) of the marker, or of the object's origin and
-        axes.
+        """Return times (n,) on the common clock [s] and world points (n, m, 3) [m] of the marker or the object.
+
+        m is 1 for a marker; the 4 points of an object are its origin, and one on each axis.
 
         Raises:
             SettingsError: see `attempt`.

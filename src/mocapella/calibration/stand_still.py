@@ -35,8 +35,10 @@ class StandStillSettings:
     """Duration, tolerance and averaging.
 
     Attributes:
-        frames: number of frames per sensor; the latest count.
-        still_within_m: largest distance of a head or hand from the frame it is compared with [m].
+        frames: number of successive frames, of each sensor, in which people must stand still; the latest count; larger:
+            more accurate, but longer [frames].
+        still_within_m: largest distance of a head or hand from the frame it is compared with; farther restarts the
+            calibration; larger: more sway is accepted [m].
         compare_with: frame to compare with: the ``previous`` one (the thesis' algorithm) or the ``first`` of the stored
             ones (its program).
         angle_from: the shoulder angle is the circular ``mean`` over the frames, or that of the ``latest`` frame (its
@@ -72,6 +74,10 @@ class Calibration(msgspec.Struct, frozen=True, eq=False):
 class StandStill:
     """Collects frames until all bodies have stood still, then monitors for a reason to restart.
 
+    Args:
+        settings: duration, tolerance and averaging.
+        sensors_expected: number of sensors that must send frames before frames are collected.
+
     Attributes:
         completed: number of completed calibrations.
         restarts: number of restarts.
@@ -83,7 +89,7 @@ class StandStill:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything, also the result and the counters; collection starts anew."""
         self.completed = 0
         self.restarts = 0
         self._reason = ""
@@ -95,26 +101,33 @@ class StandStill:
         self._T_world_sensor: dict[BodyKey, Float64] = {}
 
     def restart(self, reason: str) -> None:
-        """Drop all frames and start to collect again; ``reason`` is reported to users."""
+        """Drop all frames and the result, and start to collect again; ``reason`` is reported to users."""
         self.restarts += 1
         self._reason = reason
         self._windows = {}
         self._T_world_sensor = {}
 
     def unknown(self, bodies: Bodies) -> bool:
-        """Return whether any of a frame's bodies arrived after the calibration."""
+        """Return whether any of a frame's bodies arrived after the calibration; False before its completion."""
         known = self._T_world_sensor
         return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """Replace tracking ids of a sensor; ``new_ids`` maps each old id to the new id of the same body."""
+        """Replace tracking ids of a sensor in the result, so that a body whose id changed does not cause a restart.
+
+        Args:
+            sensor: name of the sensor.
+            new_ids: new id of the same body, by old id; ids without a transform are ignored.
+        """
         renamed = {old: new for old, new in new_ids.items() if (sensor, old) in self._T_world_sensor}
         kept = {key: T for key, T in self._T_world_sensor.items() if key[0] != sensor or key[1] not in renamed}
         kept |= {(sensor, new): self._T_world_sensor[sensor, old] for old, new in renamed.items()}
         self._T_world_sensor = kept
 
     def update(self, bodies: Bodies, speaking: Collection[str]) -> Calibration:
-        """Update the calibration with one frame.
+        """Update the calibration with one frame; return its progress, and the transforms once it is complete.
+
+        After completion, a new body, or the departure of all people, restarts it.
 
         Args:
             bodies: bodies of one sensor's newest frame.
@@ -210,11 +223,14 @@ class StandStill:
 
 
 def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
-    """Describe a head or hand that went missing or moved too far between two frames of the same bodies; empty if none
-    did.
+    """Describe a head or hand that went missing or moved too far between two frames; empty if none did.
 
     Motion counts only if a part is tracked in both frames, because an inferred position jumps although nothing moves. A
     part that is missing in both is ignored, because a sensor at a person's side may never see the far hand.
+
+    Args:
+        before, now: two frames of one sensor, with the same bodies.
+        still_within_m: largest distance of a part that counts as still [m].
     """
     parts = [now.topology.parts[part] for part in STILL_PARTS]
     names = list(STILL_PARTS.values())

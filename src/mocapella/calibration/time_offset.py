@@ -34,6 +34,8 @@ MOVE_TRUSTED: Final = 0.05
 def offset_of(clock: Float64) -> tuple[Float64, Float64]:
     """Return the offset (...,) of b's clock against the assumed one, and its standard deviation [s].
 
+    With too few blocks, the offset is 0, and the standard deviation that of the prior.
+
     Args:
         clock: (..., `pair_memory.CLOCK_SUMS`).
     """
@@ -55,6 +57,9 @@ def moved_clock(clock: Float64, by: float) -> Float64:
     Args:
         clock: (`pair_memory.CLOCK_SUMS`,).
         by: change of the assumed offset [s].
+
+    Returns:
+        The converted sums, a new array.
     """
     a, g, aa, ag, gg = clock
     fade = np.exp(-((by / MOVE_TRUSTED) ** 2))

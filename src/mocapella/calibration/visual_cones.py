@@ -49,7 +49,7 @@ def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meet
 
     Args:
         silhouettes: silhouettes of one time, by camera.
-        rig: the calibrated cameras.
+        rig: the calibrated cameras, including all of these.
     """
     rays = {name: _rays(silhouette, rig.cameras[name]) for name, silhouette in silhouettes.items()}
     centres = {name: inverse(rig.cameras[name].T_camera_world)[:3, 3] for name in silhouettes}
@@ -62,7 +62,10 @@ def meetings(silhouettes: Mapping[str, Silhouette], rig: CameraRig) -> list[Meet
 
 
 def disagreements(found: list[Meeting], least: float = MEET_FROM) -> list[str]:
-    """Describe the pairs of cameras whose silhouettes overlap less than ``least``, one line each."""
+    """Describe, in one line, the pairs of cameras whose silhouettes overlap less than ``least``, and the likely cause.
+
+    Undefined overlaps (NaN) do not count. The list is empty if no pair contradicts.
+    """
     bad = [one for one in found if one.overlap < least]
     if not bad:
         return []

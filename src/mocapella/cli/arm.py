@@ -60,7 +60,11 @@ DEFAULT_DETECTOR: Final = "kinematic-arm"
 
 
 def check_detector(name: str | None) -> str | None:
-    """Return a detector's name if it is valid; print the list of detectors for ``help``."""
+    """Return the name of a detector of arms if there is one; None for None. For ``help``, print the list and exit.
+
+    Raises:
+        SettingsError: no detector has this name.
+    """
     from mocapella.detectors import arm_detector, arm_detectors
 
     if name == "help":
@@ -100,12 +104,14 @@ Stages = Annotated[
 
 
 def detector_keys(context: typer.Context) -> Iterator[str]:
-    """Yield the settings of the detector that the command line names before ``--set help``."""
+    """Yield the settings of the detector that the command line names before ``--set help``, and those of gestures."""
     from mocapella.detectors import arm_detector
+    from mocapella.kinematics.gestures import GestureSettings
 
     name = str(context.params.get("detector", DEFAULT_DETECTOR))
     title = f"Settings of the detector {name} (of another: --detector NAME --set help):"
     yield from lines_of_dataclass(arm_detector(name).settings(), title)
+    yield from lines_of_dataclass(GestureSettings, "Settings of the gestures, with every detector:", "gestures.")
 
 
 @track_app.command("arm")

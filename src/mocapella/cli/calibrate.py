@@ -188,7 +188,10 @@ def draw(
 
 
 def named_inputs(texts: Sequence[str]) -> dict[str, str]:
-    """Parse ``[NAME=]PATH`` texts; return the paths by camera name.
+    """Parse ``[NAME=]PATH`` texts; return the paths by camera name, in the order of the texts.
+
+    Without NAME, a camera is called like the file without its suffix (``camera_0`` for ``camera:0``); a node's camera
+    keeps its name.
 
     Raises:
         SettingsError: an invalid or repeated name.
@@ -230,7 +233,16 @@ def _lenses(cameras: Mapping[str, Any], inputs: Mapping[str, str], path: Path) -
 def look(
     inputs: Mapping[str, str], board: Board, wanted: Any, board_file: str
 ) -> tuple[list[BoardView], dict[str, int]]:
-    """Detect the board in the images of all cameras; return its views, and the number of images of each camera.
+    """Detect the board in the images of all cameras, and print the number of detections.
+
+    Args:
+        inputs: path of the images by the camera's name.
+        board: the board to detect.
+        wanted: the frames to use (`mocapella.sources.video.Frames`).
+        board_file: named in errors.
+
+    Returns:
+        The board's views; and for each camera the number of its last used frame plus one.
 
     Raises:
         CalibrationError: a camera never sees the board; the message describes what its images show.

@@ -57,7 +57,14 @@ class NoKeys:
 
 @dataclasses.dataclass(frozen=True)
 class KeyRow:
-    """A line of `--set help`."""
+    """A line of `--set help`.
+
+    Attributes:
+        name: name of the key.
+        unit: unit or form of the value, or the choices with ``|`` between them.
+        default: default as text; empty for none.
+        meaning: description.
+    """
 
     name: str
     unit: str
@@ -95,7 +102,7 @@ def _fields(kind: type) -> dict[str, _Field]:
 
 
 def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None = None) -> Any:
-    """Make the option ``--set`` of a command.
+    """Return the typer option ``--set`` of a command; ``--set help`` prints the keys and exits.
 
     Args:
         kind: dataclass of the command's keys.
@@ -136,23 +143,40 @@ def _lines(rows: Sequence[KeyRow]) -> Iterator[str]:
         yield "  ".join([*(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)), row[3]]).rstrip()
 
 
-def lines_of_dataclass(kind: type, title: str) -> Iterator[str]:
-    """Yield the fields of a settings dataclass as lines of `--set help`, nested dataclasses with dotted keys."""
+def lines_of_dataclass(kind: type, title: str, prefix: str = "") -> Iterator[str]:
+    """Yield a title and the fields of a settings dataclass as lines of `--set help`.
+
+    Args:
+        kind: the dataclass, as of `rows_of_dataclass`.
+        title: line above the table.
+        prefix: put before each key, such as ``gestures.``.
+    """
     yield ""
     yield title
-    yield from _lines(list(_rows_of_dataclass(kind, "")))
+    yield from _lines(rows_of_dataclass(kind, prefix))
 
 
-def _rows_of_dataclass(kind: type, prefix: str) -> Iterator[KeyRow]:
+def rows_of_dataclass(kind: type, prefix: str = "") -> list[KeyRow]:
+    """Return the fields of a settings dataclass as rows of `--set help`, nested dataclasses with dotted keys.
+
+    The meaning is the field's description in the docstring of the class, or of a base class; a unit in brackets at its
+    end becomes the row's unit. Each field needs a description of its own: ``a, b: …`` describes none.
+
+    Args:
+        kind: the dataclass.
+        prefix: put before each key.
+    """
+    return list(_rows_of(kind, None, prefix))
+
+
+def _rows_of(kind: type, of: Any, prefix: str) -> Iterator[KeyRow]:
+    """Yield the rows of a dataclass; ``of`` is its value where it is the default of another one's field."""
     meanings = _attributes(kind)
     for field in dataclasses.fields(kind):
-        default: Any = field.default
-        factory = field.default_factory
-        if default is dataclasses.MISSING and not isinstance(factory, dataclasses._MISSING_TYPE):
-            default = factory()
+        default = _default_of(field) if of is None else getattr(of, field.name)
         name = prefix + field.name
         if dataclasses.is_dataclass(default):
-            yield from _rows_of_dataclass(type(default), f"{name}.")
+            yield from _rows_of(type(default), default, f"{name}.")
         else:
             shown = "" if default is dataclasses.MISSING else _default(default)
             meaning = meanings.get(field.name, "")
@@ -162,11 +186,20 @@ def _rows_of_dataclass(kind: type, prefix: str) -> Iterator[KeyRow]:
             yield KeyRow(name, "" if unit is None else unit[1], shown, meaning)
 
 
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    """Return a field's default; ``MISSING`` if it has none."""
+    factory = field.default_factory
+    return field.default if isinstance(factory, dataclasses._MISSING_TYPE) else factory()
+
+
 def _attributes(kind: type) -> dict[str, str]:
-    """Return each attribute's description in a docstring, by name."""
-    _, _, text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", text, flags=re.MULTILINE)
-    return {name: " ".join(words.split()) for name, words in found}
+    """Return each attribute's description in the docstrings of a class and its bases, by name."""
+    found: dict[str, str] = {}
+    for one in reversed(kind.__mro__):
+        _, _, text = inspect.cleandoc(one.__doc__ or "").partition("Attributes:\n")
+        entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", text, flags=re.MULTILINE)
+        found |= {name: " ".join(words.split()) for name, words in entries}
+    return found
 
 
 def read_settings(

@@ -254,7 +254,10 @@ _SHOWS: Final[Mapping[What, Callable[[Wish], Show]]] = {
 
 
 def choose_port(wanted: int | None, default: int) -> int:
-    """Return the TCP port to use: the requested one, else the default, or any free port if the default is in use."""
+    """Return the TCP port to use: the requested one, else the default, or any free port if the default is in use.
+
+    The requested port is not checked.
+    """
     from mocapella.errors import BusError
     from mocapella.live.launch import check_port_free, free_port
 

@@ -49,7 +49,11 @@ def depth_options(
     """Return the depth camera's options on the command line.
 
     Args:
-        rig: FILE or FILE:CAMERA, for the intrinsics.
+        intrinsics: value of ``--intrinsics``, read by `parse_lens`; None if not given.
+        unit: value of ``--unit``, read by `parse_unit`; None if not given.
+        rig: FILE or FILE:CAMERA, for the intrinsics; the camera may be left out if there is only one.
+        fps: frame rate to request [Hz]; None if not given.
+        size_px: (width, height) to request; None if not given.
 
     Raises:
         SettingsError: an option cannot be read, or the intrinsics are given twice.
@@ -80,6 +84,12 @@ class TakeDepth:
         path: the take.
         sensor: name; None if only one sensor sends depth images.
         options: of the command line; they take precedence over the take's values.
+
+    Attributes:
+        name: ``TAKE:SENSOR``, for messages.
+        sensor: name of the sensor.
+        count: number of its frames.
+        state: image size, depth unit and lens, and the problems of the take.
 
     Raises:
         InputError: the take has no depth images, or none of that sensor; or the options declare disparities.
@@ -114,7 +124,7 @@ class TakeDepth:
         )
 
     def images(self) -> Iterator[RecordedDepth]:
-        """See `DepthRecording.images`.
+        """Yield the images by sequence number, as `DepthRecording.images`; a frame of another type has no depth.
 
         Raises:
             InputError: the image size, unit or lens changes within the take.

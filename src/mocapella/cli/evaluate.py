@@ -271,7 +271,7 @@ def _names(text: str) -> list[str]:
 
 
 def show_simulation(result: dict[str, Any], out: Console) -> None:
-    """Print the scores as tables."""
+    """Print the result of `mocapella.evaluation.simulation.evaluate` as tables."""
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  mean of seeds {', '.join(map(str, result['seeds']))}", highlight=False)
         for columns in (_JOINTS, _WHO_AND_WHERE):
@@ -298,7 +298,10 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
 
 
 def failures(result: dict[str, Any]) -> list[str]:
-    """Return each row that fails, with the reason."""
+    """Return a line for each row of the tables that cannot be compared, with the reason; empty if all can.
+
+    ``result`` is that of `mocapella.evaluation.kinectmultitrack.evaluate`.
+    """
     return [
         f"{method}: {task} {placement} fails: {row['problem']}"
         for method, scored in result["methods"].items()
@@ -309,7 +312,7 @@ def failures(result: dict[str, Any]) -> list[str]:
 
 
 def show(result: dict[str, Any], out: Console) -> None:
-    """Print the scores as tables."""
+    """Print the result of `mocapella.evaluation.kinectmultitrack.evaluate` as tables."""
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  {scored['scored']}", highlight=False)
         out.print(_tasks(scored["tasks"]))
@@ -400,7 +403,7 @@ def charuco(
 
 
 def show_charuco(result: dict[str, Any], out: Console) -> None:
-    """Print the scores as a table."""
+    """Print the result of `mocapella.evaluation.charuco.evaluate` as a table."""
     table = Table(title="even frames, corner by corner", title_justify="left", box=SIMPLE_HEAD, padding=0)
     rows = {
         "points": "corners",

@@ -104,7 +104,7 @@ _FREE = ("four\ncameras", "one\ncamera", "all")
 
 
 def show_runs(rows: Any, out: Console) -> None:
-    """Print the results as tables."""
+    """Print the rows of `mocapella.evaluation.silhouette_experiments.run` as tables."""
     for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
@@ -113,7 +113,7 @@ def show_runs(rows: Any, out: Console) -> None:
 
 
 def show_one_camera(rows: Any, out: Console) -> None:
-    """Print the results with one camera as tables."""
+    """Print the rows of `mocapella.evaluation.silhouette_one_camera.run_one_camera` as tables."""
     _table([(row.run, _off(row)) for row in rows], _OFF, out)
     out.print("depth, across: error of the landmarks along the camera's axis and across it, and", highlight=False)
     out.print("its jitter, m/s²; away: frames in which the body is not where the person is", highlight=False)

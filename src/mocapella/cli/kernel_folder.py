@@ -23,7 +23,7 @@ def kernel_folder_finding() -> Finding:
 
 
 def folder_finding(folder: Path) -> Finding:
-    """Return the finding about a folder: a problem if another user can put files there."""
+    """Return the finding about a folder: a problem if another user can put files there or into a folder above it."""
     open_ = next((one for one in (folder, *folder.parents) if _others_write(one, above=one != folder)), None)
     if open_ is None:
         return Finding(_WHAT, "ok", f"{folder}; only you can write there")

@@ -51,7 +51,7 @@ class MarkerKeys(CameraKeys, NodeKeys):
     report: Annotated[float, REPORT] = 10.0
     timing: Annotated[
         int | None,
-        KeySpec("Time the stages and measure the markers' jitter over this many frames, then stop.", least=2),
+        KeySpec("Time the stages and measure the markers' jitter over this many frames, then stop.", "frames", least=2),
     ] = None
 
 

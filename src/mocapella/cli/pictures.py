@@ -41,10 +41,10 @@ Profile = Annotated[
     ),
 ]
 FOURCC: Final = KeySpec("Pixel format to request from the camera.", "CODE, such as MJPG")
-_CONTROL: Final = "in the driver's units; by default the profile's."
-EXPOSURE: Final = KeySpec(f"Exposure {_CONTROL}")
-GAIN: Final = KeySpec(f"Gain {_CONTROL}")
-WHITE_BALANCE: Final = KeySpec(f"White balance {_CONTROL}")
+_DRIVERS: Final = "driver's unit"
+EXPOSURE: Final = KeySpec("Exposure; by default the profile's.", _DRIVERS)
+GAIN: Final = KeySpec("Gain; by default the profile's.", _DRIVERS)
+WHITE_BALANCE: Final = KeySpec("White balance; by default the profile's.", _DRIVERS)
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class CameraKeys:
     exposure: Annotated[float | None, EXPOSURE] = None
     gain: Annotated[float | None, GAIN] = None
     white_balance: Annotated[float | None, WHITE_BALANCE] = None
-    saturation: Annotated[float | None, KeySpec(f"Saturation {_CONTROL}")] = None
-    contrast: Annotated[float | None, KeySpec(f"Contrast {_CONTROL}")] = None
+    saturation: Annotated[float | None, KeySpec("Saturation; by default the profile's.", _DRIVERS)] = None
+    contrast: Annotated[float | None, KeySpec("Contrast; by default the profile's.", _DRIVERS)] = None
 
     @property
     def controls(self) -> CameraControls:
@@ -75,6 +75,13 @@ def wishes(
 ) -> CameraWishes:
     """Return the requested size, rate and controls of a camera: from the options, else from the profile.
 
+    Args:
+        size: such as ``640x480``; None if not given.
+        fps: frame rate [Hz]; None if not given.
+        fourcc: four-character code of the image format; None if not given.
+        given: `CameraControls` with the values of the options; None where an option is not given.
+        profile: learnt colours, whose controls and image size were in use; None if there are none.
+
     Raises:
         SettingsError: an invalid value.
     """
@@ -91,6 +98,8 @@ def wishes(
 
 def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
     """Check, before the first image, that the images have the size at which the colours were learnt.
+
+    An unknown size, or no learnt colours, is accepted. ``profile`` and ``source`` are named in the error.
 
     Raises:
         InputError: they have another size.

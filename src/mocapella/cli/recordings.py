@@ -47,7 +47,14 @@ LONGEST_BETWEEN_NS = 60_000_000_000
 
 @dataclass(frozen=True)
 class Replayed:
-    """Result of a replay: counts, the final tracker state, the recording's duration [s], and further notes."""
+    """Result of a replay.
+
+    Attributes:
+        summary: counts.
+        last: final state of the tracker.
+        seconds: duration of the recording [s].
+        notes: further fields for ``--json``.
+    """
 
     summary: RunSummary
     last: TrackerState
@@ -75,7 +82,11 @@ class Recording(Protocol):
         """Descriptors needed for tracking that are not installed, each with its package."""
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """Yield one sensor's frames with their due times; time 0 is that of the file's first frame."""
+        """Return one sensor's frames with their due times; time 0 is that of the file's first frame.
+
+        Raises:
+            SettingsError: there is no sensor of this name.
+        """
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
         """Track the whole recording, as fast as possible; call ``on_scene`` with each scene."""
@@ -199,7 +210,17 @@ def open_to_track(
 
 
 class RecordedLog:
-    """A KinectMultiTrack study log (2015), as two sensors with separate clocks."""
+    """A KinectMultiTrack study log (2015), as two sensors with separate clocks.
+
+    Args:
+        file: the study log.
+        placement: placement of the sensors; None for the log's own.
+        method: name of the tracking method.
+        method_settings: settings of the method.
+
+    Raises:
+        InputError, SettingsError: as in `open_recording`.
+    """
 
     missing: Final[list[str]] = []
 
@@ -210,11 +231,15 @@ class RecordedLog:
         self.setup = Setup(method=method, sensors_expected=len(self.sensors))
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """See `Recording`."""
+        """Return one sensor's frames with their due times; time 0 is that of the file's first frame.
+
+        Raises:
+            SettingsError: the log has no sensor of this name.
+        """
         return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """See `Recording`."""
+        """Track the whole log, as fast as possible; call ``on_scene`` with each scene."""
         session = Session(self.setup, self.method_settings)
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
@@ -229,9 +254,8 @@ class RecordedLog:
 def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
     """Return the due times of frames for a replay at the recorded speed, on the clock of their storage [ns].
 
-    A frame is due at its storage time. Frames that the server missed at first were fetched later, many at once; they
-    are
-    due as long before the next frame as they were captured before it.
+    A frame is due at its storage time. Frames that the server missed at first were fetched later, many at once; their
+    interval to the next frame is that of the captures.
 
     Args:
         times: node id, storage time [ns] and capture time [ns] of each frame, in the order of capture.
@@ -249,7 +273,14 @@ def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
 
 
 class RecordedTake:
-    """A take. Its replay repeats all runs with their commands, and compares the scenes with the recorded ones."""
+    """A take. Its replay repeats all runs with their commands, and compares the scenes with the recorded ones.
+
+    Args:
+        file: the take.
+
+    Raises:
+        InputError, SchemaVersionError: as in `read_take`.
+    """
 
     def __init__(self, file: Path) -> None:
         self._take = read_take(file)
@@ -260,11 +291,17 @@ class RecordedTake:
 
     @property
     def missing(self) -> list[str]:
-        """See `Recording`."""
+        """Methods, frame types and part types of the take that are not installed, each with its package."""
         return missing_of(self._take)
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """See `Recording`; frames are due at their storage times, or at `due_times`."""
+        """Return one sensor's frames at their `due_times`; time 0 is that of the take's first frame.
+
+        Frames of a node that was started again continue on the first node's clock.
+
+        Raises:
+            SettingsError: the take has no sensor of this name.
+        """
         if sensor not in self.sensors:
             raise SettingsError(f"{self._take.path} has no sensor {sensor!r}; it has {one_of(sensor, self.sensors)}")
         due = {name: self._due_times(name) for name in self.sensors}
@@ -302,7 +339,10 @@ class RecordedTake:
             yield event if isinstance(event, Command) else Arrival(self._resolved(event.frame), event.at_ns)
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """See `Recording`."""
+        """Track all runs again, as fast as possible, and count the scenes that differ from the recorded ones.
+
+        ``on_scene`` is called with each scene; ``differing_scenes`` among the notes is the count.
+        """
         recorded = (encode_scene(scene) for _, scene in self._take.scenes())
         differing = 0
 

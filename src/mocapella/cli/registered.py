@@ -23,7 +23,7 @@ class RegisteredVerbs(TyperGroup):
         raise NotImplementedError
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """See `TyperGroup`."""
+        """Return the names of all commands, the table's last."""
         return [*super().list_commands(ctx), *self.table()]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -34,7 +34,9 @@ class RegisteredVerbs(TyperGroup):
         return TyperCommand(cmd_name, help=descriptor.summary, rich_markup_mode=self.rich_markup_mode)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """See `TyperGroup`.
+        """Return the name and the command of a command line, imported from the table if it is registered there.
+
+        An unknown name ends the program with a usage error.
 
         Raises:
             PluginError: the command is registered but cannot be used.
@@ -64,7 +66,7 @@ class NodeVerbs(RegisteredVerbs):
     """The commands of ``mocapella node``."""
 
     def table(self) -> Any:
-        """See `RegisteredVerbs`."""
+        """The table of sources."""
         from mocapella.sources.source import SOURCES
 
         return SOURCES
@@ -84,7 +86,7 @@ class ExportVerbs(RegisteredVerbs):
     verb_class = _ExportVerb
 
     def table(self) -> Any:
-        """See `RegisteredVerbs`."""
+        """The table of exports."""
         from mocapella.exports.export import EXPORTS
 
         return EXPORTS

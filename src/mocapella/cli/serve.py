@@ -95,7 +95,10 @@ class ServeKeys:
 
 
 class LayoutKeeper:
-    """Saves a server's sensor layout, the estimated poses of the sensors, to the file ``path``."""
+    """Saves a server's sensor layout, the estimated poses of the sensors, to the file ``path``, which it replaces.
+
+    A file that cannot be written is reported to the user, and raises nothing.
+    """
 
     def __init__(self, server: Server, path: Path) -> None:
         self._server = server

@@ -37,7 +37,20 @@ RATE_OF: Final = 30
 
 @dataclass(frozen=True)
 class LiveWishes:
-    """Options of the command that differ between live cameras and videos."""
+    """Options of the command that differ between live cameras and videos.
+
+    Attributes:
+        sources: camera, URL or video by the camera's name.
+        as_live: whether videos are treated as live cameras.
+        hz: frame rate to request, or of the videos [Hz]; None for the sources' own.
+        other_size: ``crop`` or ``scale``, for images of another size than the calibration's; None refuses these.
+        fourcc: image format to request of live cameras; None for the camera's choice.
+        empty_room_s: live: time to learn the background [s]; None learns none.
+        seconds: live: duration of the run [s]; None for no limit.
+        frames: of videos: the frames to use; None for all.
+        background: ``[NAME=]PATH`` of images of the empty room.
+        late: live: ``NAME=MILLISECONDS`` of each camera with a latency.
+    """
 
     sources: Mapping[str, str]
     as_live: bool = False
@@ -133,7 +146,17 @@ def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRi
 
 
 def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float | None, *, view: bool) -> None:
-    """Let the tracker learn the empty room if requested, and print where people are searched afterwards."""
+    """Let the tracker learn the empty room if requested, and print where people are searched afterwards.
+
+    Args:
+        run: the run, before its first frame.
+        shown: the live cameras.
+        empty_room_s: time to learn the room [s]; None learns nothing.
+        view: whether the live view shows the outlines, as the printed line says.
+
+    Raises:
+        InputError: as in `learn_room`.
+    """
     from mocapella.sources.live_set import LiveSet
 
     assert isinstance(shown, LiveSet)  # of videos, who starts is there
@@ -184,6 +207,13 @@ def follow_live(
     tell: Sequence[Callable[[Step], None]],
 ) -> None:
     """Track frame by frame until ``stop`` is set, the time is over, or all sources have ended.
+
+    Args:
+        run: tracks and counts.
+        shown: the live cameras.
+        stop: ends the tracking.
+        seconds: duration [s]; None for no limit.
+        tell: functions that are called with each step.
 
     Raises:
         InputError: no camera sent an image, and the run was not stopped.

@@ -25,7 +25,12 @@ if TYPE_CHECKING:
 
 
 class AnglesAt(NamedTuple):
-    """Joint angles of a body at one time: time [s], and angles by joint name [rad]."""
+    """Joint angles of a body at one time.
+
+    Attributes:
+        time_s: capture time since the start of the run [s].
+        angles: joint angles by joint name [rad].
+    """
 
     time_s: float
     angles: Mapping[str, float]
@@ -38,11 +43,11 @@ class SilhouetteResult:
     Frames are written as they come, and are stored only if an option needs them.
 
     Args:
-        json, plot: values of the options.
+        json, plot: values of the options; if both are None, nothing is written.
         bodies: the tracked bodies by person's name.
-        shown: the images.
-        rig: its file.
-        steady: whether jitter is penalised.
+        shown: source of the images, described in the result.
+        rig: path of the rig's file, named in the result.
+        steady: whether jitter is penalised, as the result states.
 
     Raises:
         RecordingError: the file cannot be created.
@@ -102,7 +107,11 @@ class SilhouetteResult:
                 raise SettingsError(f"--json {self._json}: {error.strerror}; name another file") from error
 
     def draw(self, earlier: Mapping[str, FollowedBody] | None, beside: str) -> None:
-        """Write the plot if requested, with an earlier run for comparison.
+        """Write the plot if requested, with an earlier run for comparison; call it after `finish`.
+
+        Args:
+            earlier: bodies of the earlier run by person's name; None for none.
+            beside: label of the earlier run.
 
         Raises:
             SettingsError: it cannot be written there.
@@ -165,7 +174,14 @@ def draw_angles(
 ) -> None:
     """Plot each joint's angle [°] over time [s]: one colour for each person, an earlier run dashed.
 
-    For a single person, this run is blue, and the earlier one orange.
+    For a single person, this run is blue, and the earlier one orange. Without matplotlib, or without joints or frames,
+    a note is printed and nothing is written.
+
+    Args:
+        people: angles over time by person's name.
+        earlier: bodies of an earlier run by person's name; None for none.
+        path: file of the plot, .png or .svg.
+        beside: label of the earlier run.
 
     Raises:
         SettingsError: it cannot be written there.

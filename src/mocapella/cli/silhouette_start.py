@@ -33,7 +33,15 @@ LEAST_M, MOST_M = 0.5, 2.5
 
 @dataclass(frozen=True)
 class StartWishes:
-    """Options of the initialisation, each ``VALUE`` or ``PERSON=VALUE``."""
+    """Options of the initialisation, each ``VALUE`` or ``PERSON=VALUE``.
+
+    Attributes:
+        starts: files with named joints or an earlier result; ``FILE:NUMBER`` chooses a frame of a result.
+        points: files or folders with 2D keypoints, in place of ``starts``.
+        models: body models; the default is the file's, or ``male``.
+        heights: body heights [m].
+        order: OpenPose's pose model, for ``points``.
+    """
 
     starts: Sequence[str] = ()
     points: Sequence[str] = ()
@@ -78,6 +86,11 @@ class _Found:
 
 def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
     """Return the bodies and their poses in the first frame, by name; `ALONE` for a single body without a name.
+
+    Args:
+        wishes: options of the initialisation.
+        rig: the cameras, for the triangulation of keypoints.
+        frames: frames of the videos that are used; the first one chooses the frame of a file that has several.
 
     Raises:
         SettingsError, InputError, CalibrationError: the options define no initial pose, or an impossible one.
@@ -341,7 +354,7 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
 
 
 def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) -> None:
-    """Check that a camera sees each body at its initial pose.
+    """Check that a camera sees each body at its initial pose; ``words``, the given options, are quoted in the error.
 
     Raises:
         InputError: no camera sees a body there.
@@ -359,7 +372,14 @@ def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) ->
 
 
 def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: FrameSource, other_size: str | None) -> None:
-    """Learn the background from images of the empty room.
+    """Learn the background from images of the empty room, before the first frame.
+
+    Args:
+        run: the run, whose tracker learns.
+        texts: ``[NAME=]PATH`` of an image or a video for each camera; cameras may be missing.
+        rig: the cameras as calibrated.
+        shown: source of the run's images.
+        other_size: ``crop`` or ``scale``, for images of another size than the calibration's; None refuses these.
 
     Raises:
         InputError: an image cannot be read, or its size differs from the camera's.

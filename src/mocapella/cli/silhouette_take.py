@@ -30,7 +30,19 @@ if TYPE_CHECKING:
 
 
 class RecordedRun:
-    """A recorded run, whose tracker is created from the settings stored in the take."""
+    """A recorded run, whose tracker is created from the settings stored in the take.
+
+    Args:
+        path: of the new take.
+        settings: settings of the method ``silhouettes``, with rig and bodies.
+        shown: the videos; the take refers to them by path and checksum.
+
+    Attributes:
+        run: tracks the frames; each is written to the take.
+
+    Raises:
+        TakeExistsError, DiskFullError, RecordingError: the take cannot be written; nothing is created.
+    """
 
     def __init__(self, path: Path, settings: dict[str, Any], shown: VideoSet) -> None:
 
@@ -64,6 +76,14 @@ def recorded(
     *, steady: bool,
 ) -> RecordedRun:  # fmt: skip
     """Create a run over videos that is recorded as a take.
+
+    Args:
+        record: value of ``--record``.
+        found: bodies and their initial poses, by name.
+        shown: the videos.
+        wishes: options of the command; refused if they are of live cameras.
+        wanted: the frames to track.
+        steady: whether jitter is penalised.
 
     Raises:
         SettingsError: the sources are live cameras.

@@ -274,7 +274,10 @@ def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
 
 
 def open_view(run: SilhouetteRun, port: int | None, *, no_browser: bool) -> SilhouetteView:
-    """Serve the live view, print its address, and open it in the browser unless ``no_browser``."""
+    """Serve the live view, print its address, and open it in the browser unless ``no_browser``.
+
+    ``port`` None takes the default port, or a free one if that is in use. The caller closes the returned view.
+    """
     from mocapella.cli.demo import choose_port
     from mocapella.cli.live_session import say_url
     from mocapella.live.silhouette_view import SilhouetteView

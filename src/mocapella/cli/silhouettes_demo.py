@@ -44,6 +44,17 @@ def run_demo(
 ) -> None:
     """Render a scene, track it, show it, and print the errors against the ground truth.
 
+    Args:
+        scene: name of the scene; None for the demo's; ``help`` prints the names and exits.
+        seed: random seed of the scene, the corruption, and the error of the initial pose.
+        corrupt: key of `CORRUPTIONS`; None leaves the images as rendered.
+        seconds: duration, with the time that the view stays [s]; None for the whole scene, and until Ctrl-C.
+        steady: whether jitter is penalised.
+        view: whether the live view is served.
+        view_port: its TCP port; None for the default or a free one.
+        no_browser: whether the view is not opened in the browser.
+        json: target of the result, as of `write_json`.
+
     Raises:
         SettingsError: an unknown scene or corruption.
     """

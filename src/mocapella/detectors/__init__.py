@@ -44,7 +44,7 @@ def detectors_of(frame_type: str) -> dict[str, Detector]:
 
 
 def arm_detector(name: str) -> Detector:
-    """Return the detector of arms of that name.
+    """Return the descriptor of the arm detector of that name.
 
     Raises:
         SettingsError: there is none; names the detector's present name if it was renamed, or lists the known ones.
@@ -60,11 +60,14 @@ def arm_detector(name: str) -> Detector:
 def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None = None) -> WithGestures:
     """Make a detector of arms, with their gestures, for the depth images of one camera.
 
+    The nodes of depth cameras and the ``arm`` commands make their detectors by this function.
+
     Args:
         name: key of `arm_detectors`.
         camera: size and lens of the depth camera.
         settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
             `mocapella.kinematics.gestures.GestureSettings`; missing ones have their defaults.
+            The mapping is not changed.
 
     Raises:
         SettingsError: no such detector, an unknown setting, or one out of range; names valid ones.

@@ -68,16 +68,16 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             most: greatest number of candidates.
-            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm are returned.
+            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
             but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
 
         Returns:
-            Steps whose result is the list of candidates, the likeliest first.
+            Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.
         """
         return palm_candidates(depth, self.lens, self.settings, most, near, but)
 
     def region(self, depth: Float32, spheres: Float64) -> Region | None:
-        """Segment the arm around spheres along it; None outside the image or with too few points.
+        """Segment the arm around spheres along it; None outside the image or with fewer than `FEW_POINTS` points.
 
         Args:
             depth: (height, width) [m].
@@ -92,16 +92,16 @@ class ArmFinder:
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
-        """Fit arms at palm candidates, in steps; return the best fits, and the candidates that were tried.
+        """Fit arms at palm candidates, in steps; return the fits of `best`, and the candidates that were tried.
 
-        Candidates near two that were tried are skipped, and those on an arm with a good fit.
+        Candidates within 4 cm of two that were tried are skipped, and those on an arm with a good fit.
 
         Args:
             depth: (height, width) [m].
             candidates: the likeliest first.
             most: greatest number of candidates that are tried.
-            good: cost below which a fit is good, if its side is clear.
-            enough: number of good fits after which the search ends.
+            good: cost below which a fit is good, if its side is clear: if `sure` is above 0.75.
+            enough: number of candidates with a good fit after which the search ends.
         """
         found: list[Found] = []
         tried: list[PalmCandidate] = []
@@ -127,7 +127,7 @@ class ArmFinder:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def apart(self, found: list[Found]) -> list[Found]:
-        """Return the fits without those near a better one, of either side."""
+        """Return the fits without those near (see `near`) a better one of either side; sorted, the best first."""
         kept: list[Found] = []
         for one in sorted(found, key=lambda one: one.cost):
             if not any(self.near(other, one) for other in kept):
@@ -135,16 +135,18 @@ class ArmFinder:
         return kept
 
     def near(self, one: Found, other: Found) -> bool:
-        """Return whether two fits' palms are so near that they must be the same hand."""
+        """Return whether two fits' palms are within 10 cm, so near that they must be the same hand."""
         apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
         return float(np.linalg.norm(apart)) < _SAME_M
 
     def sure(self, one: Found, found: list[Found]) -> float:
         """Return the certainty of a hand's side, 0.5 to `SUREST`, by the cost of the best fit of the other side there.
 
+        It is `SUREST` if there is no fit of the other side near the hand.
+
         Args:
             one: the hand's fit.
-            found: fits of both sides.
+            found: fits of both sides; ``one``'s own side is ignored.
         """
         others = [other.cost for other in found if other.side != one.side and self.near(other, one)]
         if not others:
@@ -152,7 +154,7 @@ class ArmFinder:
         return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
 
     def overlap(self, one: Found, other: Found) -> bool:
-        """Return whether two fits share a forearm or hand."""
+        """Return whether two fits share a forearm or hand, so that only one of them can be an arm."""
         a, b = (self.models[found.side].spheres(found.fitted.pose) for found in (one, other))
         near = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2) < _OVERLAP_M
         # The hand and forearm of one fit may be the upper arm and elbow of the other.
@@ -166,11 +168,11 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """Sort fits, the best first, by how well each explains the points around all of them.
+        """Return fits sorted, the best first, by how well each explains the points around it and those it overlaps.
 
         Args:
             depth: (height, width) [m].
-            found: the fits.
+            found: the fits. A single one is returned unchanged; of several, fits without a `region` are left out.
         """
         if len(found) < 2:
             return found
@@ -201,7 +203,8 @@ class ArmFinder:
     def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
         """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, if its cost is small.
 
-        All initial poses get few iterations, the better ones get more.
+        The result has at most one fit of each side, right before left, of costs up to ``believe``; it may be empty. All
+        initial poses get few iterations, the better ones get more.
 
         Args:
             depth: (height, width) [m].
@@ -300,8 +303,8 @@ def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000
     Args:
         part: the region.
         model, pose: the arm near which points have a large weight.
-        most: largest number of points.
-        beyond: weight of points away from the arm.
+        most: largest number of points; the region's are evenly subsampled.
+        beyond: weight of points away from the arm, 0 to 1; near the arm it is 1.
     """
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return ArmEvidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)

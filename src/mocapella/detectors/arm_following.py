@@ -82,7 +82,17 @@ class _Search:
 
 
 class KinematicArmDetector:
-    """Detects arms, and tracks them from image to image."""
+    """Detects arms, and tracks them from image to image; a `mocapella.detectors.ArmDetector`.
+
+    Args:
+        camera: name, size and lens of the depth camera; its lens distortion is not used.
+        settings: limits; the defaults if not given.
+
+    Attributes:
+        camera, settings: as given.
+        models: an arm's model by side.
+        finder: detects arms without a prediction.
+    """
 
     name = "kinematic-arm"
 
@@ -97,7 +107,7 @@ class KinematicArmDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all images and arms."""
+        """Forget all images and arms; ids begin at 0 again."""
         self._arms: list[CameraArmTrack] = []
         self._refused: list[_Refused] = []
         self._frames = self._next_id = 0
@@ -108,9 +118,12 @@ class KinematicArmDetector:
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Detect the arms in the next image, and track known ones; see `mocapella.detectors.ArmDetector`.
 
+        Only arms that once fitted well are reported, with `SeenArms.reason` if there is none. A search for further arms
+        continues over several images.
+
         Args:
-            depth: (height, width) [m]; 0 where nothing was measured.
-            at_s: the image's capture time [s].
+            depth: (height, width) [m]; 0 where nothing was measured. What is kept of it is copied.
+            at_s: the image's capture time [s], which rises from image to image.
 
         Raises:
             SettingsError: the image has another size than the camera's.

@@ -46,11 +46,11 @@ class ArmGestures:
         return {number: hand.report for number, hand in self._hands.items()}
 
     def update(self, arms: tuple[SeenArm, ...], at_s: float) -> tuple[SeenArm, ...]:
-        """Return the arms of a frame with their gestures.
+        """Return the arms of a frame with their gestures: copies, or the arm itself if it has a gesture already.
 
         Args:
-            arms: each with an id.
-            at_s: capture time [s].
+            arms: each with an id, which is the same as in earlier frames; none if no arm is seen.
+            at_s: capture time [s]; call it for every frame, in order.
         """
         with_gestures = tuple(self._with_gesture(arm, at_s) for arm in arms)
         here = {arm.id for arm in arms}
@@ -83,6 +83,8 @@ class WithGestures:
 
     Attributes:
         name: the detector's name.
+        detector: as given.
+        gestures: recognises the gestures; counts them in its ``reports``.
         stages: function from a depth image (height, width) [m] to images of the detector's stages, by name in order; it
             does not change the detector's state. None if the detector has no stages.
     """

@@ -14,23 +14,31 @@ class KinematicArmSettings:
     """Parameters of detection and tracking. A cost is that of a fit, `Fitted.cost`.
 
     Attributes:
-        arms: largest number of arms that are tracked.
-        hand_length_m: length of the average hand [m].
-        believe: cost above which a new fit is rejected.
-        keep: cost above which the fit of a tracked arm is doubtful.
-        digits: number of digits tested in each image for a better posture; all are tested while an arm is in doubt.
-        gain: least expected reduction of the cost for fitting another posture.
-        doubt: cost above which an arm is in doubt.
-        better: share of the present pose's cost below which another pose replaces it.
+        arms: largest number of arms that are tracked [arms].
+        hand_length_m: length of the average hand, from the wrist to the tip of the middle finger; fitted sizes are near
+            it [m].
+        believe: cost above which a new fit is rejected; larger: more arms are found, also false ones [cost].
+        keep: cost above which the fit of a tracked arm is doubtful; larger: arms are lost more rarely, also false ones
+            [cost].
+        digits: number of digits tested in each image for a better posture; all are tested while an arm is in doubt;
+            larger: wrong postures are corrected sooner, at more work [digits].
+        gain: least expected reduction of the cost for fitting another posture; larger: less work, and more wrong
+            postures [cost].
+        doubt: cost above which an arm is in doubt; larger: less work, and more wrong postures [cost].
+        better: share of the present pose's cost below which another pose replaces it; larger: postures are replaced
+            more often [0 to 1].
         look_again_after: number of images in doubt before a hand is searched anew at its position; doubled each time
-            nothing better is found.
-        firm: cost below which a new arm is reported; after several images below it, no replacement is searched.
+            nothing better is found; larger: less work, later corrections [images].
+        firm: cost below which a new arm is reported; after several images below it, no replacement is searched; larger:
+            arms are reported sooner, also false ones [cost].
         refuse_for: number of images for which a place without an arm is not searched again; eight times as many while
-            an arm is tracked, and doubled each time.
-        lost_after: number of successive doubtful images (see ``keep``) after which an arm is lost.
+            an arm is tracked, and doubled each time; larger: less work, later arms [images].
+        lost_after: number of successive doubtful images (see ``keep``) after which an arm is lost; larger: arms are
+            lost more rarely, and false ones last longer [images].
         look_every: number of images between two searches for further arms where the foreground changed, while one is
-            tracked.
-        look_anyway_every: number of images between two searches of the whole image.
+            tracked; larger: less work, later arms [images].
+        look_anyway_every: number of images between two searches of the whole image, while an arm is tracked; larger:
+            less work, later arms [images].
         region, fit: settings of the segmentation and of the fit.
     """
 

@@ -18,13 +18,15 @@ Float64 = NDArray[np.float64]
 
 
 class CameraArmTrack:
-    """An arm that is tracked in one camera's images.
+    """An arm that is tracked in one camera's images; `KinematicArmDetector` updates its attributes.
+
+    The constructor takes side, model, fitted, at_s and wait.
 
     Attributes:
         side, model: side of the hand, and the arm's model.
         fitted: the newest fit.
-        at_s: capture time of the fitted image [s].
-        velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of the n free angles [rad/s].
+        at_s: capture time of the fitted image [s]; `move` does not change it.
+        velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of n free angles [rad/s]; at first 0.
         id: number of the arm; -1 until it is tracked.
         doubtful: number of successive images with a cost above the setting ``keep``.
         in_doubt: number of successive images with a doubtful posture.
@@ -33,7 +35,7 @@ class CameraArmTrack:
         wait: number of images in doubt before the hand is searched anew.
         sure: certainty of its side, 0.5 to 1.
         believed: whether it once fitted well, so that it is reported.
-        region: the part of the image that it was fitted to.
+        region: the part of the image that it was fitted to; None at first.
     """
 
     def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
@@ -45,12 +47,15 @@ class CameraArmTrack:
         self.region: Region | None = None
 
     def move(self, fitted: Fitted, dt: float) -> None:
-        """Update pose and velocity with the next image's fit, ``dt`` [s] after the last one."""
+        """Set the fit of the next image, ``dt`` [s] above 0 after the last one, and smooth the velocity with it."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
 
     def predicted(self, dt: float) -> ArmPose:
-        """Return the pose after ``dt`` [s] at constant velocity; digits move half as far."""
+        """Return a new pose, ``dt`` [s] later at constant velocity, within the joint limits; digits move half as far.
+
+        Motion after the first 0.1 s is not predicted.
+        """
         model, pose = self.model, self.fitted.pose.copied()
         step = self.velocity * min(dt, 0.1)
         step[6:] *= 0.5
@@ -66,7 +71,7 @@ class CameraArmTrack:
 
         Args:
             predicted: of `predicted`.
-            dt: time since the last fitted image [s].
+            dt: time since the last fitted image, above 0 [s].
             s: standard deviations and their growth.
         """
         model = self.model

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 class ArmDetector(Protocol):
-    """Detects arms in the depth images of one camera, one image after the other."""
+    """Interface of detectors of arms in the depth images of one camera, one image after the other.
+
+    Attributes:
+        name: the detector's name, as in its descriptor.
+    """
 
     name: str
 
@@ -23,8 +27,11 @@ class ArmDetector(Protocol):
         """Detect the arms in the next image.
 
         Args:
-            depth: (height, width) [m]; 0 where nothing was measured.
+            depth: (height, width) [m]; 0 where nothing was measured. The caller may reuse its memory afterwards.
             at_s: the image's capture time [s].
+
+        Returns:
+            The arms, or the reason why there is none.
 
         Raises:
             SettingsError: the image has another size than the camera's.

@@ -70,7 +70,10 @@ class ArmScores:
         self.lost = max(self.lost, other.lost)
 
     def table(self) -> dict[str, float]:
-        """Return the figures: errors [mm] and shares. A visible fingertip without a measurement counts as misnamed."""
+        """Return the figures: errors [mm] and shares, 0 to 1; NaN where nothing was counted.
+
+        A visible fingertip without a measurement, and each of an arm that was not detected, counts as misnamed.
+        """
 
         def of(values: list[float], q: float) -> float:
             return round(1e3 * float(np.percentile(values, q)), 2) if values else float("nan")
@@ -98,7 +101,12 @@ class ArmScores:
 
 
 def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
-    """Run a detector over a scene's simulated depth images, in the order of their times; score it by ground truth."""
+    """Run a detector over a scene's simulated depth images, and score it by ground truth.
+
+    Args:
+        detector: a new or reset detector; it keeps its memory of the scene afterwards.
+        shots: the images and their ground truth, in the order of their times; only arms that are `in_image` count.
+    """
     scores = ArmScores()
     runs: dict[int, int] = {}
     for shot in shots:
@@ -122,7 +130,7 @@ def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
 
 
 def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
-    """Return whether the palm is at least 15 pixels inside the image, and within the sensor's range."""
+    """Return whether a true arm is scored: its palm is at least 15 pixels inside the image, and more than 5 cm away."""
     x, y, z = truth.points[PALM]
     if z <= 0.05:
         return False
@@ -132,7 +140,7 @@ def in_image(truth: ArmTruth, shot: DepthShot) -> bool:
 
 
 def matched(truth: ArmTruth, seen: SeenArms) -> SeenArm | None:
-    """Return the detected arm with the nearest palm; None if none is within `MATCH_M`."""
+    """Return the detected arm whose palm is nearest to the true one; None if none is within `MATCH_M`."""
     near = [(float(np.linalg.norm(arm.points[PALM] - truth.points[PALM])), k) for k, arm in enumerate(seen.arms)]
     near = [pair for pair in near if pair[0] <= MATCH_M]
     return seen.arms[min(near)[1]] if near else None
@@ -172,8 +180,12 @@ def jitter(detector: ArmDetector, shots: Iterable[DepthShot], *, settle: int = 1
 
     Args:
         detector: the detector.
-        shots: simulated depth images of a still arm, in the order of their times.
+        shots: simulated depth images of one still arm, in the order of their times.
         settle: number of first frames that are not counted.
+
+    Returns:
+        Jitter by joint, from the frames with a detected arm; NaN for all joints if there are fewer than two, and for a
+        joint that is missing in one of them.
     """
     from mocapella.model.arms import ARM_JOINT_NAMES
 

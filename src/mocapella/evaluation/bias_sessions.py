@@ -50,7 +50,7 @@ class BiasSession(msgspec.Struct, frozen=True, eq=False):
 
 
 def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker]:
-    """Return a factory of trackers of the method `default`, with this bias instead of the shipped one.
+    """Return a factory of trackers of the method `default`, with the joint bias ``model`` instead of the shipped one.
 
     The factory's argument is the number of sensors; a ``model`` of None subtracts no bias.
     """
@@ -123,7 +123,12 @@ def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
 
 
 def learn(sessions: Sequence[BiasSession], folds: Sequence[set[int]]) -> JointBiasModel:
-    """Train a model on all sessions, with weights learnt without each fold of participants, for cross-validation."""
+    """Train a model on all sessions, with weights learnt without each fold of participants, for cross-validation.
+
+    Args:
+        sessions: training data.
+        folds: sets of participants' numbers, such as of `mocapella.evaluation.facing_sessions.split`.
+    """
     without = [
         LeftOut(tuple(sorted(fold)), train([s.views for s in sessions if s.participant not in fold], TOPOLOGY))
         for fold in folds
@@ -136,6 +141,11 @@ def left_out(
     sessions: Sequence[BiasSession], model: JointBiasModel, on_step: Callable[[str], None] = lambda text: None
 ) -> dict[str, Any]:
     """Score the method without a bias, and with a bias that was trained without the scored participant.
+
+    Args:
+        sessions: sessions to score.
+        model: model with the weights of `learn` for each fold.
+        on_step: called with the name of each session before it is scored.
 
     Returns:
         ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, and the fused skeleton's

@@ -50,7 +50,7 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
         T_reference_sensor: (arrivals + 1, sensors, 4, 4) from each sensor's camera space to the reference sensor's; NaN
             where unknown.
         time_offset_s: (arrivals + 1, sensors) clock offsets [s]; NaN if not estimated.
-        swapped: (arrivals + 1,) views with swapped labels.
+        swapped: (arrivals + 1,) views with swapped labels, each as sensor and tracking id.
         people: (arrivals,) people of each scene.
         at_ns: (arrivals,) capture times, on the common clock.
         joint_bias: the method's bias, which it declares before the first frame; None without one.
@@ -75,6 +75,8 @@ def run_causally(
     layout: Mapping[str, Float64],
 ) -> CausalRun:
     """Feed every frame to a new tracker; read its estimates before the first and after each.
+
+    The scoring of a frame can then use what the method knew before it.
 
     Args:
         make: creates a tracker for a number of sensors.

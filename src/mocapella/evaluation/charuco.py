@@ -25,7 +25,7 @@ TARGETS = {"distance_rms_mm": 1.2, "reprojection_median_px": 1.0}
 
 
 def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step: int = 1) -> dict[str, Any]:
-    """Calibrate on odd frames and score the even ones.
+    """Calibrate cameras on the odd frames of videos of a board, and score the calibration on the even ones.
 
     Args:
         folder: contains ``charuco.toml``; ``calibration/extrinsic/*.mp4``, one synchronised video per camera; and
@@ -35,6 +35,10 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
 
     Returns:
         JSON-like: ``calibration``; ``scored`` for this calibration and the reference; and the targets that are met.
+
+    Raises:
+        EvaluationError: the folder has fewer than two videos.
+        MocapellaError: a file cannot be read, or the calibration fails.
     """
     videos = sorted((folder / "calibration" / "extrinsic").glob("*.mp4"))
     if len(videos) < 2:

@@ -227,12 +227,15 @@ class FacingFigures(msgspec.Struct, frozen=True):
 def figures(
     sessions: Sequence[FacingSession], estimates: Sequence[Float64], references: Sequence[Float64]
 ) -> FacingFigures:
-    """Score facings.
+    """Score estimated facings over all frames of all sessions.
 
     Args:
         sessions: sessions of any participants.
-        estimates: facings (frames,) of each session [rad].
+        estimates: facings (frames,) of each session [rad]; a frame with NaN does not count as wrong.
         references: facings (frames,) of each session by `reference_facings` [rad].
+
+    Returns:
+        The figures; NaN where no frame is of the kind.
     """
     total = np.zeros((2, 6))  # rows: count and total; columns: in the order of `FacingFigures`
     for session, yaw, reference in zip(sessions, estimates, references, strict=True):

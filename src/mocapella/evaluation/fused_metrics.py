@@ -39,7 +39,10 @@ _HORIZONTAL = [0, 2]
 
 
 def facing_yaw(positions: Float64) -> Float64:
-    """Return the yaw (...,) of skeletons (..., joints, 3), from shoulders and hips [rad]; 0 = +z, π/2 = +x."""
+    """Return the yaw (...,) of skeletons (..., joints, 3), from shoulders and hips [rad]; 0 = +z, π/2 = +x.
+
+    The yaw is NaN if one of these four joints is.
+    """
     across = (positions[..., _LEFT, :] - positions[..., _RIGHT, :]).sum(axis=-2)
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 
@@ -47,14 +50,18 @@ def facing_yaw(positions: Float64) -> Float64:
 def bone_length_variation(positions: Float64) -> float:
     """Return the coefficient of variation over time of the bones' lengths, mean over the bones.
 
-    ``positions`` (frames, joints, 3) [m].
+    ``positions`` (frames, joints, 3) [m]. Frames without a bone do not count for that bone; the result is NaN if a
+    bone is never known.
     """
     lengths = np.linalg.norm(positions[:, _PARENTS] - positions[:, _CHILDREN], axis=-1)
     return float((np.nanstd(lengths, axis=0) / np.nanmean(lengths, axis=0)).mean())
 
 
 def jitter(positions: Float64) -> float:
-    """Return the root mean square second difference of joints ``positions`` (frames, joints, 3) over frames [m]."""
+    """Return the root mean square second difference of joints ``positions`` (frames, joints, 3) over frames [m].
+
+    The frames count as evenly spaced. Differences with a NaN are left out; the result is NaN without any other.
+    """
     second = positions[2:] - 2 * positions[1:-1] + positions[:-2]
     return float(np.sqrt(np.nanmean((second**2).sum(axis=-1))))
 
@@ -63,7 +70,7 @@ def foot_slide(positions: Float64, at_s: Float64) -> float:
     """Return the mean horizontal speed of the slower ankle, each over the last `SLIDE_OVER` seconds [m/s].
 
     Args:
-        positions: (frames, joints, 3), y up [m].
+        positions: (frames, joints, 3), y up [m]; frames with an ankle that is NaN are left out.
         at_s: (frames,) times, strictly rising [s].
     """
     now = at_s >= at_s[0] + SLIDE_OVER
@@ -79,7 +86,7 @@ def foot_slide(positions: Float64, at_s: Float64) -> float:
 def shoulder_collapse(positions: Float64) -> float:
     """Return the fraction of frames with shoulders closer than `COLLAPSED` times their median distance, 0 to 1.
 
-    ``positions`` (frames, joints, 3) [m].
+    ``positions`` (frames, joints, 3) [m]; a frame with a shoulder that is NaN counts as not collapsed.
     """
     width = np.linalg.norm(positions[:, _LEFT[0]] - positions[:, _RIGHT[0]], axis=-1)
     return float((width < COLLAPSED * np.nanmedian(width)).mean())
@@ -87,6 +94,8 @@ def shoulder_collapse(positions: Float64) -> float:
 
 def facing_against_motion(positions: Float64, at_s: Float64) -> float:
     """Return the fraction of the frames faster than `MOVING` with a facing more than 90° off the heading, 0 to 1.
+
+    The result is NaN if no frame is as fast.
 
     Args:
         positions: (frames, joints, 3), y up [m].
@@ -105,8 +114,8 @@ def facing_away(positions: Float64, towards: Float64) -> float:
     """Return the share of frames with a facing more than 90° away from a point.
 
     Args:
-        positions: (frames, joints, 3) [m].
-        towards: (3,) the point, in the same frame [m].
+        positions: (frames, joints, 3), y up [m]; a frame with an unknown facing counts as not away.
+        towards: (3,) the point, in the same coordinates [m].
     """
     yaw = facing_yaw(positions)
     sight = towards - positions[:, _ROOT]
@@ -124,7 +133,10 @@ def yaw_reversals(positions: Float64, at_s: Float64) -> int:
 
 
 def reversals(yaw: Float64, at_s: Float64) -> int:
-    """Count reversals, as `yaw_reversals`, of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s]."""
+    """Count reversals, as `yaw_reversals`, of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s].
+
+    A yaw that is NaN is no reversal.
+    """
     count, start = 0, 0
     for i in range(1, len(yaw)):
         while at_s[i] - at_s[start] > REVERSED_WITHIN:
@@ -137,7 +149,7 @@ def reversals(yaw: Float64, at_s: Float64) -> int:
 def label_flips(positions: Float64) -> int:
     """Count the frames in which a skeleton is nearer to the previous frame's if left and right are swapped.
 
-    ``positions`` (frames, joints, 3) [m].
+    ``positions`` (frames, joints, 3) [m]; a frame counts only if all joints of both are known.
     """
     before, now = positions[:-1], positions[1:]
     straight = np.linalg.norm(now - before, axis=-1).mean(axis=-1)
@@ -149,9 +161,12 @@ def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> f
     """Return the lag of a smoothed skeleton behind the raw one: the delay with the most similar joint velocities [s].
 
     Args:
-        positions, raw: (frames, joints, 3) at the same times [m].
-        at_s: (frames,) [s].
-        most: largest delay that is tried, in steps of 5 ms from 0 [s].
+        positions, raw: (frames, joints, 3) at the same times [m]; NaN is taken as 0.
+        at_s: (frames,) strictly rising [s].
+        most: delays below this are tried, in steps of 5 ms from 0 [s].
+
+    Returns:
+        The lag; NaN if the frames last less than about ``most`` + 0.2 s.
     """
     grid = np.arange(at_s[0] + most, at_s[-1], 1 / 60)
     if len(grid) <= _LAG_STEPS:
@@ -174,7 +189,7 @@ def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
 
 
 def rising(at_s: Float64, *values: Float64) -> Sequence[Float64]:
-    """Sort samples by time and drop repeated times.
+    """Sort samples by time, and keep the first of those with the same time.
 
     Args:
         at_s: (frames,) times [s].

@@ -53,7 +53,11 @@ class GestureScores:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Return the fractions of detected and confused frames by gesture, and of frames with correct ``grabbing``."""
+        """Return the figures: fractions, 0 to 1, and the median delay [ms]; NaN where nothing was counted.
+
+        ``NAME_right`` and ``right`` are the fractions of frames with the right gesture, of one and of all; ``none``
+        those without a reported gesture; ``never_told`` is the fraction of gestures that were never detected.
+        """
 
         def part(some: int, of_all: int) -> float:
             return round(some / of_all, 4) if of_all else float("nan")
@@ -78,7 +82,7 @@ def gesture_scores(detector: ArmDetector, shots: Iterable[DepthShot]) -> Gesture
     """Run a detector with gestures over a scene's simulated depth images; score it by ground truth.
 
     Args:
-        detector: from `mocapella.detectors.make_detector`, with gestures.
+        detector: from `mocapella.detectors.make_detector`, with gestures; new or reset.
         shots: the images and their ground truth, in the order of their times.
     """
     scores = GestureScores()

@@ -50,8 +50,12 @@ def evaluate(
         settings: fields of `HandsSettings`, by name.
         tell: called with the current step, in words.
 
+    Returns:
+        ``scenes``: figures by scene, then by seed (as text) and ``all``; their names contain the unit. Also ``seeds``,
+        and ``seconds``, the scored duration of a scene.
+
     Raises:
-        SettingsError: no such scene or setting.
+        SettingsError: no such scene or setting, or no seed.
     """
     known = [name for name in hand_scene_names() if name != "demo"]
     wanted = list(scenes) if scenes is not None else known
@@ -77,12 +81,18 @@ FrameRows = dict[str, Float64]
 
 
 def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> FrameRows:
-    """Track one simulated scene; return the errors as arrays (frames, ...), by name.
+    """Track one simulated scene; return the errors as arrays, by name.
 
     Args:
         name: name of the scene.
         seed: random seed of motion, light and noise.
         settings: fields of `HandsSettings`, by name.
+
+    Returns:
+        For each camera frame and marker, (frames, markers): ``wanted``, ``found`` and ``false`` (bool), and ``off_px``.
+        For each frame after `SETTLE_S`: ``marker_mm`` and ``depth_percent`` (frames, 5) of the triangulated fingertips;
+        ``landmark_mm`` (frames, 21), ``tip_off_m`` (frames, 5, 3) less its mean, ``angle_deg`` (frames, 21) and
+        ``measured`` (frames, 5) of the hand. NaN where there is no marker or hand.
     """
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}

@@ -42,7 +42,13 @@ class IdentityFrame(msgspec.Struct, frozen=True, eq=False):
 
 
 class Hota(msgspec.Struct, frozen=True):
-    """Means over `ALPHAS` of HOTA, of the detection accuracy, and of the association accuracy."""
+    """Means over `ALPHAS`, each from 0 to 1.
+
+    Attributes:
+        hota: HOTA.
+        detection: detection accuracy, DetA.
+        association: association accuracy, AssA.
+    """
 
     hota: float
     detection: float
@@ -100,6 +106,8 @@ def hota(frames: Sequence[IdentityFrame], alphas: Sequence[float] = ALPHAS) -> H
 def idf1(frames: Sequence[IdentityFrame], at_least: float = 0.5) -> float:
     """Compute IDF1: the largest F1 score over all assignments of found ids to true ids, for all frames at once.
 
+    The score is 1 if there are neither true nor found people.
+
     Args:
         frames: all frames of the sequence.
         at_least: smallest similarity of a match.
@@ -120,6 +128,10 @@ def identity_switches(frames: Sequence[IdentityFrame], at_least: float = 0.5) ->
 
     A person's last match is kept if it is similar enough; the other people are matched in the largest possible number,
     with the greatest sum of similarities.
+
+    Args:
+        frames: all frames of the sequence, in order.
+        at_least: smallest similarity of a match.
     """
     last: dict[int, int] = {}
     switches = 0

@@ -87,7 +87,11 @@ def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
 
 
 def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
-    """Pair a label with the people found then, by id; the similarity at a distance d is 1 − d / (2·`NEAR`)."""
+    """Return a label and the people found at its instant as a frame of the identity metrics.
+
+    The similarity is max(0, 1 − d / (2·`NEAR`)) for a horizontal distance d. ``found`` has the position (3,) of
+    SpineBase by id [m].
+    """
     true = np.array(list(label.place.values())).reshape(-1, 1, 2)
     places = np.array([place[_HORIZONTAL] for place in found.values()]).reshape(1, -1, 2)
     alike = np.maximum(0.0, 1 - np.linalg.norm(true - places, axis=-1) / (2 * NEAR))
@@ -95,7 +99,10 @@ def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
 
 
 def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
-    """Return the numbers of ``labels``, of labels without a person (``missed``), and of ``identity_switches``."""
+    """Return the numbers of ``labels``, of labels without a person nearby (``missed``), and of ``identity_switches``.
+
+    A person within `NEAR` is nearby. ``frames`` are results of `label_frame` for a file, in the order of time.
+    """
     labels = sum(len(frame.true_ids) for frame in frames)
     missed = sum(int((frame.similarity.max(axis=1, initial=0.0) < 0.5).sum()) for frame in frames)
     return {"labels": labels, "missed": missed, "identity_switches": identity_switches(frames)}

@@ -88,7 +88,7 @@ class Output(Protocol):
 
 
 class AsLogged:
-    """Output of the thesis' own method: the logged rows, unchanged."""
+    """Output of the thesis' own method, for one session: the logged rows, unchanged."""
 
     wander_m_per_min = 0.0
 
@@ -100,16 +100,21 @@ class AsLogged:
         return logged_views(self.session, pairs)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return the thesis' average skeletons at the pairs; see `Output`."""
+        """Return the thesis' average skeletons at the pairs: the means of both logged rows.
+
+        Returns:
+            Times (pairs,) of the later row since the file's first frame [s], and skeletons (pairs, joints, 3) in the
+            reference sensor's camera space [m]; NaN where a joint is missing in a row.
+        """
         rows = self.session.log.positions[pairs.rows].astype(np.float64)
         return self.session.at_s[pairs.rows].max(axis=1), rows.mean(axis=1)
 
     def yaw(self) -> float:
-        """Return the yaw between the two sensors, from the two shoulder angles [rad]; see `Output`."""
+        """Return the yaw between front and side sensor, by the logged shoulder angles [rad]; NaN if unknown."""
         return _from_front(self.session, _logged_turn(self.session.log))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return people's positions at a time; see `Output`."""
+        """Return the position (3,) of SpineBase by Person_Id at a time since the first frame: `people_as_logged`."""
         return people_as_logged(self.session, at_s)
 
 
@@ -117,7 +122,12 @@ class OneSensor(AsLogged):
     """The front sensor's rows alone: a baseline for the fused skeleton."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return the fused skeletons at the pairs; see `Output`."""
+        """Return the front sensor's rows of the pairs, or else the reference sensor's.
+
+        Returns:
+            Times (rows,) since the file's first frame [s], and skeletons (rows, joints, 3) in the reference sensor's
+            camera space [m]; NaN where a joint is missing.
+        """
         sensors = self.session.replay.sensors
         front = sensors.index(FRONT) if FRONT in sensors else 0
         rows = pairs.rows[self.session.sensor[pairs.rows] == front]
@@ -125,7 +135,13 @@ class OneSensor(AsLogged):
 
 
 class AsRun:
-    """Output of a method that is run over all frames of a session, and over the frames of Walk alone."""
+    """Output of a method that is run over all frames of a session, and over the frames of Walk alone, if it has any.
+
+    Args:
+        session: the study log.
+        make: creates a tracker for a number of sensors; called for each run. A tracker that was trained on the studies
+            leaves out the session's participant.
+    """
 
     def __init__(self, session: StudySession, make: Callable[[int], ScoredTracker]) -> None:
         self.session = session
@@ -153,7 +169,11 @@ class AsRun:
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Return both views of each pair; see `Output`."""
+        """Return both views of each pair under a scoring, a key of `PROTOCOLS` or a task's name.
+
+        Labels are repaired as decided before the pair. ``walk-frozen`` and ``steps-second-half`` use the motions
+        as known before the first of these pairs; ``walk-cold`` uses the run over the frames of Walk alone.
+        """
         run, frames = self._run, self.session.frames
         if scoring == "walk-cold":
             assert self._cold is not None
@@ -164,7 +184,12 @@ class AsRun:
         return views_of(self.session, run, pairs, known_before(frames, pairs, frozen=frozen), labels)
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return the skeletons of the newest scene when both of a pair's frames have arrived; see `Output`."""
+        """Return the fused skeletons of the newest scene when both of a pair's frames have arrived.
+
+        Returns:
+            Times (pairs,) of the later frame since the file's first [s], and skeletons (pairs, joints, 3) in the
+            reference sensor's camera space [m]; NaN if the scene lacks the person.
+        """
         session, run = self.session, self._run
         after = session.frames.of_row[pairs.rows].max(axis=1)
         out = np.full((len(pairs), *session.raw.shape[1:]), np.nan)
@@ -176,7 +201,7 @@ class AsRun:
         return session.at_s[pairs.rows].max(axis=1), out
 
     def yaw(self) -> float:
-        """Return the yaw between the two sensors [rad]; see `Output`."""
+        """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
         walk = self.session.pairs.where(self.session.pairs.task == WALK)
         known = int(known_before(self.session.frames, walk, frozen=True)[0])
         T_reference_second = self._run.T_reference_sensor[known, 1]
@@ -184,7 +209,7 @@ class AsRun:
         return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return people's positions at a time; see `Output`."""
+        """Return the position (3,) of SpineBase by person's id at a time since the first frame: `people_of_run`."""
         return people_of_run(self._run, at_s)
 
 
@@ -205,7 +230,15 @@ def _from_front(session: StudySession, turn: float) -> float:
 
 
 class Tally:
-    """Collects the results of one method over all sessions so far."""
+    """Collects the results of one method over all sessions so far.
+
+    Attributes:
+        scored: scored pairs of each session, by scoring (a row of the tables) and placement.
+        fused: figures of the fused skeleton of each session with one person, by placement.
+        yaw_deg: yaw between the sensors of these sessions, by placement [deg].
+        interactions: figures of sessions with two people, by file name.
+        distances: (pairs, joints) Δd of these sessions [m].
+    """
 
     def __init__(self) -> None:
         self.scored: dict[tuple[str, str], list[Scored]] = defaultdict(list)
@@ -215,7 +248,7 @@ class Tally:
         self.distances: list[Float64] = []
 
     def add(self, session: StudySession, output: Output) -> None:
-        """Score one session."""
+        """Score one session, with the method's output for it, and keep the figures."""
         for scoring, pairs in scorings(session.pairs):
             views = output.views(scoring, pairs)
             scored = Scored(
@@ -300,7 +333,10 @@ def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
 
 
 def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
-    """Return all metrics of `mocapella.evaluation.fused_metrics` for one session, in the units of the names."""
+    """Return all metrics of `mocapella.evaluation.fused_metrics` for one session, in the units of the names.
+
+    Metrics of a task with too few fused skeletons are left out.
+    """
     figures: dict[str, float] = {}
     walk = session.pairs.where(session.pairs.task == WALK)
     at_s, skeleton = _known_frames(*output.fused(walk))

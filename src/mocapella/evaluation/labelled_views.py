@@ -68,7 +68,10 @@ def signed_alpha(alpha: Float64, toward: Float64) -> Float64:
 
 
 def mirrored_better(one: Float64, other: Float64) -> float:
-    """Return the share of frames in which swapping left and right brings two views (frames, joints, 3) nearer."""
+    """Return the share of frames in which swapping left and right brings two views (frames, joints, 3) nearer.
+
+    A frame with a joint that is NaN counts as not nearer.
+    """
     straight, crossed = (np.linalg.norm(one - p, axis=-1).mean(axis=-1) for p in (other, other[:, MIRROR]))
     return float((crossed < straight).mean())
 
@@ -98,7 +101,7 @@ def labelled_views(session: StudySession) -> LabelledViews | None:
 
 
 def shoulder_yaw(positions: Float64) -> Float64:
-    """Return the yaw (…) of the shoulder line of skeletons (…, joints, 3) [rad]."""
+    """Return the yaw (…) of the shoulder line of skeletons (…, joints, 3) [rad]; 0 = facing +z, π/2 = +x."""
     across = positions[..., JOINT["ShoulderLeft"], :] - positions[..., JOINT["ShoulderRight"], :]
     return np.asarray(np.arctan2(-across[..., 2], across[..., 0]))
 

@@ -30,6 +30,11 @@ def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
 def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
     """Return a factory of a method's tracker, with optional settings, for a number of sensors.
 
+    One tracker is made and discarded, to check the method.
+
+    Args:
+        text: as for `method_with_settings`.
+
     Raises:
         SettingsError: no such method or setting, or its tracker lacks what scoring needs.
     """

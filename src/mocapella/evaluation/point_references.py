@@ -61,7 +61,10 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
 
 
 def agreement(ours: Float64, reference: Float64) -> Agreement:
-    """Compare points (..., 3) with a reference (..., 3) in the same frame [m]; missing points are NaN."""
+    """Compare points (..., 3) with a reference (..., 3) in the same frame [m]; missing points are NaN.
+
+    At least one point must be in both.
+    """
     there = np.isfinite(reference).all(axis=-1)
     distances = 1000.0 * np.linalg.norm(ours - reference, axis=-1)[there]
     both = distances[np.isfinite(distances)]
@@ -70,7 +73,11 @@ def agreement(ours: Float64, reference: Float64) -> Agreement:
 
 
 def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, BoneLengthVariation]:
-    """Compare hands and body of ``mediapipe_holistic_4cam`` with Caliscope's.
+    """Compare hands and body of ``mediapipe_holistic_4cam`` with Caliscope's; also the steadiness of the hands' bones.
+
+    Args:
+        folder: folder of that sample recording.
+        settings: settings of the triangulation.
 
     Raises:
         InputError: a file is missing or has another format.
@@ -91,8 +98,8 @@ def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
     """Compute the variation of bone lengths, as in `BoneLengthVariation`.
 
     Args:
-        points: (frames, points, 3) [m].
-        numbers: (points,) Caliscope's numbers of the points.
+        points: (frames, points, 3) [m]; frames without a bone do not count for that bone.
+        numbers: (points,) Caliscope's numbers of the points; all landmarks of both hands are among them.
     """
     places = {int(number): p for p, number in enumerate(numbers)}
     found = []
@@ -104,7 +111,13 @@ def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
 
 
 def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
-    """Read points (frames, points, 3) from Caliscope's CSV [m], in the order of ``space``; NaN if missing."""
+    """Read points (frames, points, 3) from Caliscope's CSV [m], in the order of ``space``; NaN if missing.
+
+    Points that ``space`` lacks are left out.
+
+    Raises:
+        InputError: the file is no such CSV, or has a frame that ``space`` lacks.
+    """
     frames, points = ({value: i for i, value in enumerate(values)} for values in (space.frames.tolist(), space.points))
     result = np.full(space.positions.shape, np.nan)
     try:
@@ -120,6 +133,10 @@ def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
 def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> Agreement:
     """Compare all points of ``pose2sim_single_person`` with Pose2Sim's raw TRC.
 
+    Args:
+        folder: folder of that sample recording.
+        settings: settings of the triangulation.
+
     Raises:
         InputError: a file is missing or has another format.
     """
@@ -132,7 +149,7 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
 
 
 def trc_points(path: Path) -> tuple[list[str], Float64]:
-    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit.
+    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit; NaN for empty cells.
 
     Raises:
         InputError: it cannot be read, or is no TRC.

@@ -48,10 +48,10 @@ class ScoredTracker(Protocol):
         """The joint bias, None without one; the scoring reads it once, before the first frame."""
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Start from sensor poses (4, 4), by sensor, known before the first frame; a method may ignore them."""
+        """Start from poses T_world_sensor (4, 4), known before the first frame; a method may ignore them."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene; see `mocapella.tracker.protocol.Tracker`."""
+        """Process one frame, in the order of arrival, and return the scene (`mocapella.tracker.protocol.Tracker`)."""
 
     def sensor_views(self) -> SensorViews:
         """Return the present estimates of the sensors' poses, clock offsets and label swaps."""
@@ -70,7 +70,7 @@ class LearntFromStudies(Protocol):
 
 
 def check_rigid(T: Float64, what: str) -> Float64:
-    """Check a rigid motion and return a copy.
+    """Check a rigid motion and return a float64 copy.
 
     Args:
         T: (4, 4) the motion.

@@ -47,7 +47,7 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def logged_views(session: StudySession, pairs: Pairs) -> ScoredViews:
-    """Return the logged rows: the output of the thesis' own method."""
+    """Return the logged rows: the output of the thesis' own method; raw and repaired labels are one array."""
     rows = session.log.positions[pairs.rows].astype(np.float64)
     return ScoredViews(rows, rows)
 
@@ -169,7 +169,13 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
 
 
 def asked_about(session: StudySession, pairs: Pairs, seen: SeenViews) -> Asked:
-    """Compute the arguments of the joint bias from the fused person: the mean of both views, with corrected labels."""
+    """Compute the arguments of the joint bias from the fused person: the mean of both views, with corrected labels.
+
+    Args:
+        session: the recorded session.
+        pairs: the pairs to score.
+        seen: views and estimates of these pairs, by `seen_views`.
+    """
     views = rigid.apply(seen.T, seen.joints)
     views = np.where(seen.swapped[..., None, None], views[:, :, TOPOLOGY.mirror], views)
     fused = views.mean(axis=1)

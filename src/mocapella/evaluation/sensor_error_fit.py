@@ -132,7 +132,11 @@ def fit_correlation(views: Sequence[LabelledViews], rests: Sequence[Float64], sd
 
 
 def autocovariance(rests: Sequence[Float64]) -> Float64:
-    """Return the autocovariance (lags,) of sequences (frames, joints, 3) at the lags `LAGS` [m²]."""
+    """Return the autocovariance (lags,) of a coordinate at the lags `LAGS` [m²].
+
+    ``rests`` are sequences (frames, joints, 3) [m]. Their mean is not subtracted, and larger values are clipped to
+    `LARGEST`. The autocovariance of a lag that no sequence covers is 0.
+    """
     total, count = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     for rest in rests:
         clipped = np.clip(rest, -LARGEST, LARGEST)
@@ -157,7 +161,7 @@ def fit_shares(rests: Sequence[Float64]) -> Float64:
 def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
     """Return the variance (knots,) of each spline in Stationary, relative to the total variance in Walk.
 
-    Arguments as in `fit_correlation`.
+    ``views``, ``rests`` and ``sd`` are as in `fit_correlation`.
     """
     still, expected = [], []
     for view, rest in zip(views, rests, strict=True):

@@ -149,6 +149,10 @@ def run(
         bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
 
+    Returns:
+        A row for each run; and for each scene the runs of the first seed, with the first body and the last of the
+        experiment's corruptions, for `plot_movements`.
+
     Raises:
         SettingsError: no such experiment or body, or no seed.
     """
@@ -175,10 +179,10 @@ def run(
 
 
 def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
-    """Check that there is something to track, and that the bodies exist.
+    """Check that there is something to track, and that the bodies are keys of `BODIES`.
 
     Raises:
-        SettingsError: no scene or seed, or an unknown body.
+        SettingsError: no seed or no body, or an unknown body.
     """
     for body in bodies:
         if body not in BODIES:
@@ -187,7 +191,7 @@ def check_run(seeds: Sequence[int], bodies: Sequence[str]) -> None:
 
 
 def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
-    """Return the corruption with its random seed derived from the scene's."""
+    """Return a copy of the corruption with the scene's random seed; None if there is no corruption."""
     return None if corruption is None else replace(corruption, seed=seed)
 
 
@@ -221,6 +225,11 @@ def followed(
 
 def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: Path) -> None:
     """Plot joint angles and the feet's acceleration over time, with the penalty and without, beside a corrupted image.
+
+    Args:
+        shown: the scenes of `run`, one or more.
+        hinges: names of the hinge joints to plot.
+        path: file of the plot, .png or .svg.
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
@@ -308,7 +317,7 @@ def _colour(weight: float) -> str:
 
 
 def wide_figure(path: Path, size: tuple[float, float]) -> Any:
-    """Create a matplotlib figure of that size [inch].
+    """Create a matplotlib figure of that size, width and height [inch]; ``path`` is only named in the error.
 
     Raises:
         SettingsError: matplotlib is not installed.
@@ -324,7 +333,7 @@ def wide_figure(path: Path, size: tuple[float, float]) -> Any:
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Write a figure.
+    """Write a matplotlib figure to a file, whose suffix determines the format.
 
     Raises:
         SettingsError: it cannot be written there.

@@ -105,6 +105,9 @@ def run_one_camera(
         bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
 
+    Returns:
+        A row for each run; and for each scene the runs of the first seed with the first body, for `plot_one_camera`.
+
     Raises:
         SettingsError: no seed, or no such body.
     """
@@ -136,7 +139,10 @@ def run_one_camera(
 
 
 def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
-    """Return the landmarks' errors (frames, landmarks, 3) in the first camera's frame: x, y, and along its axis [m]."""
+    """Return the landmarks' errors (frames, landmarks, 3) in the first camera's frame: x, y, and along its axis [m].
+
+    An error is the estimated minus the true position, of each landmark that both bodies have.
+    """
     (placed, *_) = rig.cameras.values()
     names = [name for name in true.landmarks if name in found.landmarks]
     at = [
@@ -182,7 +188,10 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
 
 
 def median_freedoms(true: Movement, rig: CameraRig, settings: SilhouetteSettings) -> Float64:
-    """Return the `freedoms` (dofs,): the median over `ASKED` frames of a movement."""
+    """Return the `freedoms` (dofs,): the median over `ASKED` frames of a movement.
+
+    ``true`` is the true movement; ``rig`` and ``settings`` are as in `freedoms`.
+    """
     frames = np.unique(np.linspace(0, len(true) - 1, ASKED).round().astype(int))
     poses = [TreePose(true.poses.T_world_model[k], true.poses.angles[k]) for k in frames]
     return np.asarray(np.median([freedoms(true.mesh, pose, rig, settings, true.fps) for pose in poses], axis=0))

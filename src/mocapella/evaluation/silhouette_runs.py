@@ -54,7 +54,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         scene: the simulated scene, without corruption.
-        images: for each frame, the image (height, width, 3) of each camera.
+        images: for each frame, the image (height, width, 3) uint8 BGR of each camera.
         truth: the true motion in these frames.
     """
 
@@ -63,7 +63,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
     truth: Movement
 
     def shown(self, frame: int, corruption: Corruption | None = None) -> Mapping[str, UInt8]:
-        """Return the images of a frame by camera, with the corruption applied."""
+        """Return the images of a frame by camera, with the corruption applied; without one, the film's own arrays."""
         images = self.images[frame]
         if corruption is None:
             return images
@@ -87,7 +87,11 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
 
 
 def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
-    """Render a scene, or its first ``seconds`` [s], with its ground truth."""
+    """Render a scene, or its first ``seconds`` [s], with its ground truth.
+
+    Raises:
+        SettingsError: the scene has a corruption, or the duration is below three frames.
+    """
     check(scene.corruption is None, "corruption of a scene", scene.corruption, "None; it is given with each run")
     frames, fps = len(scene), 1.0 / float(scene.times_s[1] - scene.times_s[0])
     if seconds is not None:
@@ -105,7 +109,7 @@ def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Flo
 
 
 def own_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """Return the subject's own mesh, as an ideal scan would."""
+    """Return the subject's own mesh, as an ideal scan would; the joints are not used."""
     return scene.mesh
 
 
@@ -119,7 +123,13 @@ BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"ow
 
 
 def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
-    """Return the settings with the penalty on jitter multiplied by ``weight``; 0 for none."""
+    """Return the settings, or else the defaults, with the penalty on jitter multiplied by ``weight``; 0 for none.
+
+    The result is a copy.
+
+    Raises:
+        SettingsError: the weight is negative or infinite.
+    """
     check(0 <= weight < np.inf, "weight", weight, "0 or more")
     settings = settings or SilhouetteSettings()
     usual = settings.steadiness or Steadiness()
@@ -196,7 +206,7 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
     """Return the intersection over union (frames, cameras) of the posed mesh and the true mask, in some frames.
 
-    Frames 0, ``every``, 2 · ``every``, … are compared.
+    Frames 0, ``every``, 2 · ``every``, … are compared. A camera that sees neither has 1, one that sees one of them 0.
     """
     body, out = figure(movement.mesh), []
     for k in range(0, len(movement), every):

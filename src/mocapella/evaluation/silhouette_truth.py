@@ -62,7 +62,7 @@ class TruthMeter:
         Args:
             pose: estimated pose.
             landmarks: (n, 3) estimated landmarks in the world [m].
-            outlines: outlines of the posed mesh, by camera.
+            outlines: outlines of the posed mesh, by camera; the overlap counts cameras of both mappings only.
             truth: true pose, true landmarks (n, 3) [m], and true masks (height, width) by camera.
         """
         true_pose, true_landmarks, masks = truth
@@ -90,7 +90,9 @@ class TruthMeter:
 
 
 def rough_start(pose: TreePose, limits: Float64, seed: int, off: Sequence[float] = (0.03, 0.08)) -> TreePose:
-    """Return a pose with normally distributed errors, to simulate a pose that was set by hand.
+    """Return a copy of a pose with normally distributed errors, to simulate a pose that was set by hand.
+
+    The orientation of the root is unchanged.
 
     Args:
         pose: the true pose.

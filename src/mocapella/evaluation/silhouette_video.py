@@ -74,7 +74,7 @@ def filmed_rig(folder: Path) -> CameraRig:
 
 
 def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
-    """Yield the images (height, width, 3) uint8 BGR of all ``cameras``, by name, instant by instant."""
+    """Yield the images (height, width, 3) uint8 BGR of all ``cameras``, by name, until the shortest video ends."""
     videos = [pictures(folder / "videos" / f"{name}.mp4") for name in cameras]
     for shown in zip(*videos, strict=False):
         yield {name: image for name, (_, image) in zip(cameras, shown, strict=True)}
@@ -93,13 +93,13 @@ def score_video(
     outlines: Path,
     draw: Callable[[list[Float64], list[Float64]], UInt8],
 ) -> VideoScore:
-    """Score a run from the first frame on.
+    """Score the tracked body of this recording, from its first frame on.
 
     Args:
         folder: folder of the recording.
         body: the tracked body's mesh.
         followed: the tracker's result for each frame, from the first.
-        outlines: file of outlines drawn by hand.
+        outlines: TOML file of outlines drawn by hand.
         draw: function that renders polygons and holes, (n, 2) each [px], as a mask of 1920 × 1088 pixels.
     """
     names = list(body.mesh.landmarks)

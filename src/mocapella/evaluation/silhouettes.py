@@ -57,8 +57,11 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     Attributes:
         mesh: the body's mesh.
-        poses: poses with one batch axis (frames,).
+        poses: poses with one batch axis (frames,); at least one frame.
         fps: constant frame rate [Hz].
+
+    Raises:
+        SettingsError: the poses have another shape, or the frame rate is not above 0.
     """
 
     mesh: RiggedMesh
@@ -90,7 +93,7 @@ class Movement(msgspec.Struct, frozen=True, eq=False, dict=True):
         }
 
     def first(self, frames: int) -> Movement:
-        """Return the movement's first ``frames`` frames."""
+        """Return the movement's first ``frames`` frames, or all if there are fewer; the arrays are views."""
         return Movement(self.mesh, TreePose(self.poses.T_world_model[:frames], self.poses.angles[:frames]), self.fps)
 
     def flexion_deg(self, joint: str) -> Float64:
@@ -155,7 +158,11 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 def joint_errors_deg(found: Movement, true: Movement) -> dict[str, Float64]:
-    """Return the angle (frames,) between the estimated and the true rotation, by joint [°]."""
+    """Return the angle (frames,) between the estimated and the true rotation, by joint that both bodies have [°].
+
+    Raises:
+        EvaluationError: the numbers of frames or the frame rates differ.
+    """
     _same(found, true)
     out = {}
     for joint, R in true.rotations.items():
@@ -169,7 +176,7 @@ def score(found: Movement, true: Movement) -> MovementScore:
     """Compute the errors of an estimated movement against the true one, with the same number of frames.
 
     Raises:
-        EvaluationError: the numbers differ, or are below three.
+        EvaluationError: the numbers or the frame rates differ, or there are fewer than three frames.
     """
     errors = joint_errors_deg(found, true)
     if len(found) < 3:
@@ -196,6 +203,9 @@ def outcome(found: Movement, true: Movement, through_mm: float = THROUGH_MM) -> 
     Args:
         found, true: estimated and true movement.
         through_mm: largest allowed penetration depth of limbs in excess of the ground truth's [mm].
+
+    Raises:
+        EvaluationError: the numbers of frames or the frame rates differ.
     """
     every = np.array(list(joint_errors_deg(found, true).values()))
     mean, late = float(every.mean()), float(every[:, -LATE_FRAMES:].mean())
@@ -220,6 +230,8 @@ def rms_acceleration(places: Float64, fps: float) -> float:
 def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> float:
     """Return the lag of a curve (frames,) behind the true one: the delay of the best match [frames], interpolated.
 
+    The lag is negative if the curve leads. Delays up to ``longest`` frames, or a third of the curve, are tried.
+
     Raises:
         EvaluationError: there are too few frames, or the true curve does not move.
     """
@@ -239,12 +251,21 @@ def lag_frames(found: Float64, true: Float64, longest: int = LONGEST_LAG) -> flo
 
 
 def peak_kept(found: Float64, true: Float64) -> float:
-    """Return the ratio of the peaks of a curve (frames,) and the true one, each above the true curve's minimum."""
+    """Return the ratio of the peaks of a curve (frames,) and the true one, each above the true curve's minimum.
+
+    A smoothing that flattens peaks gives less than 1. The true curve must not be constant.
+    """
     return float((found.max() - true.min()) / np.ptp(true))
 
 
 def legs_swapped(found: Movement, true: Movement) -> Bools:
-    """Return for each frame (frames,) whether a leg's knee and ankle are nearer to the other leg's true positions."""
+    """Return for each frame (frames,) whether a leg's knee and ankle are nearer to the other leg's true positions.
+
+    Frames with true legs nearer to each other than `APART_M` are not swapped.
+
+    Raises:
+        EvaluationError: the numbers of frames or the frame rates differ.
+    """
     _same(found, true)
     names = ("knee", "ankle")
     ours, theirs = (
@@ -257,7 +278,11 @@ def legs_swapped(found: Movement, true: Movement) -> Bools:
 
 
 def through_itself_mm(found: Movement, true: Movement) -> Float64:
-    """Return the penetration depth (frames,) of limbs in excess of the ground truth's own overlaps [mm]."""
+    """Return the penetration depth (frames,) of limbs in excess of the ground truth's own overlaps [mm]; 0 without any.
+
+    Raises:
+        EvaluationError: the numbers of frames or the frame rates differ.
+    """
     _same(found, true)
     ours, theirs = (
         depths_m(capsules_of(movement.mesh), landmarks_at(movement.mesh, movement.poses)) for movement in (found, true)

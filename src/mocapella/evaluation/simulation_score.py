@@ -77,7 +77,16 @@ class _Mean:
 
 
 class Score:
-    """Collects errors with `update` after each frame; `figures` returns the score at the end."""
+    """Collects errors with `update` after each frame; `figures` returns the score at the end.
+
+    Args:
+        room: the simulated room; its first sensor is the main one.
+
+    Attributes:
+        sensors: names of the sensors.
+        main: name of the main sensor.
+        identity: true and found people, for the identity metrics.
+    """
 
     def __init__(self, room: Room) -> None:
         self.sensors = room.sensor_names
@@ -111,7 +120,7 @@ class Score:
         self._wrong_labels = _Mean()
 
     def update(self, item: SimulatedFrame, scene: Scene, offsets: Mapping[str, float]) -> None:
-        """Add a frame with its ground truth, and the method's scene.
+        """Add a frame with its ground truth, and the method's scene; call it for every frame, in the order of arrival.
 
         Args:
             item: the frame and its ground truth.

@@ -64,6 +64,9 @@ class StudyFrames(msgspec.Struct, frozen=True, eq=False):
 class StudySession:
     """One study log: one participant with one placement of the sensors.
 
+    Args:
+        log: the file as read; unchanged.
+
     Attributes:
         log: the file's rows, with `corrected_tasks`.
         replay: the sensors' frames, reconstructed from the log.
@@ -74,6 +77,9 @@ class StudySession:
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
         sensor: (rows,) index in ``replay.sensors``.
         at_s: (rows,) capture time of the row's frame, from the file's first frame [s].
+
+    Raises:
+        InputError: the file has several participants, or its frames cannot be reconstructed.
     """
 
     def __init__(self, log: StudyLog) -> None:

@@ -40,7 +40,12 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
 
 
 class Count(msgspec.Struct, frozen=True):
-    """Number of pairs with at least one joint in both views, and number of such joints over all pairs."""
+    """Amount of data that a row of the tables is computed from.
+
+    Attributes:
+        pairs: number of pairs with at least one joint in both views.
+        finite_joints: number of such joints over all pairs.
+    """
 
     pairs: int
     finite_joints: int
@@ -71,7 +76,7 @@ def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Fl
 
 
 def count(scored: Sequence[Scored]) -> Count:
-    """Count the pairs and joints to score."""
+    """Count the pairs and joints that both views have, over all of ``scored``."""
     finite = [np.isfinite(one.raw_labels[..., 3]) for one in scored]
     return Count(sum(int(joints.any(axis=-1).sum()) for joints in finite), sum(int(joints.sum()) for joints in finite))
 
@@ -80,7 +85,7 @@ def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
     """Return ``dx_cm``, ``dy_cm``, ``dz_cm``, ``dd_cm`` and ``torso_dd_cm`` of one task and placement.
 
     Each has ``mean`` (over participants, then over joints), ``std`` (over the joints, with N − 1 as in the thesis) and
-    ``worst_participant`` (largest mean over the joints).
+    ``worst_participant`` (largest mean over the joints) [cm]; NaN if a participant lacks a joint in all pairs.
     """
     _, means = joint_means(scored, repaired)
     return {
@@ -121,7 +126,13 @@ def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
 
 
 def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
-    """Return why a row cannot be compared with the others; empty if it can."""
+    """Return why a row cannot be compared with the others; empty if it can.
+
+    Args:
+        found: numbers of the scored pairs and joints.
+        as_logged: numbers of pairs and joints in the logged rows, which must be equal.
+        wander_m_per_min: wander of the estimated motions between the sensors, at most `MAX_WANDER` [m/min].
+    """
     if found != as_logged:
         return (
             f"{found.pairs} pairs and {found.finite_joints} joints, where the log has {as_logged.pairs} and "
@@ -133,7 +144,10 @@ def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
 
 
 def rounded(value: Any) -> Any:
-    """Round numbers to 4 decimals, and replace non-finite ones by None: JSON has no NaN."""
+    """Return a copy with numbers rounded to 4 decimals, and non-finite ones as None: JSON has no NaN.
+
+    Mappings, lists and tuples are copied with all they contain, tuples as lists; other values are returned unchanged.
+    """
     if isinstance(value, Mapping):
         return {key: rounded(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

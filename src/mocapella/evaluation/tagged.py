@@ -45,6 +45,10 @@ def evaluate_tag(
         scenes: names of scenes; only those in `SCENES` are scored.
         seeds: random seeds of the motion and the noise.
         tell: called with the current step, in words.
+
+    Returns:
+        ``mm_median``, ``mm_p95``, ``deg_median`` and ``deg_p95`` of the pose's errors, where a pose is known, and
+        ``tracked_percent`` and ``lost_percent``, the shares of frames with a tracked pose and without any.
     """
     found = {}
     for name in scenes:

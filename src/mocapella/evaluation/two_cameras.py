@@ -99,7 +99,10 @@ def beside(scene: DepthScene, angle_deg: float) -> DepthScene:
 
 
 def looks_of(detectors: tuple[ArmDetector, ArmDetector]) -> tuple[ArmFinding, ArmFinding]:
-    """Return a function for each of two cameras that detects the arms in a simulated depth image."""
+    """Return a function for each of two cameras that detects the arms in a simulated depth image.
+
+    The functions update the detectors, so images must be passed in the order of their times.
+    """
 
     def of(detector: ArmDetector) -> ArmFinding:
         return lambda shot: detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)

@@ -15,6 +15,7 @@ from mocapella.model.names import as_cell
 Float64 = NDArray[np.float64]
 
 STATES: Final = ("unknown", "inferred", "measured")
+"""Names of the values 0, 1 and 2 of `JointState` in the files."""
 COLUMNS: Final = (
     "recording", "file", "time_s", "arm", "handedness", "handedness_sure", "gesture", "gesture_sure", "grabbing",
     "joint", "state", "x_m", "y_m", "z_m", "x_px", "y_px", "sd_m", "reason",
@@ -30,12 +31,13 @@ def handedness(arm: SeenArm) -> str:
 def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_points: bool = False) -> dict[str, Any]:
     """Return the arms of one depth image as a JSON object with the keys ``file``, ``time_s``, ``arms`` and ``reason``.
 
-    An arm has its handedness, its gesture, and for each joint the state, the position in the camera frame [m], the
-    image position [px] and the standard deviation [m]; unknown values are None.
+    An arm has its handedness, its gesture (empty if none is recognised), and for each joint the state, the position in
+    the camera frame (x right, y down) [m], its projection x, y [px] and the standard deviation [m]; unknown values are
+    None.
 
     Args:
         file: the image's file.
-        at_s: time of the image [s].
+        at_s: time of the image, written as given [s].
         found: the detected arms; its reason says why there is none, or warns about the image.
         lens: (9,) intrinsics, as in `mocapella.geometry.lens`.
         all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
@@ -72,7 +74,9 @@ def _arm(arm: SeenArm, lens: Float64, points: Sequence[int]) -> dict[str, Any]:
 
 
 def table_rows(recording: str, row: dict[str, Any]) -> Iterator[list[Any]]:
-    """Yield the table rows of one image, in the order of `COLUMNS`; unknown values are empty.
+    """Yield the rows of one image for a CSV, as cells in the order of `COLUMNS`; unknown values are empty texts.
+
+    There is a row for each joint of each arm, or a single row with the reason if the image has no arm.
 
     Args:
         recording: name of the recording, for the first column.

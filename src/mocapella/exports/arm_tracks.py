@@ -23,13 +23,13 @@ COLUMNS: Final = (
 
 
 class ArmTracksReport(msgspec.Struct, frozen=True):
-    """Counts of an export.
+    """Counts of an export of arms.
 
     Attributes:
-        scenes: number of scenes read.
+        scenes: number of scenes read, including scenes that ``every`` leaves out.
         with_arms: number of written scenes with an arm.
-        rows: number of rows in the file.
-        arms: number of different arms, by their ids.
+        rows: number of rows in the file, without the header.
+        arms: number of different arm ids in the file.
     """
 
     scenes: int
@@ -43,12 +43,14 @@ def write_arm_tracks(
 ) -> ArmTracksReport:
     """Write a CSV with `COLUMNS`: joint positions in the world frame [m], and times since the first scene [s].
 
-    Unknown values are empty. The file appears complete or not at all.
+    Each joint of each arm has a row, also if its position is unknown; unknown values are empty. ``person`` is empty for
+    an unassigned arm, and ``cameras`` has names with spaces between. A scene without arms has no row. The file appears
+    complete or not at all.
 
     Args:
         scenes: scenes in their order.
         path: the CSV file; an existing one is replaced.
-        every: write each n-th scene.
+        every: write each n-th scene, from the first; at least 1.
         all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
 
     Raises:

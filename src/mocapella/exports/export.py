@@ -18,8 +18,8 @@ class Export:
         name: name of the subcommand of ``mocapella export``.
         summary: description of the output, in one line.
         parts: names of the types of scene parts that the file contains; None for all types.
-        command: ``module:function`` of the typer command, which has the take's path as its argument ``take``. The
-            module is imported when the subcommand runs.
+        command: ``module:function`` of the typer command that writes the file; its argument ``take`` is the take's
+            path. The module is imported when the subcommand runs.
     """
 
     interface: int
@@ -34,15 +34,22 @@ EXPORTS: Final = Table("mocapella.exports", Export, "export")
 
 
 def left_out(export: Export, parts: Mapping[str, int]) -> dict[str, int]:
-    """Return the number of scene parts that an export does not contain, by the name of their type.
+    """Return the parts of a take that an export will not write, so that the user can be told.
 
     Args:
         export: the export.
-        parts: number of parts in a take, by the name of their type.
+        parts: number of scene parts in the take, by the name of their type, such as people or arms.
+
+    Returns:
+        The entries of ``parts`` whose type the export does not contain; empty if it contains all types.
     """
     return {} if export.parts is None else {name: n for name, n in parts.items() if name not in export.parts}
 
 
 def exports_of(parts: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the exports that contain at least one of the scene part types, such as a method's types."""
+    """Return the names of the registered exports that contain at least one of the types of scene parts.
+
+    Args:
+        parts: names of part types, such as a method's types. Exports of all types are always returned.
+    """
     return tuple(each.name for each in EXPORTS.values() if each.parts is None or not set(parts).isdisjoint(each.parts))

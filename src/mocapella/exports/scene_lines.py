@@ -15,10 +15,10 @@ from mocapella.model.scene import Scene, UnknownPart
 
 
 class SceneLinesReport(msgspec.Struct, frozen=True):
-    """Counts of an export.
+    """Counts of an export of scenes.
 
     Attributes:
-        scenes: number of scenes read.
+        scenes: number of scenes read, including scenes that ``every`` leaves out.
         written: number of written lines, one for each written scene.
         parts: number of written scene parts by the name of their type.
         unread: number of written parts of types that no installed package reads, by type; only their size is written.
@@ -31,13 +31,13 @@ class SceneLinesReport(msgspec.Struct, frozen=True):
 
 
 def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, every: int = 1) -> SceneLinesReport:
-    """Write a line of JSON for each scene. The file appears complete or not at all.
+    """Write a line of JSON for each scene, as `scene_line` makes. The file appears complete or not at all.
 
     Args:
         scenes: (run, log_ns, scene) in their order: the run's number, the time at which the server stored the scene, on
             its monotonic clock, and the scene.
         path: the file; an existing one is replaced.
-        every: write each n-th scene.
+        every: write each n-th scene, from the first; at least 1.
 
     Raises:
         SettingsError: the file cannot be written.
@@ -64,7 +64,11 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
 
 
 def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
-    """Return a scene as JSON in one line, without the line break; of an `UnknownPart`, only type and size.
+    """Return a scene as one line of JSON in UTF-8, without the line break.
+
+    The object has the keys run, log_ns, step, at_ns, sensor, node_id, sequence, topology, state, sensors, and parts:
+    lists by type name. Arrays are lists; NaN and infinities are null. An `UnknownPart` has only its type and its size
+    in bytes.
 
     Args:
         run: number of the run that made the scene.

@@ -18,6 +18,7 @@ from mocapella.model.point_tracks import SpaceTracks
 Float64 = NDArray[np.float64]
 
 COLUMNS: Final = ("frame", "time_s", "point", "x_m", "y_m", "z_m", "sd_m", "views", "residual_px")
+"""Columns of the CSV; ``views`` and ``residual_px`` are explained at `SpaceTracks`."""
 UP: Final = {"y": (0, 1, 2), "z": (1, 2, 0), "-y": (0, 1, 2)}
 """Indices of the world axes that become X, Y and Z of a TRC, whose Y is up, by the world's upward axis."""
 
@@ -60,11 +61,13 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
 
 
 def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
-    """Return the text of a CSV with `COLUMNS`, with a row for each known point, positions in the world frame.
+    """Return the text of a CSV with `COLUMNS`, with a row for each known point, positions in the world frame [m].
+
+    Unknown times and standard deviations are empty.
 
     Args:
         tracks: the points.
-        hz: frame rate to compute times from; None for the times of the tracks [Hz].
+        hz: frame rate, above 0, to compute times from; None for the times of the tracks [Hz].
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -89,16 +92,19 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
 
 
 def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = None) -> str:
-    """Return the text of a TRC in metres with Y up; unknown points are empty.
+    """Return the text of a TRC, the marker file of OpenSim, in metres with Y up; unknown coordinates are empty.
+
+    The first frame's time is 0, and the frames keep their numbers. Without ``hz``, the header's rate is that of the
+    median interval between frames, or 1 Hz for a single frame.
 
     Args:
         tracks: the points.
         name: the file's name, for the header.
         up: the world's upward axis, a key of `UP`.
-        hz: frame rate to compute times from; None for the times of the tracks [Hz].
+        hz: frame rate, above 0, to compute times from; None for the times of the tracks [Hz].
 
     Raises:
-        InputError: the tracks have no times, and no rate is given.
+        InputError: there are no frames, or no rate is given and the time of a frame is unknown.
     """
     at_s = times(tracks, hz)
     if not np.isfinite(at_s).all() or len(at_s) < 1:
@@ -122,5 +128,8 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
 
 
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:
-    """Return the times (frames,) of the tracks [s]: frame number / ``hz``, or without a rate the tracks' own times."""
+    """Return the times (frames,) of the frames [s].
+
+    They are frame number / ``hz``; without a rate, they are the array ``tracks.at_s`` itself, with NaN where unknown.
+    """
     return tracks.frames / hz if hz is not None else tracks.at_s

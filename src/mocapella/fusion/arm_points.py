@@ -28,11 +28,13 @@ class ArmFusionSettings:
     """Parameters of the fusion.
 
     Attributes:
-        least_sd_m: lower bound of the standard deviation of a point's coordinate [m].
-        unsaid_sd_m: standard deviation of a coordinate for a view that gives none [m].
-        gate_m: two views agree about a point within this distance [m] …
-        gate_sds: … plus this many standard deviations of their difference.
-        far_m: upper bound of the whole distance within which they agree [m].
+        least_sd_m: lower bound of the standard deviation of a point's coordinate; larger: views count more equally [m].
+        unsaid_sd_m: standard deviation of a coordinate for a view that gives none; larger: such a view counts less [m].
+        gate_m: two views agree about a point within this distance plus ``gate_sds`` standard deviations of their
+            difference; larger: contradicting views are averaged instead of left out [m].
+        gate_sds: number of standard deviations of the difference of two views, added to ``gate_m``, within which they
+            agree [standard deviations].
+        far_m: upper bound of the whole distance within which two views agree, however uncertain they are [m].
     """
 
     least_sd_m: float = 0.003
@@ -47,14 +49,14 @@ class ArmFusionSettings:
 
 
 class FusedPoints(msgspec.Struct, frozen=True, eq=False):
-    """Fused points.
+    """Result of `fuse_points`.
 
     Attributes:
         points: (n, 3) in the views' common frame [m]; NaN where no view has the point.
-        states: (n,) the best `JointState` of the views.
-        sd: (n,) standard deviation of a coordinate [m]; NaN if unknown.
-        weights: (views, n) information of the inliers [1/m²], 0 for others.
-        disputed: (views, n) whether a measured point contradicts the other views.
+        states: (n,) the best `JointState` of the views that have the point; not tracked if none has it.
+        sd: (n,) standard deviation of a coordinate [m]; NaN where no view has the point.
+        weights: (views, n) information 1/sd² of the fused views [1/m²]; 0 for the others.
+        disputed: (views, n) whether a measured point was left out because it contradicts the fused views.
     """
 
     points: Float64
@@ -67,13 +69,16 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
 def fuse_points(
     points: Float64, states: UInt8, sd: Float64, expected: Float64, settings: ArmFusionSettings | None = None
 ) -> FusedPoints:
-    """Fuse several views of the same points at one time.
+    """Fuse several views of the same points at one time, each point separately.
 
     Args:
-        points: (views, n, 3), all in one frame [m]; NaN where not known.
-        states: (views, n) `JointState`.
+        points: (views, n, 3) of one view or more, all in one frame [m]; NaN where not known.
+        states: (views, n) `JointState`; a point that is not tracked is not used, an inferred one only if no view
+            measures the point.
         sd: (views, n) standard deviation of a coordinate [m]; NaN where a view gives none.
-        expected: (n, 3) predicted points [m], or NaN; decides between two contradicting views.
+        expected: (n, 3) predicted points [m], or NaN. If equally many views contradict each other, those about the view
+            nearest to it are used; if it is NaN, those about the view with the smallest standard deviation.
+        settings: gates and bounds; the defaults if None.
     """
     s = settings or ArmFusionSettings()
     known = (states > 0) & np.isfinite(points).all(axis=-1)
@@ -107,11 +112,15 @@ def fuse_points(
 
 
 def fuse_angles(angles: Float64, weights: Float64) -> Float64:
-    """Return the angles (21,) of `mocapella.model.hand.ANGLES`, weighted by each digit's points; NaN without a view.
+    """Return the weighted mean of the views' hand angles; a view's weight is that of its points of the digit.
 
     Args:
-        angles: (views, 21) [rad]; NaN where not known.
-        weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks.
+        angles: (views, 21) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
+        weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks. If no point of a
+            digit was used, its angles are plain means of the views.
+
+    Returns:
+        (21,) angles [rad]; NaN where no view knows the angle.
     """
     of_digit = weights[:, 1:21].reshape(len(weights), 5, 4).sum(axis=-1)
     w = np.zeros(angles.shape)
@@ -126,7 +135,8 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
 def fuse_poses(T: Float64, weights: Float64) -> Float64 | None:
     """Return the weighted mean (4, 4) of the views' palm poses ``T`` (views, 4, 4); None if no view has a pose.
 
-    A view's weight is the information of its wrist and knuckles in ``weights`` (views, n) of `FusedPoints`.
+    The poses are finite and in one frame. A view's weight is the information of its wrist and knuckles in ``weights``
+    (views, n) of `FusedPoints`; the mean is unweighted if no view has any.
 
     The rotation is the nearest one to the weighted mean of the matrices (the chordal mean: R. Hartley et al., "Rotation
     Averaging", International Journal of Computer Vision 103 (2013), section 5.3).

@@ -39,14 +39,17 @@ class FacingSettings:
     """Weights of the evidence, and thresholds of mirroring. Chosen by cross-validation over people.
 
     Attributes:
-        yaw_weight: weight of the log-likelihood of a view's yaw.
-        shape_weight: weight of the log-likelihood of the body's shape.
+        yaw_weight: weight of the log-likelihood of a view's yaw; larger: the facing follows the views faster, with more
+            false turns [0 to 1].
+        shape_weight: weight of the log-likelihood of the body's shape, which tells front from back; larger: a wrong
+            facing is corrected sooner, with more false turns [0 to 1].
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
-            misjudged.
-        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this
-            [deg].
+            misjudged [0 to 1].
+        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this;
+            larger: labels change more rarely [°].
         mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
-            the direction to the sensor [deg].
+            the direction to the sensor beyond which its labels are mirrored; larger: such labels are mirrored more
+            rarely [°].
     """
 
     yaw_weight: float = 0.1
@@ -63,7 +66,14 @@ class FacingSettings:
 
 
 class FacingArrays(NamedTuple):
-    """The arrays of a `FacingMemory`, for the kernels, with the same shapes and units."""
+    """The arrays of a `FacingMemory`, not copies, for the kernels, which change them in place.
+
+    Attributes:
+        p: (people, BINS) probability of each facing.
+        at_s: (people,) time of the probabilities [s].
+        told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor [s].
+        mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
+    """
 
     p: Float64
     at_s: Float64
@@ -93,7 +103,12 @@ class FacingTables(NamedTuple):
 
 
 class FacingWeights(NamedTuple):
-    """`FacingSettings` for the kernels; angles in radians."""
+    """`FacingSettings` for the kernels.
+
+    Attributes:
+        yaw, shape, motion: weights of the log-likelihoods.
+        hysteresis, mirrors_from: thresholds of mirroring [rad].
+    """
 
     yaw: float
     shape: float
@@ -126,7 +141,7 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """A change of the label correction of one sensor's view of a person.
+    """A change of the label correction of one sensor's view of a person (``person`` is an id, ``sensor`` a name).
 
     From the capture time ``at_s`` on [s], the left and right labels are swapped if ``mirrored``, else used unchanged.
     """
@@ -144,7 +159,7 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
         yaw: (people,) world, 0 along +z, π/2 along +x [rad].
         sd: (people,) circular standard deviation [rad].
         mirrored: (people,) whether this view's left and right must be swapped.
-        reported: (people,) the yaw that this view's repaired labels imply [rad]; NaN without shoulders and hips.
+        reported: (people,) the yaw that this view's repaired labels imply, world [rad]; NaN without shoulders and hips.
         repairs: changes of ``mirrored`` in this frame.
     """
 
@@ -168,6 +183,11 @@ class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
 class FacingFilter:
     """Histogram filter of the facings of all people; call `update` with each sensor's frame.
 
+    Args:
+        topology: names and order of the joints.
+        settings: weights and thresholds; the defaults if None.
+        model: learnt model; `shipped_model` if None. Shapes learnt on other joints are ignored.
+
     Attributes:
         memory: its whole state. It is updated in place: keep a deep copy, and assign one to restore it.
     """
@@ -175,13 +195,7 @@ class FacingFilter:
     def __init__(
         self, topology: Topology, settings: FacingSettings | None = None, model: FacingModel | None = None
     ) -> None:
-        """Create a filter without people.
-
-        Args:
-            topology: of the joints.
-            settings: the settings.
-            model: learnt model; the shipped one if not given. Shapes learnt on other joints are ignored.
-        """
+        """Create a filter without people; the class describes the arguments."""
         self.settings = settings or FacingSettings()
         self.topology = topology
         self.model = model or shipped_model()
@@ -206,13 +220,15 @@ class FacingFilter:
         at_s: float,
         velocities: Float64,
     ) -> Facings:
-        """Process a sensor's frame.
+        """Update the facings of the people in a sensor's frame; unknown people begin with all facings equally likely.
+
+        A body whose yaw or direction to the sensor is unknown is no evidence: its person's facing is only predicted.
 
         Args:
             sensor: name of the sensor.
             people: (bodies,) id of each body's person; each person at most once.
             positions: (bodies, joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
-            toward_sensor: (bodies,) yaw from the person to the sensor [rad]; NaN where unknown.
+            toward_sensor: (bodies,) yaw from the person to the sensor, world [rad]; NaN where unknown.
             at_s: capture time on the common clock [s]; for a person it never decreases: an earlier one counts as the
                 person's last one.
             velocities: (bodies, 3) world [m/s]; NaN where unknown.
@@ -243,9 +259,9 @@ class FacingFilter:
         return Facings(out[0], out[1], mirrored, out[2], repairs)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
-        """Predict the facings of people at the time ``at_s`` on the common clock [s].
+        """Predict the facings of people at the time ``at_s`` on the common clock [s], without changing the state.
 
-        For a time before a person's last frame, this is the last estimate.
+        For a time before a person's last frame, the prediction is the last estimate.
         """
         memory, out = self.memory, np.empty((2, len(people)))
         slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
@@ -253,7 +269,7 @@ class FacingFilter:
         return PredictedFacings(out[0], out[1])
 
     def forget(self, kept: Collection[int]) -> None:
-        """Forget all people except those in ``kept``."""
+        """Forget all people except those in ``kept``; unknown ids in it are ignored."""
         memory = self.memory
         if memory.people.keys() <= set(kept):
             return
@@ -261,7 +277,11 @@ class FacingFilter:
         self._keep_rows(rows)
 
     def join(self, stays: int, gone: int) -> None:
-        """Merge two tracks of one person under the id ``stays``; the id ``gone`` is forgotten."""
+        """Merge two tracks of one person under the id ``stays``; the id ``gone`` is forgotten.
+
+        The probabilities of both are multiplied, as independent evidence. If only ``gone`` is known, it is renamed; if
+        ``gone`` is unknown, nothing changes.
+        """
         memory = self.memory
         other = memory.people.get(gone)
         if other is None or stays == gone:
@@ -280,7 +300,7 @@ class FacingFilter:
         self._keep_rows({person: row for person, row in memory.people.items() if person != gone})
 
     def rotate(self, angle: float) -> None:
-        """Change to a world frame in which all yaws are larger by ``angle`` [rad]."""
+        """Change to a world frame where all yaws are larger by ``angle`` [rad]; later arguments must be in it."""
         self.memory.zero = float(wrap(self.memory.zero + angle))
 
     def _keep_rows(self, rows: dict[int, int]) -> None:

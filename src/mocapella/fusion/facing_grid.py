@@ -42,6 +42,7 @@ def _turn_rates() -> Float64:
 
 
 TURN_RATES: Final = _turn_rates()
+"""(BINS // 2 + 1,) see `_turn_rates`."""
 
 
 def unknown() -> Float64:
@@ -74,7 +75,10 @@ def turned(values: Float64, by: Any) -> Float64:
 
     Args:
         values: (..., BINS), one for each bin.
-        by: (...,) angle [rad]; between two bins, values are interpolated linearly.
+        by: (...,) angle, finite [rad]; between two bins, values are interpolated linearly.
+
+    Returns:
+        (..., BINS), a new array of the broadcast shape.
     """
     places = np.asarray(by, dtype=np.float64) / BIN
     whole = np.floor(places)
@@ -104,7 +108,8 @@ def most_likely(p: Float64) -> Float64:
 def circular_sd(p: Float64) -> Float64:
     """Return the circular standard deviation (...,) of probabilities p (..., BINS) [rad].
 
-    It is √(−2 ln R), R the length of the mean unit vector; unbounded for the uniform distribution.
+    It is √(−2 ln R), R the length of the mean unit vector; at most 7.4, for the uniform distribution. ``p`` need not be
+    normalised.
 
     Source:
         Mardia and Jupp, *Directional Statistics* (2000), section 2.3.1.

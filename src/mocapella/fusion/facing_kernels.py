@@ -167,7 +167,9 @@ def reported_yaw(positions: Float64, across: Int64) -> float:
 
 @njit(cache=True)
 def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float]:
-    """Return the log-odds that a body faces the sensor, by its shape, and the visible fraction of its features.
+    """Return the log-odds that a body faces the sensor, by its shape, and the visible fraction of its features, 0 to 1.
+
+    Without a plausible distance of head and SpineBase the fraction is 0.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
@@ -206,7 +208,7 @@ def add_view(
     model: FacingTables,
     factors: FacingWeights,
 ) -> None:
-    """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place.
+    """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place; all angles are finite.
 
     See `mocapella.fusion.facing_training.evidence`.
 

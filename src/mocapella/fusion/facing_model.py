@@ -39,6 +39,7 @@ SPEEDS: Final = (0.4, 0.7, 1.0)
 """Lowest speed of each row of the motion table; below the first, motion is no evidence [m/s]."""
 
 MOST_SCORE: Final = 6.0
+"""Bound of a classifier score in the shape table; scores beyond it count as the bound."""
 _HALF: Final = BINS // 2 + 1
 _DECIMALS: Final = 3
 
@@ -47,8 +48,11 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     """Learnt likelihood tables for the direction a person faces.
 
     Attributes:
-        yaw, motion: tables of log-likelihoods, as in the module's description.
-        shape: table of log-likelihoods of the shape; None if shapes were not learnt.
+        yaw: (BINS, YAW_BINS) log-likelihoods of the folded yaw of a view's labels, for each angle of the facing from
+            the direction towards the sensor.
+        motion: (SPEEDS, BINS) log-likelihoods of the angle of the facing from the heading, at each speed of `SPEEDS`.
+        shape: (BINS, SHAPE_BINS) log-likelihoods of the score of the body's shape, by the same angle as ``yaw``; None
+            if shapes were not learnt.
         classifier: classifier of shapes; None if shapes were not learnt.
         topology: name of the topology that the shapes were learnt on; shapes of other topologies are ignored.
         trained_on: description of the training; empty for `untrained`.
@@ -64,7 +68,8 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     def yaw_evidence(self, seen: Float64) -> Float64:
         """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
 
-        ``seen`` (...,) is the folded yaw of `mocapella.fusion.facing_shape.View` [rad]; where it is NaN, they are 0.
+        ``seen`` (...,) is the yaw of a view's labels relative to that direction, folded into [−π/2, π/2) as in
+        `mocapella.fusion.facing_shape.View` [rad]; where it is NaN, they are 0.
         """
         known = np.isfinite(seen)
         place = np.where(known, seen, 0.0) / BIN + YAW_BINS / 2
@@ -73,7 +78,8 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     def shape_evidence(self, features: Float64) -> Float64 | None:
         """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
 
-        ``features`` (..., `FEATURES`): see `mocapella.fusion.facing_shape.View`. None if no shapes were learnt.
+        ``features`` (..., `FEATURES`) are the body's shape in `mocapella.fusion.facing_shape.View`; with missing ones
+        (NaN) the likelihoods are flatter. None if no shapes were learnt.
         """
         if self.classifier is None or self.shape is None:
             return None
@@ -93,7 +99,10 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def shape_place(score: Float64) -> Float64:
-    """Return the position of a classifier score in the bins of the shape table, as a fractional index."""
+    """Return the position (...,) of classifier scores (...,) in the bins of the shape table, as a fractional index.
+
+    Scores beyond ±`MOST_SCORE` are at the first or last bin.
+    """
     return np.asarray((np.clip(score, -MOST_SCORE, MOST_SCORE) / MOST_SCORE + 1) * (SHAPE_BINS - 1) / 2)
 
 
@@ -167,7 +176,11 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def to_json(model: FacingModel) -> str:
-    """Encode a trained model as the text of a file for `read_model`, with three decimals."""
+    """Encode a trained model as the JSON text of a file for `read_model`, with tables of three decimals.
+
+    Raises:
+        ValueError: the model has no shapes, as that of `untrained`.
+    """
     classifier, shape = model.classifier, model.shape
     if classifier is None or shape is None:
         raise ValueError("an untrained model is no file")
@@ -200,10 +213,10 @@ def to_json(model: FacingModel) -> str:
 
 
 def from_json(text: bytes | str, file: object) -> FacingModel:
-    """Decode a model from a file's text.
+    """Decode a model from the JSON text of `to_json`; ``file`` is the file's name for the error.
 
     Raises:
-        InputError: it is not such a file; names ``file``.
+        InputError: it is not such a file, or of another version; names ``file``.
     """
     fix = "make it with `mocapella lab train facing`"
     try:
@@ -241,6 +254,6 @@ def read_model(path: Path) -> FacingModel:
 
 @cache
 def shipped_model() -> FacingModel:
-    """Return the model that comes with this version, or `untrained` without its file."""
+    """Return the model that comes with this version, or `untrained` without its file. It is read once, and shared."""
     source = files("mocapella.fusion").joinpath("data", "facing.json")
     return from_json(source.read_bytes(), source) if source.is_file() else untrained()

@@ -57,11 +57,12 @@ class View(msgspec.Struct, frozen=True, eq=False):
 
 
 def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> View:
-    """Compute the observations of views.
+    """Compute the yaw of the labels and the features of the body's shape in views, the evidence of the facing.
 
     Args:
-        positions: (..., joints, 3), world [m]; NaN where not seen.
-        toward_sensor: (...,) yaw from the person to the sensor [rad].
+        positions: (..., joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
+        toward_sensor: (...,) yaw from the person to the sensor, world [rad]; NaN where unknown: then only ``reported``
+            is known.
         topology: of the joints; if it lacks a joint of `FEATURES`, all features are NaN.
     """
     reported = np.full(positions.shape[:-2], np.nan)
@@ -141,9 +142,10 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
 
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
-    """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and the known fraction (...,).
+    """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and their known fraction (...,).
 
-    ``mean`` and ``spread`` (`FEATURES`,) standardise the features.
+    ``mean`` and ``spread`` (`FEATURES`,) standardise the features, which are limited to ±`MOST_SPREADS`. The regressors
+    of a missing feature (NaN) are 0.
     """
     z = np.clip((features - mean) / spread, -MOST_SPREADS, MOST_SPREADS)
     missing = np.isnan(z)

@@ -96,11 +96,11 @@ class TrainingSettings:
 def evidence(
     view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
 ) -> Float64:
-    """Return log-likelihoods (..., BINS) over the person's yaw in the world, for each view.
+    """Return log-likelihoods (..., BINS) over the person's yaw in the world, for each view; 0 for missing observations.
 
     Args:
         view: observations with leading axes (...,).
-        toward_sensor: (...,) yaw from the person to the sensor [rad].
+        toward_sensor: (...,) yaw from the person to the sensor, world, finite [rad].
         model, settings: likelihood tables, and weights of the evidence.
         scale: (...,) weight of each view, 0 to 1: time since the sensor's last view in units of `STEP_S`, at most 1.
     """
@@ -112,7 +112,10 @@ def evidence(
 
 
 def believed(p: Float64, log_evidence: Float64) -> Float64:
-    """Return the posterior (..., BINS) of a prior p (..., BINS) and log-likelihoods (..., BINS), by Bayes' rule."""
+    """Return the posterior (..., BINS) of a prior p (..., BINS) and log-likelihoods (..., BINS), by Bayes' rule.
+
+    The prior may have any sum above 0; that of the posterior is 1.
+    """
     after = p * np.exp(log_evidence - log_evidence.max(axis=-1, keepdims=True))
     return np.asarray(after / after.sum(axis=-1, keepdims=True))
 
@@ -125,13 +128,17 @@ def posteriors(
     smooth: bool = False,
     known_within_deg: float | None = None,
 ) -> list[Float64]:
-    """Estimate the probabilities (frames, BINS) of the facing in each frame of each sequence.
+    """Estimate the probabilities of the facing in each frame of recorded sequences, all at once, in numpy.
 
     Args:
-        sequences: observations of any people.
+        sequences: observations of any people; at least one sequence.
         model, settings: as in `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
         smooth: whether to use later frames as well.
         known_within_deg: standard deviation of known facings [deg]; None does not use them.
+
+    Returns:
+        For each sequence (frames, BINS) probabilities of the facing, world, see `mocapella.fusion.facing_grid`; the sum
+        of each frame is 1.
     """
     frames, people = max(len(s.at_s) for s in sequences), len(sequences)
     steps = np.zeros((frames, people))
@@ -170,16 +177,18 @@ def train(
     settings: FacingSettings | None = None,
     training: TrainingSettings | None = None,
 ) -> FacingModel:
-    """Learn a model; the same sequences give the same model.
+    """Learn the likelihood tables of a `FacingModel`, for `mocapella lab train facing`.
+
+    The same sequences give the same model. Its ``trained_on`` is empty.
 
     Args:
         sequences: observations of some people; in some of them a part of the facings must be known.
         topology: name of the topology of the joints.
-        settings: weights with which the model will be used.
-        training: parameters of the training.
+        settings: weights with which the model will be used; the defaults if None.
+        training: parameters of the training; the defaults if None.
 
     Raises:
-        InputError: no facing is known, or no person is certainly seen from the front, or from behind.
+        InputError: no facing is known, or too few views are certainly of a front, or of a back.
     """
     settings, training = settings or FacingSettings(), training or TrainingSettings()
     if not any(np.isfinite(s.known_yaw).any() for s in sequences):

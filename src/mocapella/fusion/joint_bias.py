@@ -34,7 +34,9 @@ from mocapella.model.topology import Topology, topology
 Float64 = NDArray[np.float64]
 
 HARMONICS: Final = 3
+"""Number of harmonics of the facing."""
 FAR: Final = 1
+"""Number of harmonics, from the first, whose coefficients depend on the distance."""
 MIDDLE_M: Final = 2.5
 """Reference distance of the linear term [m]."""
 NEAREST_M, FARTHEST_M = 1.0, 4.5
@@ -42,7 +44,9 @@ NEAREST_M, FARTHEST_M = 1.0, 4.5
 FASTEST_M_S: Final = 1.5
 """Upper bound of the speed [m/s]."""
 TERMS: Final = 2 * (3 * HARMONICS + FAR)
+"""Number of regressors, see `terms`."""
 MIRRORED_AXES: Final = np.array([-1.0, 1.0, 1.0])
+"""Signs of the body's axes under reflection of left and right."""
 _OF_HARMONIC: Final = np.array([1.0, -1.0])
 PARITY: Final = np.concatenate([np.tile(_OF_HARMONIC, 2 * HARMONICS + FAR), np.tile(-_OF_HARMONIC, HARMONICS)])
 """(TERMS,) sign of each term under reflection."""
@@ -67,7 +71,11 @@ class BiasInputs(NamedTuple):
 
 
 def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Float64) -> Float64:
-    """Return the regressors (..., TERMS) of the joint bias.
+    """Return the regressors (..., TERMS) of the joint bias, which is their sum weighted by a model's ``weights``.
+
+    The cosine and sine of each harmonic are given alone; then times distance − `MIDDLE_M`, for the first `FAR`
+    harmonics; then times the velocity ahead; then times that to the left. Distance and speed are limited to the
+    constants of this module.
 
     Args:
         alpha: (...,) the facing from the direction towards the sensor [rad].
@@ -108,7 +116,7 @@ def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
 
 
 class LeftOut(msgspec.Struct, frozen=True, eq=False):
-    """Weights (TERMS, joints, 3) [m], as in `JointBiasModel`, learnt without these participants' recordings."""
+    """``weights`` (TERMS, joints, 3) [m], as in `JointBiasModel`, learnt without these participants' recordings."""
 
     participants: tuple[int, ...]
     weights: Float64
@@ -130,7 +138,16 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
     left_out: tuple[LeftOut, ...] = ()
 
     def __call__(self, sensor: str, facing: float, position: Float64, velocity: Float64) -> Float64:
-        """Return the correction of a view's joints (joints, 3); see `mocapella.evaluation.protocol.JointBias`."""
+        """Return the correction (joints, 3) to add to a view's joints, the negative bias, in ``position``'s space [m].
+
+        It implements `mocapella.evaluation.protocol.JointBias`. NaN in an argument gives NaN.
+
+        Args:
+            sensor: not used.
+            facing: the facing from the direction towards the sensor [rad].
+            position: (3,) of the person in the sensor's space, rotated to y up [m].
+            velocity: (3,) of the person in the same space [m/s].
+        """
         del sensor  # one model serves all sensors of a kind
         of_view, R = body_view(np.asarray(facing), np.asarray(position), np.asarray(velocity))
         return np.asarray(-np.tensordot(of_view, self.weights, axes=1) @ R.T)
@@ -141,7 +158,9 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
         return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
 
     def without(self, participant: int) -> JointBiasModel:
-        """Return the model learnt without a participant: this one if the participant was not in its training data.
+        """Return the model learnt without a participant, so that scores of the participant are fair.
+
+        It is this model itself if the participant was not in its training data.
 
         Raises:
             SettingsError: the participant was in the training data of all models.
@@ -186,7 +205,7 @@ def _stored(tree: Topology) -> list[int]:
 
 
 def to_json(model: JointBiasModel) -> str:
-    """Encode a model as the text of a file for `read_model`, to a tenth of a millimetre."""
+    """Encode a model as the JSON text of a file for `read_model`, to a tenth of a millimetre."""
     tree = topology(model.topology)
 
     def by_joint(weights: Float64, indent: str) -> str:
@@ -209,10 +228,10 @@ def to_json(model: JointBiasModel) -> str:
 
 
 def from_json(text: bytes | str, file: object) -> JointBiasModel:
-    """Decode a model from a file's text.
+    """Decode a model from the JSON text of `to_json`; ``file`` is the file's name for the error.
 
     Raises:
-        InputError: it is no model of joint bias; names ``file``.
+        InputError: it is no model of joint bias, or of another version; names ``file``.
     """
     fix = "make it with `mocapella lab train bias`"
     try:
@@ -266,6 +285,6 @@ def read_model(path: Path) -> JointBiasModel:
 
 @cache
 def shipped_model() -> JointBiasModel | None:
-    """Return the model that comes with this version; None without its file."""
+    """Return the model that comes with this version; None without its file. It is read once, and shared."""
     source = files("mocapella.fusion").joinpath("data", "joint_bias.json")
     return from_json(source.read_bytes(), source) if source.is_file() else None

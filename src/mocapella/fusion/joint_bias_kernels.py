@@ -24,7 +24,13 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True)
 def terms_of(alpha: float, distance_m: float, ahead_m_s: float, left_m_s: float) -> Float64:
-    """Return the regressors (TERMS,) of one view; arguments as in `mocapella.fusion.joint_bias.terms`."""
+    """Return the regressors (TERMS,) of one view, as `mocapella.fusion.joint_bias.terms`.
+
+    Args:
+        alpha: the facing from the direction towards the sensor [rad].
+        distance_m: horizontal distance of the person from the sensor [m].
+        ahead_m_s, left_m_s: the person's velocity ahead and to the left of the body [m/s].
+    """
     out = np.empty(TERMS)
     for h in range(HARMONICS):
         out[2 * h], out[2 * h + 1] = np.cos((h + 1) * alpha), np.sin((h + 1) * alpha)
@@ -88,7 +94,8 @@ def corrections(
     """Compute the corrections of a frame's bodies, which are to be added to their joints.
 
     Args:
-        rows: (bodies,) row of each body's person; −1 for a body without a person, whose correction is 0.
+        rows: (bodies,) row of each body's person; −1 for a body without a person. The correction is 0 for such a body,
+            and for a person whose position, velocity or facing is unknown.
         column: column of the sensor in the arrays of ``people``.
         weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
         T: (4, 4) from the sensor's space to that of the people.

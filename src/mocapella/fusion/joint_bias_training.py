@@ -71,7 +71,8 @@ def train(sessions: Sequence[ViewPairs], tree: Topology, settings: BiasTrainingS
     Args:
         sessions: views of some people; the first view of each is the reference sensor's.
         tree: topology of the joints.
-        settings: the settings.
+        settings: parameters of the training; the defaults if None. Frames with an unknown facing or velocity are left
+            out.
 
     Raises:
         InputError: no session has a frame with a known facing.

@@ -46,17 +46,23 @@ class MarkerRaysSettings:
     """Motion of markers, and gating of observations.
 
     Attributes:
-        acceleration_density: power spectral density of the white-noise acceleration along an axis [m²/s³].
-        speed_sd: standard deviation of a new marker's speed along an axis [m/s].
-        gate_sd: an observation with a larger innovation, in standard deviations, is rejected.
-        keep_s: an observation that is older than the marker's newest one by more than this is dropped [s].
+        acceleration_density: power spectral density of the white-noise acceleration along an axis; larger: less lag,
+            more jitter [m²/s³].
+        speed_sd: standard deviation of a new marker's speed along an axis; larger: its motion is followed sooner, with
+            more jitter at first [m/s].
+        gate_sd: an observation with a larger innovation is rejected; larger: sudden motion is followed, but wrong
+            detections are used, too [standard deviations].
+        keep_s: an observation that is older than the marker's newest one by more than this is dropped; larger: later
+            cameras count, at more work [s].
         together_s: largest time between the observations of two cameras that initialise a marker [s].
         image_speed_px: assumed speed of a marker in an image; the standard deviation of the older of these observations
             grows by it with time [px/s].
-        least_angle_rad: least angle between the rays of two cameras that initialise a marker [rad].
+        least_angle_rad: least angle between the rays of two cameras that initialise a marker; smaller: markers are
+            found farther away, at less certain depths [rad].
         alone_s: a marker that only one camera has seen for this long is inferred [s].
         forget_after_s: a marker unseen for this long is lost [s].
-        largest_sd_m: an inferred marker is lost if the standard deviation of a coordinate is larger [m].
+        largest_sd_m: an inferred marker is lost if the standard deviation of a coordinate is larger; larger: it is
+            predicted for longer [m].
     """
 
     acceleration_density: float = 20.0
@@ -113,7 +119,7 @@ class RayParameters(NamedTuple):
     """The values of `MarkerRaysSettings` for the kernels.
 
     Attributes:
-        least_sin2: squared sine of ``least_angle_rad``. The other fields are the settings of the same names.
+        least_sin2: squared sine of ``least_angle_rad``. The other fields are the settings of the same names and units.
     """
 
     acceleration_density: float
@@ -145,7 +151,13 @@ class CameraPixels(NamedTuple):
 
 
 class RayOutput(NamedTuple):
-    """Arrays that the kernel writes: the fields of `MarkerPoints` without ``at_s``."""
+    """Arrays that the kernel writes, for `MarkerPoints`; NaN where a marker is lost.
+
+    Attributes:
+        positions, velocities: (points, 3) in the world [m], [m/s].
+        covariances: (points, 3, 3) of the positions [m²].
+        states: (points,) a `RayState`.
+    """
 
     positions: Float64
     velocities: Float64
@@ -159,8 +171,8 @@ class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         at_s: the time, on the rig's clock [s].
         points: (points, 3) in the world [m]; NaN where lost.
-        velocities: (points, 3) in the world [m/s].
-        covariances: (points, 3, 3) of the points in the world [m²].
+        velocities: (points, 3) in the world [m/s]; NaN where lost.
+        covariances: (points, 3, 3) of the points in the world [m²]; NaN where lost.
         states: (points,) a `RayState`.
     """
 
@@ -191,10 +203,15 @@ class RayReport(msgspec.Struct, frozen=True):
 
 
 class MarkerRays:
-    """The markers of one rig.
+    """Tracker of a fixed set of markers with a rig's cameras: a Kalman filter for each marker.
 
     The state, with a row for each marker, is ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the time
     ``_begins`` (NaN if unknown), the later observations in order of time, and when each camera's pixel was last used.
+
+    Args:
+        rig: the cameras' lenses, poses, clock offsets and readout times.
+        points: number of markers; a marker's index identifies it in every array.
+        settings: motion of markers, and gates; the defaults if None.
     """
 
     def __init__(self, rig: CameraRig, points: int, settings: MarkerRaysSettings | None = None) -> None:
@@ -224,12 +241,16 @@ class MarkerRays:
         return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> MarkerPoints:
-        """Update the markers with a camera's frame; return them at the newest time of any camera.
+        """Update the markers with a camera's frame; return them at the newest time of any camera, see `at`.
+
+        Frames may come in any order. Observations that are too old (``keep_s``) or too far off (``gate_sd``) are only
+        counted in `report`. A lost marker begins again once two cameras have seen it.
 
         Args:
             camera: its name in the rig.
-            pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
-            sd_px: standard deviation of a pixel's coordinate, a number or (points,) [px].
+            pixels: (points, 2) x, y in its distorted image [px]; NaN where a marker is not seen.
+            sd_px: standard deviation of a pixel's coordinate, a number or (points,); a pixel where it is not finite and
+                above 0 is ignored [px].
             at_s: capture time of the image's first row, on the camera's clock [s].
 
         Raises:
@@ -257,7 +278,13 @@ class MarkerRays:
         return self.at(self._newest_s)
 
     def at(self, at_s: float) -> MarkerPoints:
-        """Predict the markers to the time ``at_s`` on the rig's clock [s], from all observations; drop lost ones."""
+        """Predict the markers to the time ``at_s`` on the rig's clock [s], from all observations.
+
+        A marker that is lost at that time (see `MarkerRaysSettings`) is also reset, so a time far ahead loses all.
+
+        Returns:
+            New arrays, with all markers by index; lost ones are NaN.
+        """
         n = self._points
         points, velocities, covariances = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         states = np.empty(n, dtype=np.uint8)
@@ -290,7 +317,7 @@ def captured(camera: PlacedCamera, rows_px: Any, at_s: float) -> Float64:
 
     Args:
         camera: whose clock offset and readout time are used.
-        rows_px: (...,) image rows, from 0 [px].
+        rows_px: (...,) image rows, from 0 [px]; NaN gives NaN.
         at_s: capture time of the first row, on the camera's own clock [s].
     """
     height = camera.camera.size_px[1]

@@ -107,7 +107,7 @@ def correct(views: Float64, seen: MarkerPixels, prediction: PosePrediction, resu
         result: the posterior, written.
 
     Returns:
-        The smallest cost; infinite if the minimisation fails.
+        The smallest cost; infinite if the minimisation fails: then ``result`` is not valid.
     """
     R, x, R_0, x_0 = result.R, result.x, prediction.R, prediction.x
     information = prediction.information

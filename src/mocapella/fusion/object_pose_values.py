@@ -20,11 +20,12 @@ class ObjectPose(msgspec.Struct, frozen=True, eq=False):
         at_s: the time, on the rig's clock [s].
         T_world_object: (4, 4); None where lost.
         twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world; NaN where lost.
-        covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad].
+        covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad]; NaN where
+            lost.
         state: TRACKED if recently seen with four markers in one camera, or by two cameras, and its standard deviations
             are small; INFERRED if only predicted or uncertain; LOST.
         ambiguous: whether another pose fits the pixels as well.
-        unseen_s: time since the last used frame [s].
+        unseen_s: time since the last used frame [s]; infinite where lost.
     """
 
     at_s: float
@@ -62,7 +63,8 @@ class Hypothesis(msgspec.Struct, frozen=True, eq=False):
         at_s: the time, on the rig's clock [s].
         T: (4, 4) from the object's frame to the world.
         twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world.
-        covariance: (12, 12) of position, rotation from the left, velocity and angular velocity.
+        covariance: (12, 12) of position [m], small rotation about the world's axes [rad], velocity [m/s] and angular
+            velocity [rad/s].
         cost: sum of the least costs of its frames, less that of the best hypothesis.
     """
 

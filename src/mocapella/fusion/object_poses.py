@@ -71,22 +71,31 @@ class ObjectPoseSettings:
     """Motion of objects, and gating of frames.
 
     Attributes:
-        acceleration_density: power spectral density of the white-noise acceleration along an axis [m²/s³].
-        turn_density: power spectral density of the white-noise angular acceleration about an axis [rad²/s³].
-        manoeuvre: factor of both densities that is tried if a frame does not fit; then its square.
-        speed_sd: standard deviation of a new object's speed along an axis [m/s].
-        turn_sd: standard deviation of a new object's angular speed about an axis [rad/s].
-        gate_sd: largest excess of a frame's cost over its expectation, in standard deviations.
-        keep_s: a frame that is older than the newest one by more than this is dropped [s].
+        acceleration_density: power spectral density of the white-noise acceleration along an axis; larger: less lag,
+            more jitter [m²/s³].
+        turn_density: power spectral density of the white-noise angular acceleration about an axis; larger: less lag,
+            more jitter [rad²/s³].
+        manoeuvre: factor of both densities that is tried if a frame does not fit; then its square; larger: more sudden
+            motion is followed [ratio].
+        speed_sd: standard deviation of a new object's speed along an axis; larger: its motion is followed sooner, with
+            more jitter at first [m/s].
+        turn_sd: standard deviation of a new object's angular speed about an axis; larger: likewise [rad/s].
+        gate_sd: largest excess of a frame's cost over its expectation for the frame to be used; larger: wrong markers
+            are left out more rarely [standard deviations].
+        keep_s: a frame that is older than the newest one by more than this is dropped; larger: later cameras count, at
+            more work [s].
         together_s: largest time between the frames that initialise an object [s].
         image_speed_px: assumed speed of a marker in an image; the standard deviation of the older frames' pixels grows
             by it with time [px/s].
-        undecided_cost: largest difference of cost of two poses that are tracked.
-        alone_s: an object with too few visible markers for this long is inferred [s].
+        undecided_cost: largest difference of cost of two poses of a tag that are both tracked; larger: the pose is
+            ambiguous for longer, and wrong more rarely [χ²].
+        alone_s: an object with too few visible markers for this long is inferred: it needs two cameras, or four markers
+            in one [s].
         forget_after_s: an object unseen for this long is lost [s].
         tracked_sd_m: an object is inferred if the standard deviation of its position along an axis is larger [m].
         tracked_sd_rad: an object is inferred if the standard deviation of its rotation about an axis is larger [rad].
-        largest_sd_m: an object is lost if the standard deviation of its position along an axis is larger [m].
+        largest_sd_m: an object is lost if the standard deviation of its position along an axis is larger; larger: it is
+            predicted for longer [m].
     """
 
     acceleration_density: float = 0.3
@@ -117,11 +126,20 @@ class ObjectPoseSettings:
 
 
 class ObjectPoses:
-    """Tracker of one object with the cameras of a rig.
+    """Tracker of one object with the cameras of a rig: call `update` with each frame, and `at` for the pose.
 
-    The state is the hypotheses, the frames of the last ``keep_s`` with the hypotheses before each, and each camera's
-    last
-    used frame with its number of markers.
+    The state is the hypotheses, the latest frames with the hypotheses before each, and each camera's last used frame
+    with its number of markers.
+
+    Args:
+        rig: the cameras' lenses, poses, clock offsets and readout times.
+        places_m: (points, 3) positions of three markers or more in the object's frame [m].
+        settings: motion and gates; the defaults if None.
+        planes: groups of four or more markers on a plane, such as a tag's corners, as indices of ``places_m``; one
+            camera that sees four of a group initialises the object.
+
+    Raises:
+        SettingsError: ``places_m`` has another shape, or is not finite.
     """
 
     def __init__(
@@ -132,7 +150,7 @@ class ObjectPoses:
         *,
         planes: Sequence[Sequence[int]] = (),
     ) -> None:
-        """Create a tracker; ``planes`` are groups of four or more points on a plane, such as a tag's corners."""
+        """Create a tracker of a lost object; the class describes the arguments."""
         self.settings = settings or ObjectPoseSettings()
         self.rig, self.places = rig, np.ascontiguousarray(places_m, dtype=np.float64)
         good = self.places.ndim == 2 and self.places.shape[1] == 3 and len(self.places) >= _LEAST_POINTS
@@ -158,12 +176,16 @@ class ObjectPoses:
         return ObjectReport(**self._counts)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> None:
-        """Update the object with a camera's frame.
+        """Update the object with a camera's frame, or initialise it; see `at` for the result.
+
+        A frame without a visible marker does nothing. One older than the newest frame by more than ``keep_s`` is only
+        counted as late; other late ones are inserted, and the newer frames are filtered again.
 
         Args:
             camera: its name in the rig.
-            pixels: (points, 2) [px] in its image; NaN where a marker is not seen.
-            sd_px: standard deviation of a pixel's coordinate, a number or (points,) [px].
+            pixels: (points, 2) x, y in its distorted image [px]; NaN where a marker is not seen.
+            sd_px: standard deviation of a pixel's coordinate, a number or (points,); a pixel where it is not finite and
+                above 0 is ignored [px].
             at_s: capture time of the image's first row, on the camera's clock [s].
 
         Raises:
@@ -190,7 +212,11 @@ class ObjectPoses:
         self._frames = [frame for frame in self._frames if frame.at_s >= oldest]
 
     def at(self, at_s: float) -> ObjectPose:
-        """Predict the object to the time ``at_s`` on the rig's clock [s], from all frames."""
+        """Predict the object to the time ``at_s`` on the rig's clock [s], from all frames.
+
+        The pose is None (LOST) before the object is initialised, and where the position is too uncertain. An object
+        that is unseen for longer than ``forget_after_s`` at that time is forgotten, and must be initialised again.
+        """
         s = self.settings
         lately = [count for last_s, count in self._believed.values() if at_s - last_s <= s.alone_s]
         last_s = max((last for last, _ in self._believed.values()), default=-math.inf)
@@ -393,8 +419,10 @@ class ObjectPoses:
 
 
 def turned_over(T_camera_plane: Float64) -> Float64:
-    """Return the other pose (4, 4) of a plane that has nearly the same image; its depth is reversed along the line of
-    sight.
+    """Return the second pose (4, 4) of a plane that fits nearly the same image as a given one.
+
+    Its depths about the plane's origin are reversed along the line of sight. ``T_camera_plane`` (4, 4) maps from the
+    plane's frame, the plane z = 0, to the camera frame; it is not changed.
 
     With S = I − 2 v vᵀ, v the direction to the plane's origin, the axes in the plane become S x and S y.
     """

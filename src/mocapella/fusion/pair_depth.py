@@ -36,7 +36,7 @@ class PairDepthSettings:
         k_cm: factor of the depth for ``parallel-fitted``, see `PowerLaw` [cm].
         z: exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
         sd_px: standard deviation of a pixel's coordinate [px].
-        gate_sd: largest disagreement of the cameras, in standard deviations.
+        gate_sd: largest disagreement of the cameras about a point, in standard deviations; beyond, there is no point.
     """
 
     method: str = "rays"
@@ -55,7 +55,19 @@ class PairDepthSettings:
 
 
 class PairDepth:
-    """Triangulation by two cameras of a rig; stateless."""
+    """Triangulation by two cameras of a rig, nearly parallel and side by side; stateless.
+
+    Args:
+        rig: a rig of two cameras or more.
+        settings: method and its parameters; the defaults if None.
+        left, right: names of the two cameras; the rig's first and second if None.
+
+    Attributes:
+        pair: baseline and focal length of the two cameras as exactly parallel ones.
+
+    Raises:
+        SettingsError: there are no two such cameras, or they stand in one place or one before the other.
+    """
 
     def __init__(
         self,
@@ -65,11 +77,7 @@ class PairDepth:
         left: str | None = None,
         right: str | None = None,
     ) -> None:
-        """Of a rig's cameras ``left`` and ``right``, or its first and second.
-
-        Raises:
-            SettingsError: there are no two such cameras, or they stand in one place or one before the other.
-        """
+        """Choose and rectify the cameras; the class describes the arguments."""
         self.settings = settings or PairDepthSettings()
         names = list(rig.cameras)
         chosen = [left or next(iter(names), ""), right or next(iter(names[1:]), "")]
@@ -104,7 +112,7 @@ class PairDepth:
     def disparity(self, pixels: Any) -> Float64:
         """Return the disparity (...,) of points, after undistortion and rectification [px]: x right minus x left.
 
-        ``pixels`` (..., 2, 2) are the image points of the left and of the right camera [px].
+        ``pixels`` (..., 2, 2) are the image points x, y of the left and of the right camera [px]; NaN gives NaN.
         """
         rays = self._rays(np.asarray(pixels, dtype=np.float64))
         return np.asarray(self.pair.focal_px * (rays[..., 1, 0] - rays[..., 0, 0]))
@@ -117,7 +125,16 @@ class PairDepth:
         return swapped(self.disparity(pixels))
 
     def points(self, pixels: Any) -> Triangulated:
-        """Triangulate points in the rig's world; ``pixels`` as in `disparity`, NaN where not seen."""
+        """Triangulate points in the rig's world, by the method of the settings.
+
+        Args:
+            pixels: (..., 2, 2) image points x, y of the left and of the right camera [px]; NaN where not seen.
+
+        Returns:
+            Points (..., 3) in the world [m] with a `PointState`; NaN unless that is SEEN. For the parallel methods it
+            is ONE_VIEW where a pixel is NaN, BEHIND for a disparity of 0 or less, and INCONSISTENT where the rows of
+            the two rectified image points differ by more than ``gate_sd``.
+        """
         s = self.settings
         pixels = np.asarray(pixels, dtype=np.float64)
         if s.method == "rays":

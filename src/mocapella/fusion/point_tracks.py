@@ -36,7 +36,7 @@ class TracksSettings:
             is divided by the square root of the confidence [px].
         gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see
             `TriangulationSettings`.
-        least_confidence: detections with a lower confidence are not used.
+        least_confidence: only detections with a higher confidence are used.
         largest_error_px: for the two linear methods: largest reprojection error, see `WeightedLinearSettings` [px].
     """
 
@@ -59,7 +59,7 @@ class TracksReport(msgspec.Struct, frozen=True):
     Attributes:
         frames, points: number of frames, and of named points.
         counted: number of points of all frames in each `PointState`, by its name in lower case.
-        residual_px: root mean square of the used detections' reprojection errors [px].
+        residual_px: root mean square of the used detections' reprojection errors; 0 without any [px].
         cameras: report of each camera, by its name in the rig.
     """
 
@@ -75,8 +75,8 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
 
     Attributes:
         seen: number of confident detections of triangulated points.
-        rejected_share: fraction of these detections that were rejected as outliers, 0 to 1.
-        residual_px: root mean square of the reprojection errors of the used ones [px].
+        rejected_share: fraction of these detections that were rejected as outliers, 0 to 1; 0 without any.
+        residual_px: root mean square of the reprojection errors of the used ones; 0 without any [px].
     """
 
     seen: int
@@ -87,10 +87,19 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
 def triangulate_tracks(
     tracks: ImageTracks, rig: CameraRig, settings: TracksSettings | None = None
 ) -> tuple[SpaceTracks, TracksReport]:
-    """Triangulate every point of every frame in the rig's world; return the points, and a report.
+    """Triangulate every point of every frame in the rig's world.
+
+    Args:
+        tracks: detections of the points in the images of two cameras or more.
+        rig: the cameras; the names are matched by `mocapella.model.point_tracks.match_cameras`.
+        settings: method and its parameters; the defaults if None.
+
+    Returns:
+        The points, NaN where they cannot be triangulated, with the states and the median capture time of each frame, on
+        the rig's clock; and a report.
 
     Raises:
-        InputError: the rig has no such camera.
+        InputError: the rig has no such camera, or two with this name.
     """
     s = settings or TracksSettings()
     names = match_cameras(tracks.cameras, rig.cameras)

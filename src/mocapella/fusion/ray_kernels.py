@@ -20,6 +20,7 @@ IN, USED, REFUSED, LATE, BEGUN, FORGOTTEN = range(6)
 POSITION_SD_M = 1.0
 """Prior standard deviation of a coordinate of a new marker, before the filter uses its first observations [m]."""
 REFUSED_IN_A_ROW = 6
+"""A marker is lost after this number of rejected observations in a row."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -50,7 +51,9 @@ def predict(x: Float64, P: Float64, dt: float, acceleration_density: float) -> N
 
 @njit(cache=True, error_model="numpy")
 def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, variance: float, gate2: float) -> bool:
-    """Correct a marker's state by one pixel, in place (extended Kalman filter); False if the gate rejects it.
+    """Correct a marker's state by one pixel, in place (extended Kalman filter); return whether it was used.
+
+    The pixel is rejected beyond the gate, or if the marker cannot be projected into the camera.
 
     Args:
         x, P: (6,), (6, 6) state and covariance, as in `predict`; unchanged by a rejected pixel.
@@ -114,7 +117,14 @@ def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) ->
 def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) -> bool:
     """Initialise point j by triangulating the newest observations of two or more cameras; return whether it worked.
 
-    ``memory`` is updated; ``views`` (cameras, 25) as in `correct`.
+    The observations must lie within ``together_s``. The point begins at rest there, at the time of its oldest stored
+    observation, with wide priors.
+
+    Args:
+        j: index of the point, with at least one stored observation.
+        memory: updated if it worked.
+        views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
+        parameters: the settings.
     """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
@@ -141,7 +151,9 @@ def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) 
 
 @njit(cache=True, error_model="numpy")
 def observe(frame: CameraPixels, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters) -> None:
-    """Insert a camera's pixels into the markers' observations, and count the outcomes.
+    """Insert a camera's pixels into the markers' observations, in order of time, and count the outcomes.
+
+    An unknown marker is initialised if possible. One with `REFUSED_IN_A_ROW` rejected observations is reset.
 
     Args:
         frame: the pixels.

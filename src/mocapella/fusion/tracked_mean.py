@@ -13,7 +13,12 @@ UInt8 = NDArray[np.uint8]
 
 
 class FusedSkeletons(msgspec.Struct, frozen=True, eq=False):
-    """Fused skeletons: ``positions`` (..., joints, 3) [m], NaN where not tracked, and `JointState` (..., joints)."""
+    """Fused skeletons, one for each element of the leading axes.
+
+    Attributes:
+        positions: (..., joints, 3) in the views' frame [m]; NaN where not tracked.
+        states: (..., joints) `JointState`.
+    """
 
     positions: Float64
     states: UInt8
@@ -26,7 +31,8 @@ def tracked_mean(positions: Float64, states: UInt8) -> FusedSkeletons:
     joint's state is the best over the views, and the views in that state are averaged.
 
     Args:
-        positions: (..., views, joints, 3), all in one frame [m].
+        positions: (..., views, joints, 3), all in one frame [m]; at least one view. Joints that are not tracked may be
+            NaN.
         states: (..., views, joints) `JointState`; in a missing view all joints are not tracked.
     """
     best = states.max(axis=-2)

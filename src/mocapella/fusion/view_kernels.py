@@ -41,11 +41,11 @@ def joint_variances(states: NDArray[np.uint8], sd: float, inferred_factor: float
 
 @njit(cache=True)
 def sd_at(sd: float, distance: float, clipped: bool, clipped_factor: float) -> float:
-    """Return the standard deviation of a tracked joint's coordinate at a distance [m].
+    """Return the standard deviation of a tracked joint's coordinate, which grows with the square of the distance [m].
 
     Args:
         sd: standard deviation at a distance of 2 m [m].
-        distance: from the sensor to the body [m].
+        distance: from the sensor to the body; less than 0.5 m counts as 0.5 m [m].
         clipped: whether the body is cut off at an edge of the image.
         clipped_factor: factor for such a body.
     """
@@ -63,12 +63,14 @@ def fuse(
     mean: Float64,
     variance: Float64,
 ) -> None:
-    """Compute `mocapella.fusion.weighted_mean.weighted_mean`.
+    """Compute the mean of the views by inverse variance, see `mocapella.fusion.weighted_mean.weighted_mean`.
 
     Args:
-        views, variances: (views, joints, 3), (views, joints) as in the module's description.
+        views: (views, joints, 3) [m]; NaN where not seen.
+        variances: (views, joints) of a coordinate [m²]; infinite where not seen.
         expected, expected_variances: (joints, 3), (joints,) predicted joints [m], [m²]; NaN where unknown.
-        nu: degrees of freedom of the Student-t weight.
+        nu: degrees of freedom of the Student-t weight, which lowers views far from the prediction; infinity disables
+            it.
         mean, variance: (joints, 3), (joints,) written [m], [m²]; NaN and infinity where no view has the joint.
     """
     count, joints = variances.shape
@@ -112,7 +114,7 @@ def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float)
 
     Args:
         offsets: (views, joints, 3) updated [m].
-        views: (views, joints, 3) not corrected [m]; NaN where not seen.
+        views: (views, joints, 3) not corrected [m]; where NaN, the offset stays. A joint's only view fades to offset 0.
         mean: (joints, 3) of the uncorrected views [m].
         step: learning rate: fraction of its remaining difference that is added to an offset, 0 to 1.
     """

@@ -27,7 +27,7 @@ UInt8 = NDArray[np.uint8]
 
 
 class FusionParameters(NamedTuple):
-    """The fields of `FusionSettings`, with the same meaning and units, for the kernels."""
+    """The fields of `FusionSettings`, with the same meaning and units, as floats for the kernels."""
 
     sd_m: float
     inferred_factor: float
@@ -43,12 +43,16 @@ class FusionSettings:
 
     Attributes:
         sd_m: standard deviation of a tracked joint's coordinate at a distance of 2 m; it grows with the square of the
-            distance [m].
-        inferred_factor: factor of the standard deviation of an inferred joint.
-        clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image.
-        degrees_of_freedom: degrees of freedom of the Student-t weight of a view; infinity disables it.
-        offset_s: time constant of learning and fading of a view's offset from the mean [s].
-        age_speed_m_s: growth of the standard deviation with a view's age [m/s].
+            distance; larger: the prediction counts more, with less jitter and more lag [m].
+        inferred_factor: factor of the standard deviation of an inferred joint; larger: inferred joints count less
+            [ratio].
+        clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image; larger:
+            such a view counts less [ratio].
+        degrees_of_freedom: parameter of the Student-t weight of a view; smaller: a view far from the prediction counts
+            less; infinity disables the weight [degrees of freedom].
+        offset_s: time constant of learning and fading of a view's offset from the mean; larger: smoother when views
+            come and go [s].
+        age_speed_m_s: growth of the standard deviation with a view's age; larger: older views count less [m/s].
     """
 
     sd_m: float = 0.015
@@ -78,13 +82,13 @@ class FusionSettings:
 def view_variances(
     states: UInt8, distances_m: Float64, clipped: NDArray[np.bool_], ages_s: Float64, settings: FusionSettings
 ) -> Float64:
-    """Return the variance of a coordinate of each joint.
+    """Return the variance of a coordinate of each joint in each view, as the weights of `weighted_mean`.
 
     Args:
         states: (views, joints) `JointState`.
-        distances_m: (views,) distance from the sensor to the body [m].
+        distances_m: (views,) distance from the sensor to the body; less than 0.5 m counts as 0.5 m [m].
         clipped: (views,) whether the body is cut off at an edge of the image.
-        ages_s: (views,) age of the view.
+        ages_s: (views,) age of the view [s].
         settings: the settings.
 
     Returns:
@@ -116,12 +120,13 @@ def weighted_mean(
     Args:
         views: (views, joints, 3) positions in one frame of reference at one time [m]; NaN where not seen.
         variances: (views, joints) [m²]; infinite where not seen.
-        expected: (joints, 3) predicted joints; NaN where unknown.
-        expected_variances: (joints,) [m²].
+        expected: (joints, 3) predicted joints [m]; where NaN, the weights are the inverse variances alone.
+        expected_variances: (joints,) of a predicted coordinate [m²].
         degrees_of_freedom: as in `FusionSettings`.
 
     Returns:
-        The mean and its variance, which includes the scatter of the views about their mean.
+        The mean and its variance, which includes the scatter of the views about their mean; see `Fused` for joints that
+        no view has.
     """
     fused = Fused(np.empty(expected.shape), np.empty(len(expected)))
     _kernels().fuse(
@@ -131,17 +136,20 @@ def weighted_mean(
 
 
 def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, settings: FusionSettings) -> Float64:
-    """Return each view's offset from the mean after a time step.
+    """Return each view's offset from the mean after a time step; subtracted from the view, it avoids jumps of the mean.
 
     If two or more views have a joint, their offsets approach the present differences; the offset of a single view
-    fades.
+    fades to 0. The offset of a view without the joint stays.
 
     Args:
         offsets: (views, joints, 3) before [m].
         views: (views, joints, 3), not corrected by the offsets [m]; NaN where not seen.
         mean: (joints, 3) of the uncorrected views [m].
-        dt: time step [s].
+        dt: time step, 0 or more [s].
         settings: the settings.
+
+    Returns:
+        (views, joints, 3), a new array [m].
     """
     step = 1.0 if settings.offset_s == 0.0 else -math.expm1(-dt / settings.offset_s)
     offsets = offsets.copy()

@@ -37,12 +37,12 @@ def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Floa
     """Return the moments of paired points.
 
     Args:
-        p, q: (..., n, 3); [m]; pairs with a non-finite coordinate are ignored.
-        weights: (..., n), by default 1; pairs with a weight of 0 or less are ignored.
+        p, q: (..., n, 3) [m]; pairs with a non-finite coordinate or velocity are ignored.
+        weights: (..., n), by default 1; pairs with a weight of 0 or less, or NaN, are ignored.
         velocities: (..., n, 3) of q [m/s], by default 0.
 
     Returns:
-        (..., `MOMENTS`).
+        (..., `MOMENTS`), in the order of the module's table; all 0 without a valid pair. Add them to join subsets.
     """
     p, q = np.broadcast_arrays(np.asarray(p, dtype=np.float64), np.asarray(q, dtype=np.float64))
     v = np.broadcast_to(np.asarray(0.0 if velocities is None else velocities, dtype=np.float64), p.shape)
@@ -81,7 +81,7 @@ def align(M: Float64, offset: float = 0.0) -> Float64:
     """Return the least-squares rigid motion ``T_p_q`` of the moments: p ≈ T (q + offset·v).
 
     The rotation is the unit quaternion that is the eigenvector of the largest eigenvalue of Horn's symmetric matrix
-    (1987, section 4.A): always a rotation, never a reflection.
+    (1987, section 4.A): always a rotation, never a reflection. Of one point, or of collinear ones, it is one of many.
 
     Args:
         M: (..., `MOMENTS`).
@@ -107,7 +107,7 @@ def centred_products(M: Float64, offset: float = 0.0) -> Float64:
         offset: clock offset δ of q [s].
 
     Returns:
-        (..., 3, 3) [m²].
+        (..., 3, 3) [m²]; NaN where the moments are empty.
     """
     W = np.where(M[..., 0] > 0, M[..., 0], np.nan)[..., None, None]
     shape = (*M.shape[:-1], 3, 3)
@@ -136,7 +136,15 @@ def _rotation(S: Float64) -> Float64:
 
 
 def shifted(M: Float64, by: Any) -> Float64:
-    """Return the moments (..., `MOMENTS`) M after moving every q along its velocity by ``by`` seconds (...)."""
+    """Return the moments of the same pairs after moving every q along its velocity: q + by·v.
+
+    Args:
+        M: (..., `MOMENTS`), not changed.
+        by: (...) [s].
+
+    Returns:
+        (..., `MOMENTS`), a copy.
+    """
     out = M.copy()
     shape = (*M.shape[:-1], 3, 3)
     by = np.asarray(by, dtype=np.float64)[..., None]
@@ -230,6 +238,12 @@ def robust_weights(residual: Any, kernel: RobustKernel, scale: float) -> Float64
         kernel: ``l1``: 1/r, no more than 1/scale. ``huber``: 1 up to the scale and scale/r beyond.
             ``geman-mcclure``: (scale²/(scale² + r²))². ``squared``: 1.
         scale: scale of the robust loss [m].
+
+    Returns:
+        The shape of ``residual``; NaN where the residual is, except with ``squared``.
+
+    Raises:
+        SettingsError: unknown kernel.
     """
     r = np.abs(np.asarray(residual, dtype=np.float64))
     if kernel == "l1":
@@ -252,10 +266,13 @@ def robust_align(
     Args:
         p, q, weights: as in `moments`, one set of points: (n, 3), (n,).
         kernel, scale: as in `robust_weights`.
-        iterations: the most iterations.
+        iterations: the most iterations; the last estimate is returned, converged or not.
 
     Returns:
         (4, 4); NaN if no pair is valid.
+
+    Raises:
+        SettingsError: a scale of 0 or less, or an unknown kernel.
     """
     check(scale > 0, "scale", scale, "greater than 0 m")
     w = np.ones(np.shape(p)[:-1]) if weights is None else np.asarray(weights, dtype=np.float64)

@@ -20,7 +20,7 @@ Int64 = NDArray[np.int64]
 
 @njit(cache=True, error_model="numpy")
 def accumulate(M: Float64, p: Float64, q: Float64, v: Float64, w: Float64, order: Int64) -> None:
-    """Add pairs of points to their moments, in place. A pair with a weight of 0 or less is left out.
+    """Add pairs of points to their moments, in place. A pair with a weight of 0 or less is left out; NaN is not.
 
     Args:
         M: (`alignment.MOMENTS`,) the moments, updated.
@@ -103,7 +103,7 @@ def align(M: Float64, offset: float, T: Float64) -> None:
     """Write the least-squares rigid motion ``T_p_q`` of the moments M into T (4, 4); see `alignment.align`.
 
     Args:
-        M: (`alignment.MOMENTS`,).
+        M: (`alignment.MOMENTS`,), with a sum of weights above 0.
         offset: clock offset of q [s].
         T: (4, 4) written.
     """
@@ -151,6 +151,9 @@ def residuals(
         offset: clock offset of q [s].
         p, q, v, order, w: (n, 3) [m], (m, 3) [m], (m, 3) [m/s], (n,) and (n,), as in `accumulate`.
         r: (n,) written [m]; 0 where the weight is 0 or less.
+
+    Returns:
+        The mean distance [m]; 0 if no weight is above 0.
     """
     total, count = 0.0, 0
     for j in range(len(r)):

@@ -11,7 +11,7 @@ Float64 = NDArray[np.float64]
 
 
 def wrap(angle: Any) -> Float64:
-    """Wrap angles of any shape to [−π, π) [rad]."""
+    """Return angles of any shape, wrapped to [−π, π) [rad]; NaN stays NaN."""
     return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -23,7 +23,8 @@ def circular_mean(angles: Any, axis: int = -1) -> Float64:
         axis: the axis to average over.
 
     Returns:
-        (...) the shape of ``angles`` without ``axis``, within [−π, π] [rad].
+        (...) the shape of ``angles`` without ``axis``, within [−π, π] [rad]; NaN where an angle is NaN, 0 without
+        angles, arbitrary where the unit vectors cancel.
 
     Source:
         Mardia and Jupp, *Directional Statistics*, section 2.2.1.

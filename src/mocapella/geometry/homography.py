@@ -19,12 +19,14 @@ Float64 = NDArray[np.float64]
 def homography(plane: Float64, picture: Float64) -> Float64:
     """Estimate the homography from a plane to its image by the normalised direct linear transformation (DLT).
 
+    It is the least-squares solution over all points, without rejection of outliers.
+
     Args:
-        plane: (n, 2) points of the plane, in any unit; n ≥ 4, no three of four collinear.
+        plane: (n, 2) points of the plane, in any unit; n ≥ 4, finite, no three of four collinear (not checked).
         picture: (n, 2) their images, in pixels or normalised.
 
     Returns:
-        (3, 3), its last element 1.
+        (3, 3) H, its last element 1: H (x, y, 1) of the plane is the image point in homogeneous coordinates.
     """
     A, B = _centred(plane), _centred(picture)
     p, q = plane @ A[:2, :2] + A[:2, 2], picture @ B[:2, :2] + B[:2, 2]
@@ -54,7 +56,8 @@ def focal_length(homographies: Sequence[Float64], centre: Float64) -> float:
         centre: (2,) principal point [px].
 
     Returns:
-        The focal length [px]; NaN without a positive solution, as when the plane is parallel to the image in all views.
+        The focal length [px]; NaN without a positive solution, as when the plane is parallel to the image in all views,
+        or without homographies.
     """
     rows, sides = [], []
     for H in homographies:
@@ -73,7 +76,7 @@ def plane_pose(plane: Float64, directions: Float64) -> Float64:
     """Estimate a plane's pose from its image through a known lens: Zhang's section 3.1, the rotation by appendix C.
 
     Args:
-        plane: (n, 2) points of the plane z = 0 of its own frame [m].
+        plane: (n, 2) points of the plane z = 0 of its own frame [m]; see `homography` for their number.
         directions: (n, 2) their undistorted images, x/z and y/z in the camera frame.
 
     Returns:

@@ -30,8 +30,8 @@ def kinect_metres(raw: Any, nearest_m: float = NEAREST_M, farthest_m: float = FA
     """Convert a Kinect's raw disparities to depths.
 
     Args:
-        raw: (...) integers; values above 11 bits are invalid.
-        nearest_m, farthest_m: range of valid depths.
+        raw: (...) integers; 2047 (`NOTHING`), values above it and negative ones are invalid.
+        nearest_m, farthest_m: range of valid depths, both ends included [m].
 
     Returns:
         (...) float32 depth [m]; 0 where invalid.
@@ -47,5 +47,8 @@ _UNITS: Final = np.rint(kinect_metres(np.arange(NOTHING + 1)).astype(np.float64)
 
 
 def kinect_units(raw: UInt16) -> UInt16:
-    """Convert raw disparities (...) uint16 to depths (...) uint16 in units of `UNIT_M`; 0 where invalid."""
+    """Convert raw disparities (...) uint16 to depths (...) uint16 in units of `UNIT_M` (0.125 mm), by a table.
+
+    A depth is 0 where it is invalid or not within `NEAREST_M` to `FARTHEST_M`, as in `kinect_metres`.
+    """
     return np.asarray(_UNITS[np.minimum(raw, NOTHING)])

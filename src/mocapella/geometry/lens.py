@@ -22,14 +22,15 @@ _NOTHING: Final = 1e-9
 
 
 def distort(normalised: Any, lens: Float64) -> Float64:
-    """Return the pixels of normalised image coordinates, with distortion.
+    """Distort normalised image coordinates and convert them to pixels; the inverse of `undistort`.
 
     Args:
         normalised: (..., 2) x/z and y/z.
         lens: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     Returns:
-        (..., 2) [px]; NaN where the distortion model is no longer one-to-one, see `farthest_r2`.
+        (..., 2) x, y [px]; NaN where the distortion model is no longer one-to-one, see `farthest_r2`, or the input is
+        NaN.
     """
     x, y = np.moveaxis(np.asarray(normalised, dtype=np.float64), -1, 0)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
@@ -48,7 +49,7 @@ def project(points: Any, lens: Float64) -> Float64:
         lens: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     Returns:
-        (..., 2) [px]; NaN behind the camera, and where `distort` returns NaN.
+        (..., 2) x, y [px], also outside the image; NaN behind the camera, and where `distort` returns NaN.
     """
     points = np.asarray(points, dtype=np.float64)
     z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
@@ -56,7 +57,7 @@ def project(points: Any, lens: Float64) -> Float64:
 
 
 def undistort(pixels: Any, lens: Float64) -> Float64:
-    """Return the viewing directions of pixels, undistorted by Newton's method.
+    """Return the viewing directions of pixels, undistorted by Newton's method; the inverse of `distort`.
 
     Args:
         pixels: (..., 2) [px].
@@ -75,7 +76,8 @@ def undistort(pixels: Any, lens: Float64) -> Float64:
 def farthest_r2(lens: Float64) -> float:
     """Return the squared radius x² + y² up to which the radial distortion of a lens (9,) is monotonic.
 
-    It is the least positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none.
+    Beyond it the model folds back into the image, so `distort` and `undistort` return NaN there. It is the least
+    positive root of d(r·radial)/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶; infinite where there is none. r² has no unit.
     """
     coefficients = np.array([7.0 * lens[8], 5.0 * lens[5], 3.0 * lens[4], 1.0])
     coefficients[np.abs(coefficients) < _NOTHING] = 0.0  # it would fold at right angles to the axis, or overflow

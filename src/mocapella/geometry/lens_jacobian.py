@@ -18,12 +18,12 @@ def project_with_jacobian(points: Any, lens: Any) -> tuple[Float64, Float64, Flo
     """Project points to pixels, with the Jacobians by point and by lens.
 
     Args:
-        points: (..., 3) camera frame [m].
+        points: (..., 3) camera frame: x right, y down, z out of the lens [m].
         lens: (..., 9), see `mocapella.geometry.lens`; broadcasts with the points.
 
     Returns:
-        (..., 2) pixels [px]; (..., 2, 3) their derivatives by the point [px/m]; (..., 2, 9) by the lens's numbers. NaN
-        behind the camera.
+        (..., 2) pixels [px]; (..., 2, 3) their derivatives by the point [px/m]; (..., 2, 9) by the lens's numbers, in
+        their order. Behind the camera, pixels are NaN, and so are the derivatives that depend on the point.
     """
     points = np.asarray(points, dtype=np.float64)
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = np.moveaxis(np.asarray(lens, dtype=np.float64), -1, 0)

@@ -56,7 +56,7 @@ def undistorted(
         u, v, k1, k2, p1, p2, k3, farthest_r2: as in `undistort`.
 
     Returns:
-        x and y, then the three derivatives that `distort` returns at that point.
+        x and y, NaN where there are none within the lens model; then the three derivatives that `distort` returns.
     """
     x, y = u, v
     for _ in range(STEPS):

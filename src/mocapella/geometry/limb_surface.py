@@ -29,6 +29,9 @@ def polygonise(
         nodes: (a, b, c, 3) nodes of a grid, which may be warped and extends beyond the limbs on all sides [m].
         mirrored: make the surface symmetric in x, triangles included. The limbs must be symmetric; nodes are given
             for x > 0 only, and a layer of cells joins the first of them to their mirror images.
+
+    Raises:
+        AssertionError: the surface touches itself at this resolution of the grid.
     """
     k = _kernels()
     values = np.empty(nodes.shape[:3])

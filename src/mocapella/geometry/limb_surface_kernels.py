@@ -22,9 +22,9 @@ LIMB = 9
 
 @njit(cache=True)
 def smooth_min(a: float, b: float, k: float) -> float:
-    """Return the quadratic smooth minimum of a and b.
+    """Return the quadratic smooth minimum of distances a and b, with the blending distance k, above 0 [m].
 
-    It is below the minimum where they differ by less than k, by k/4 where they are equal.
+    It is below the minimum where they differ by less than k, by k/4 where they are equal; elsewhere it is the minimum.
     """
     h = k - abs(a - b)
     return min(a, b) - (h * h / (4.0 * k) if h > 0.0 else 0.0)

@@ -37,7 +37,7 @@ def see(
         vertices: (n, 3) in the world [m].
         T_camera_world: (4, 4) extrinsics.
         lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
-        pixels: (n, 2) written [px].
+        pixels: (n, 2) written, x, y [px]; 0 where the depth is 0.
         depth: (n,) written: along the camera's axis [m]; 0 where a vertex is nearer than `NEAREST_M` or outside the
             range of the distortion model.
     """
@@ -71,7 +71,7 @@ def see(
 def within(
     vertices: Float64, T_camera_world: Float64, lens: Float64, farthest_r2: float, width: int, height: int,
 ) -> bool:  # fmt: skip
-    """Return whether all vertices of a mesh are visible in an image.
+    """Return whether all vertices of a mesh are in front of the camera and within its image.
 
     Args:
         vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
@@ -205,7 +205,7 @@ def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
 
 @njit(cache=True, error_model="numpy")
 def cover_by_edges(pixels: Float64, edges: Int32, x0: int, y0: int, step: int, mask: UInt8) -> None:
-    """Set mask (rows, columns) as `cover` does, for a consistently oriented surface (`one_way`).
+    """Write 1 or 0 to every sample of mask (rows, columns), covered as by `cover`; for an oriented surface (`one_way`).
 
     Only the surface's contour edges are drawn. A sample is covered if, in its column above it, more of them run in one
     direction than in the other.
@@ -342,7 +342,7 @@ def outlined(
 
     Returns:
         The first sample's x and y [px], the mask (rows, columns) uint8, and at, normals, points, bone and far of
-        `outline`; an empty mask where nothing is visible.
+        `outline`; an empty mask and no points where nothing is visible.
     """
     count = len(vertices)
     pixels, depth = np.empty((count, 2)), np.empty(count)
@@ -373,7 +373,8 @@ def outline_edges(faces: Int32) -> Int32:
         faces: (k, 3) int32 corners.
 
     Returns:
-        (e, 4) int32: the edge's two ends, then the indices of its faces; −1 for a missing second face.
+        (e, 4) int32: the edge's two ends, then the indices of its faces; −1 for a missing second face. Of an edge with
+        more than two faces, the first two.
     """
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     face = np.tile(np.arange(len(faces)), 3)

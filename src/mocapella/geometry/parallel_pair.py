@@ -30,6 +30,9 @@ class ParallelPair:
         baseline_m: distance between the camera centres [m].
         width_px: width of the image [px].
         view_angle_rad: horizontal field of view [rad].
+
+    Raises:
+        SettingsError: a value of 0 or less, an angle of π or more, or an impossible size.
     """
 
     baseline_m: float
@@ -52,7 +55,7 @@ class ParallelPair:
         return self.baseline_m * self.focal_px / np.where(disparity > 0, disparity, np.nan)
 
     def disparity(self, depth_m: Any) -> Float64:
-        """Return the disparities (...,) [px] of depths (...,) [m]."""
+        """Return the disparities (...,) [px] of depths (...,) [m], above 0; the inverse of `depth`."""
         return self.baseline_m * self.focal_px / np.asarray(depth_m, dtype=np.float64)
 
     def expected_error(self, depth_m: Any, pixels: float = 1.0) -> Float64:
@@ -67,12 +70,12 @@ class ParallelPair:
         """Return 3D points in the frame of a virtual camera midway between the two.
 
         Args:
-            one, other: (..., 2) pixels of each point in the two rectified images, in any order [px].
+            one, other: (..., 2) x, y of each point in the two rectified images, left and right in any order [px].
             depth_m: (...,) depths by any method [m].
             height_px: height of the image [px].
 
         Returns:
-            (..., 3) [m]: x right, y down, z out of the lens.
+            (..., 3) [m]: x right, y down, z out of the lens; x and y are NaN where a pixel is, all where the depth is.
         """
         middle = (np.asarray(one, dtype=np.float64) + np.asarray(other, dtype=np.float64)) / 2.0
         depth = np.asarray(depth_m, dtype=np.float64)[..., None]
@@ -89,8 +92,11 @@ def view_angle_of(depth_m: Any, disparity_px: Any, baseline_m: float, width_px: 
         baseline_m: distance between the camera centres [m].
         width_px: width of the image [px].
 
+    Returns:
+        The angle, for `ParallelPair`.
+
     Raises:
-        InputError: as `fit`.
+        InputError: as `fit`, except that disparities may be alike.
     """
     depth, disparity = _checked(depth_m, disparity_px)
     focal = np.median(depth * disparity) / baseline_m
@@ -114,7 +120,10 @@ class PowerLaw(msgspec.Struct, frozen=True):
         return np.asarray(0.01 * self.k_cm * np.where(disparity > 0, disparity, np.nan) ** self.z)
 
     def expected_error(self, disparity_px: Any, pixels: float = 1.0) -> Float64:
-        """Return the depth error |∂D/∂x| (...,) [m] for a disparity error of ``pixels`` at disparities (...,) [px]."""
+        """Return the depth error |∂D/∂x| (...,) [m] for a disparity error of ``pixels`` at disparities (...,) [px].
+
+        It is NaN where a disparity is 0 or less.
+        """
         disparity = np.asarray(disparity_px, dtype=np.float64)
         return np.asarray(np.abs(self.z * self.depth(disparity) / disparity) * pixels)
 
@@ -127,8 +136,8 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
         disparity_px: (rows,) [px].
 
     Raises:
-        InputError: fewer than three distances, one that is not positive, cameras swapped (negative disparities), or
-            disparities that do not differ.
+        InputError: fewer than three distances, a distance or disparity that is not finite and above 0, cameras swapped
+            (most disparities negative), or disparities that do not differ.
     """
     depth, disparity = _checked(depth_m, disparity_px)
     x, y = np.log(disparity), np.log(100.0 * depth)
@@ -140,7 +149,10 @@ def fit(depth_m: Any, disparity_px: Any) -> PowerLaw:
 
 
 def swapped(disparity_px: Any) -> bool:
-    """Return whether most finite disparities (...,) are negative: the left and right cameras are swapped."""
+    """Return whether most finite disparities (...,) are negative: the left and right cameras are swapped.
+
+    It is False without a finite disparity.
+    """
     disparity = np.asarray(disparity_px, dtype=np.float64)
     there = disparity[np.isfinite(disparity)]
     return bool((there < 0).sum() > 0.5 * len(there)) if len(there) else False
@@ -195,7 +207,7 @@ class DistanceTable(msgspec.Struct, frozen=True, eq=False):
         return float(np.mean(np.abs(self.corrected_m - self.measured_m) / self.measured_m))
 
     def rows_cm(self) -> Float64:
-        """(rows, 5): measured [cm], disparity [px], calculated, corrected and expected error [cm]."""
+        """Return the table (rows, 5): measured [cm], disparity [px], calculated, corrected and expected error [cm]."""
         lengths = (self.calculated_m, self.corrected_m, self.expected_error_m)
         return np.stack([100 * self.measured_m, self.disparity_px, *(100 * length for length in lengths)], axis=-1)
 
@@ -206,7 +218,7 @@ def distance_table(depth_m: Any, disparity_px: Any, pair: ParallelPair) -> Dista
     Args:
         depth_m: (rows,) measured with a ruler [m].
         disparity_px: (rows,) their disparities [px].
-        pair: the cameras, for the pinhole formula.
+        pair: the cameras, for the pinhole formula and the expected errors.
 
     Raises:
         InputError: as `fit`.

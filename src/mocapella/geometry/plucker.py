@@ -21,14 +21,14 @@ Float64 = NDArray[np.float64]
 
 
 def line(point: Any, direction: Any) -> Float64:
-    """Return the line through a point in a direction.
+    """Return the line through a point in a direction, as Plücker coordinates.
 
     Args:
-        point: (..., 3) [m].
+        point: (..., 3) [m]; batch axes broadcast with ``direction``'s.
         direction: (..., 3) of any length.
 
     Returns:
-        (..., 6); NaN where the direction is zero.
+        (..., 6): unit direction n, then moment m = point × n [m]; NaN where the direction is zero or an input is NaN.
     """
     direction = np.asarray(direction, dtype=np.float64)
     length = np.linalg.norm(direction, axis=-1)[..., None]
@@ -38,7 +38,10 @@ def line(point: Any, direction: Any) -> Float64:
 
 
 def join(p: Any, q: Any) -> Float64:
-    """Return the lines (..., 6) from points p to points q, (..., 3) each [m]; NaN where they coincide."""
+    """Return the Plücker lines (..., 6) from points p to points q, (..., 3) each [m]; NaN where they coincide.
+
+    A line is its unit direction, from p to q, then its moment [m].
+    """
     p = np.asarray(p, dtype=np.float64)
     return line(p, np.asarray(q, dtype=np.float64) - p)
 
@@ -52,7 +55,8 @@ def camera_rays(pixels: Any, lens: Float64, T_camera_world: Float64) -> Float64:
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
 
     Returns:
-        (..., 6) in the world frame; NaN outside the range of the distortion model, or where the pixel is NaN.
+        (..., 6) unit direction, then moment [m], in the world frame; NaN outside the range of the distortion model, or
+        where the pixel is NaN.
     """
     seen = undistort(pixels, lens)
     T_world_camera = inverse(T_camera_world)
@@ -61,12 +65,15 @@ def camera_rays(pixels: Any, lens: Float64, T_camera_world: Float64) -> Float64:
 
 
 def residual(points: Any, lines: Float64) -> Float64:
-    """Return x × n − m (..., 3) [m] of points (..., 3) and lines (..., 6); its length is their distance."""
+    """Return the offset x × n − m (..., 3) of points x (..., 3) [m] from Plücker lines (n, m) (..., 6).
+
+    Its length is the distance of the point from the line [m]; it is perpendicular to n, and NaN where an input is.
+    """
     return np.asarray(np.cross(points, lines[..., :3]) - lines[..., 3:])
 
 
 def moved(T: Float64, lines: Float64) -> Float64:
-    """Apply rigid motions (..., 4, 4) to lines (..., 6); batch axes broadcast."""
+    """Return Plücker lines (..., 6), moved by rigid motions (..., 4, 4); batch axes broadcast."""
     n, m = (T[..., :3, :3] @ lines[..., k : k + 3, None] for k in (0, 3))
     n, m = n[..., 0], m[..., 0]
     return np.concatenate([n, m + np.cross(T[..., :3, 3], n)], axis=-1)

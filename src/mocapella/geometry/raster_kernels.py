@@ -50,7 +50,8 @@ def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float
         seen: (n, 3) of `project`.
         size_px: (width, height) of the image.
         margin_px: margin of the box about the vertices.
-        out: (4,) written: x0, y0, x1, y1 in whole pixels, the end exclusive; 0 if no vertex is visible.
+        out: (4,) written: x0, y0, x1, y1 in whole pixels, the end exclusive; 0 if no vertex is visible. A box outside
+            the image is empty.
     """
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(seen)):
@@ -80,8 +81,8 @@ def cover(
         triangles: (m, 3) corners, counter-clockwise as seen from outside.
         left, top: position of the first sample [px].
         step: distance between samples [px].
-        nearest: (rows, columns) float64 1/z of the nearest surface, 0 for none; updated.
-        which: (rows, columns) int32 index of its triangle, −1 for none; updated.
+        nearest: (rows, columns) float64 1/z of the nearest surface, 0 for none [1/m]; updated, so the caller resets it.
+        which: (rows, columns) integer index of its triangle, −1 for none; updated likewise.
     """
     h, w = which.shape
     scale = 1.0 / step

@@ -65,7 +65,10 @@ def rigid(R: Any, t: Any) -> Float64:
 
 
 def inverse(T: Float64) -> Float64:
-    """Invert rigid motions (..., 4, 4), ``T_to_from`` to ``T_from_to``, by transposing the rotation."""
+    """Return the inverses of rigid motions (..., 4, 4), ``T_to_from`` to ``T_from_to``, by transposing the rotation.
+
+    The result is a new array, wrong for matrices with a scale.
+    """
     R_back = np.swapaxes(T[..., :3, :3], -1, -2)
     return rigid(R_back, -(R_back @ T[..., :3, 3, None])[..., 0])
 
@@ -78,7 +81,7 @@ def apply(T: Float64, points: Any) -> Float64:
         points: (..., n, 3); batch axes broadcast with ``T``'s. A NaN affects its own point only.
 
     Returns:
-        (..., n, 3).
+        (..., n, 3), a new array.
     """
     moved: Float64 = np.matmul(points, np.swapaxes(T[..., :3, :3], -1, -2))
     moved += T[..., None, :3, 3]

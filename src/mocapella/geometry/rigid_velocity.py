@@ -20,10 +20,10 @@ def rigid_velocity(points: Float64, velocities: Float64, used: Bools) -> Float64
     Args:
         points: (n, 3) [m].
         velocities: (n, 3) [m/s].
-        used: (n,) whether a point is used in the fit.
+        used: (n,) whether a point is used in the fit; points or velocities that are not finite are left out anyway.
 
     Returns:
-        (n, 3) [m/s]; NaN where the point is NaN; zero if no point is used.
+        (n, 3) the fitted velocities of all points [m/s]; NaN where the point is NaN; else zero if no point is used.
     """
     used = used & np.isfinite(points).all(axis=-1) & np.isfinite(velocities).all(axis=-1)
     if not used.any():

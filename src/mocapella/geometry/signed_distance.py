@@ -23,11 +23,12 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
         inside: (rows, columns). A bool or uint8 mask has its outline midway between two samples that differ. Floating-
             point numbers have it where they cross 0, interpolated linearly between samples: for example, the covered
             fraction of each sample's square minus 0.5 gives the sub-sample outline of a rasterised mesh.
-        reach_px: distances are clipped to ± this, a whole number of steps [px].
-        step_px: distance between samples.
+        reach_px: distances are clipped to ± this, rounded up to a whole number of steps [px].
+        step_px: distance between samples [px].
 
     Returns:
-        (rows, columns) float32 [px]; exact to the outline's crossings with the sample's own row and column.
+        (rows, columns) float32 [px], a new array; exact to the outline's crossings with the sample's own row and
+        column. Without an outline, all samples have plus or minus the reach.
 
     Raises:
         SettingsError: ``inside`` is empty or not two-dimensional, or the reach is not 1 to 255 steps.
@@ -48,7 +49,7 @@ def signed_distance(inside: NDArray[Any], reach_px: float, step_px: int = 1) -> 
 
 @cache
 def kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module of compiled kernels, importing it, and with it numba, on the first call."""
     from mocapella.geometry import signed_distance_kernels
 
     return signed_distance_kernels

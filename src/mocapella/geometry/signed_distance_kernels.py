@@ -71,7 +71,7 @@ def signed_distance(field: Float32, reach: int, step: float, out: Float32) -> No
 
 @njit(cache=True, error_model="numpy")
 def of_mask(mask: UInt8, reach: int, step: float, out: Float32) -> None:
-    """Write the `signed_distance` of a mask's outline, which is midway between samples that differ.
+    """Write the `signed_distance` of every sample of a mask to its outline, midway between samples that differ.
 
     Args:
         mask: (rows, columns) uint8, not 0 inside.

@@ -32,7 +32,7 @@ class PointState(IntEnum):
     SEEN = 0
     """Two cameras or more agree."""
     ONE_VIEW = 1
-    """Seen by one camera only, or by none."""
+    """Seen by one camera only, or by none, within its lens model."""
     PARALLEL = 2
     """The rays are so nearly parallel that the depth would be a guess."""
     BEHIND = 3
@@ -97,7 +97,7 @@ class Triangulated(msgspec.Struct, frozen=True, eq=False):
 
 
 def views(lenses: Any, T_camera_world: Any) -> Views:
-    """Convert the cameras of a rig to the kernels' format.
+    """Convert the cameras of a rig to the format of `triangulate`, once for many points; the arrays are copied.
 
     Args:
         lenses: (views, 9), see `mocapella.geometry.lens`.
@@ -119,14 +119,18 @@ DEFAULT = TriangulationSettings()
 def triangulate(
     pixels: Any, cameras: Views, sd_px: Any = 1.0, settings: TriangulationSettings = DEFAULT
 ) -> Triangulated:
-    """Triangulate points from their pixels in several cameras at one instant.
+    """Triangulate points from their pixels in several cameras at one instant, each point on its own.
 
     Args:
-        pixels: (..., views, 2) [px]; NaN where a camera does not see the point.
+        pixels: (..., views, 2) x, y, with the lens' distortion [px]; NaN where a camera does not see the point.
         cameras: the rig, prepared by `views`.
         sd_px: standard deviation of a pixel's coordinates [px], broadcast to (..., views); a camera whose sd is NaN or
             infinite is not used.
-        settings: the settings.
+        settings: thresholds for outlier views and for parallel rays.
+
+    Returns:
+        New arrays, with the batch axes of ``pixels``. Nothing is raised for a point that cannot be triangulated: its
+        position is NaN, and its state is the reason.
     """
     pixels = np.ascontiguousarray(pixels, dtype=np.float64)
     batch, count = pixels.shape[:-2], len(cameras.numbers)

@@ -75,7 +75,11 @@ def turn_between(A: Float64, a: int, B: Float64) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def orthonormal(R: Float64) -> None:
-    """Remove accumulated rounding errors from the rotation R (9,), in place: Gram–Schmidt on its columns."""
+    """Remove accumulated rounding errors from a rotation, in place, by Gram–Schmidt on its columns.
+
+    Args:
+        R: (9,) the rotation, row by row.
+    """
     n = 1.0 / math.sqrt(R[0] * R[0] + R[3] * R[3] + R[6] * R[6])
     ax, ay, az = n * R[0], n * R[3], n * R[6]
     d = ax * R[1] + ay * R[4] + az * R[7]
@@ -91,7 +95,8 @@ def orthonormal(R: Float64) -> None:
 def carry_on(A: Float64, B: Float64, ratio: float, out: Float64) -> None:
     """Extrapolate the rigid motion from A to B (4, 4): write B·exp(ratio·log(A⁻¹B)) into out (4, 4).
 
-    Exponential and logarithm are `geometry.twists`'; the rotation from A to B is below π.
+    With a ratio of 0, out is B; with 1, it is as far beyond B as B is beyond A. Exponential and logarithm are
+    `geometry.twists`'; the rotation from A to B is below π.
     """
     P, Q, R, d, t = np.empty(9), np.empty(9), np.empty(9), np.empty(3), np.empty(3)
     for i in range(3):

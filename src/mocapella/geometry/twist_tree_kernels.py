@@ -20,13 +20,16 @@ def forward(
 ) -> None:  # fmt: skip
     """Compute the motions of a tree's parts, and the joints' twists in the pose, as products of exponentials.
 
+    A part without joints moves with its parent.
+
     R. Murray, Z. Li, S. Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), section 3.2.
 
     Args:
         parents, joint_parts, twists: (parts,), (joints,) and (joints, 6) of `TwistTree`.
         T: (4, 4) the root's motion from rest into the world.
         angles: (joints,) [rad].
-        about: (3,) world point [m]; the written translations and twists refer to it as origin, with the world's axes.
+        about: (3,) world point [m]; the written translations and twists refer to it as origin, with the world's axes;
+            (0, 0, 0) for the world's own.
         R: (parts, 9) written: rotations from rest, row by row.
         t: (parts, 3) written: translations [m].
         xi: (joints, 6) written: twists in the pose, translation [m] per radian, then the unit axis.

@@ -39,7 +39,10 @@ def exp_twist(twist: Any) -> Float64:
 
 
 def log_motion(T: Float64) -> Float64:
-    """Return the twist (..., 6) of rigid motions (..., 4, 4), with an angle in [0, π]; inverts `exp_twist` below π."""
+    """Return the twist (..., 6) of rigid motions (..., 4, 4): translation part [m], then rotation part [rad].
+
+    The angle, the length of the rotation part, is in [0, π]. Below π, this is the inverse of `exp_twist`.
+    """
     T = np.asarray(T)
     phi = _rotation_vector(T[..., :3, :3])
     angle = np.linalg.norm(phi, axis=-1)[..., None, None]
@@ -77,7 +80,7 @@ def _rotation_vector(R: Float64) -> Float64:
 def adjoint(T: Float64) -> Float64:
     """Return the adjoint matrices (..., 6, 6) of rigid motions (..., 4, 4), which express a twist in T's target frame.
 
-    T exp(x) T⁻¹ = exp(Ad x).
+    T exp(x) T⁻¹ = exp(Ad x), for twists x of translation part [m], then rotation part [rad].
     """
     R, t = T[..., :3, :3], T[..., :3, 3]
     out = np.zeros((*T.shape[:-2], 6, 6))

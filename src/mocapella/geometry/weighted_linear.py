@@ -57,6 +57,11 @@ def weighted_linear(
         lenses: (views, 9), see `mocapella.geometry.lens`.
         T_camera_world: (views, 4, 4) extrinsics.
         settings: the thresholds.
+
+    Returns:
+        The points, with the batch axes of ``pixels``. Points and residuals are NaN where no set of two or more cameras
+        has a mean error below ``largest_error_px``; the state is then `PointState.INCONSISTENT`, or
+        `PointState.ONE_VIEW` with fewer than two usable detections.
     """
     pixels = np.asarray(pixels, dtype=np.float64)
     confidences = np.broadcast_to(np.asarray(confidences, dtype=np.float64), pixels.shape[:-1])

@@ -33,15 +33,12 @@ _DIGIT_RADII_M: Final = (
 """Radii at the joints from the base outwards, of a hand of the reference length; our own figures."""
 _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Radius of the forearm at the wrist, half the distance of its two bones there, radii at the elbow and of the upper
-arm;
-and the distance of the centre of a fingertip's end inwards from the landmark."""
+arm; and the distance of the centre of a fingertip's end inwards from the landmark."""
 _ELBOW_M: Final = (0.008, 0.012)
 """Distance of the elbow joint beyond the end of the forearm's flesh, and behind it where the elbow is bent; from
-rendered
-arms (seeds below 100)."""
+rendered arms (seeds below 100)."""
 _FOREARM_OF_HAND: Final = 1.33
-"""Length of the forearm over that of the hand: D. Winter, *Biomechanics and Motor Control of Human Movement* (2009),
-figure 4.1: 0.146 and 0.108 of the stature."""
+"""Forearm's length over the hand's: Winter, *Biomechanics and Motor Control of Human Movement* (2009), figure 4.1."""
 
 
 @dataclass(frozen=True)
@@ -49,22 +46,26 @@ class ArmFitSettings:
     """Noise, priors and iterations of the fit.
 
     Attributes:
-        point_scale_m: scale of the robust loss of points [m].
-        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or in front of the surface [m].
-        point_sd_m, silhouette_sd_m, collision_sd_m: standard deviation of one residual; far above the noise for points,
-            whose errors are not independent [m].
-        sharp_sd_m: standard deviation of the silhouette's residuals in the last third of a fit [m].
+        point_scale_m: scale of the robust loss of points; larger: points far from the arm count more [m].
+        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or before the surface [m].
+        point_sd_m: standard deviation of a point's distance from the flesh; its errors are not independent [m].
+        silhouette_sd_m: standard deviation of the distance of flesh beside the silhouette or before the surface [m].
+        collision_sd_m: standard deviation of the overlap of digits beyond ``overlap_m`` [m].
+        sharp_sd_m: ``silhouette_sd_m`` in the last third of a fit [m].
         ahead_m: allowed distance of flesh in front of the surface [m].
         overlap_m: allowed overlap of digits [m].
-        size_sd, thickness_sd: standard deviation of a hand's size and thickness, relative to the average.
-        digit_sd: standard deviation of a digit's length, relative to the length expected from the hand's size.
-        forearm_sd: standard deviation of the forearm's length, relative to the length expected from the hand's.
-        deviation_sd_deg, flexion_sd_deg: standard deviations of the wrist's angles about the straight wrist [°].
-        angle_rate_deg_s, palm_rate_m_s, palm_rate_deg_s: growth of the prediction's standard deviation per second, of
-            angles, and of the palm's position and orientation.
+        size_sd: standard deviation of a hand's size, relative to the average [ratio].
+        thickness_sd: standard deviation of a hand's thickness, relative to the average [ratio].
+        digit_sd: standard deviation of a digit's length, relative to that of the hand's size [ratio].
+        forearm_sd: standard deviation of the forearm's length, relative to that of the hand's size [ratio].
+        deviation_sd_deg: standard deviation of the wrist's deviation to the thumb's or little finger's side [°].
+        flexion_sd_deg: standard deviation of the wrist's flexion about the straight wrist [°].
+        angle_rate_deg_s: largest growth per second of a predicted angle's standard deviation [°/s].
+        palm_rate_m_s: growth per second of the standard deviation of the palm's predicted position [m/s].
+        palm_rate_deg_s: growth per second of the standard deviation of the palm's predicted orientation [°/s].
         edge: distance between the surface's end and the outer pixel of its edge [grid pixels].
-        loose: factor of the robust scales in the first iteration.
-        iterations: largest number of iterations while tracking.
+        loose: factor of the robust scales in the first iteration, which improves poor starts [ratio].
+        iterations: largest number of iterations while tracking; larger: more accurate, at more work [iterations].
     """
 
     point_scale_m: float = 0.010
@@ -151,9 +152,7 @@ class ArmPrior(NamedTuple):
 
     Attributes:
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
-        pose: the predicted pose.
-        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
-        v, information: (STATE,) expected sizes and directions, and their inverse variances.
+        pose, certainty, v, information: as in `Expected`.
     """
 
     mean: Float64
@@ -201,7 +200,18 @@ class Expected:
 
 
 class ArmModel:
-    """Model of one arm, whose pose and sizes are fitted to depth images."""
+    """Model of one arm, whose pose and sizes are fitted to depth images.
+
+    Args:
+        model, shape: the hand's joints, and side and lengths of a hand of relative size 1; fits scale them.
+        settings: noise, priors and iterations.
+
+    Attributes:
+        arrays: the model for the kernels; its fields are attributes, too.
+        angle_of, natural: (n,) the free angles' indices in `ANGLES`, and their values at rest [rad].
+        prior: (n, n) inverse covariance of the free angles about these [1/rad²].
+        length_m, forearm_m: lengths of that hand, from wrist to middle fingertip, and of its forearm [m].
+    """
 
     def __init__(self, model: HandModel, shape: HandShape, settings: ArmFitSettings | None = None) -> None:
         self.model, self.shape, self.settings = model, shape, settings or ArmFitSettings()
@@ -249,7 +259,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of a new arm, about which only an approximate pose is known."""
+        """Return the prior of a new arm: average sizes; the approximate pose does not restrict palm and angles."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -277,14 +287,13 @@ class ArmModel:
         self, start: ArmPose, expected: Expected, evidence: ArmEvidence, *, iterations: int | None = None,
         loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
-        """Fit a pose, from a start near it.
+        """Fit a pose, from a start near it; return it with its costs, in new arrays; without iterations, the start.
 
         Args:
             start: the initial pose; not changed.
             expected: the prior.
             evidence: the image.
-            iterations, loose: largest number of iterations, and factor of the robust scales in the first one; the
-                settings' unless given.
+            iterations, loose: most iterations, and factor of the robust scales in the first; the settings' if None.
             tips: (5, 3) approximate fingertips, camera frame [m], NaN where unknown; they help the first iterations.
             keep: share of the iterations, from the first on, that use ``tips``.
         """
@@ -319,7 +328,7 @@ class ArmModel:
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """Try many postures of one digit (0: thumb); return the reduction of the cost, and the best pose."""
+        """Try many postures of one digit (0: thumb); return the cost's reduction, 0 if none is better, and the pose."""
         columns = self.columns[digit]
         free = columns >= 0
         tries = self._ways[digit].copy()
@@ -366,28 +375,22 @@ class ArmModel:
                 z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """Return spheres along the flesh, in the camera frame.
+        """Return spheres (k, 5) along the flesh: centre (3), camera frame, and radius [m], 1 for hand or 0 for arm.
 
         Args:
             pose: the pose.
             spacing_m: distance between the spheres' centres along a bone [m].
-
-        Returns:
-            (k, 5) centre (3) and radius [m], 1 for the hand or 0 for the arm.
         """
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
     def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
-        """Return the weight of each point by its distance from a predicted arm: 1 near the hand, 0.5 near the forearm.
+        """Return weights (m,) of points by distance from a predicted arm: 1 near the hand, 0.5 near the forearm.
 
         Args:
             points: (m, 3) camera frame [m].
             pose: the predicted pose.
             beyond: weight of all other points.
-
-        Returns:
-            (m,).
         """
         out = np.empty(len(points))
         kernels().relevance(points, pose.R, pose.t, pose.v, self.length_m, self.forearm_m, beyond, out)

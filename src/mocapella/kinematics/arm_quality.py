@@ -80,7 +80,10 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 
     Args:
         before, now: (n, 3) [m]; NaN where not known.
-        least_m: pairs of points that were closer together than this are not compared.
+        least_m: pairs of points that were closer together than this are not compared [m].
+
+    Returns:
+        Pairs of indices i < j; points with NaN are in none.
     """
     apart = np.linalg.norm(now[:, None] - before[None], axis=-1)
     between = np.linalg.norm(before[:, None] - before[None], axis=-1)
@@ -93,6 +96,9 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 
 def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
     """Count the jumps, appearances, losses and swaps of an arm's eight joints between two frames.
+
+    A joint jumps relative to the median motion of all joints. Only fingertips appear, vanish and swap; a swap does not
+    count as a jump.
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
@@ -122,7 +128,11 @@ class _Followed:
 
 
 class ArmQualityMeter:
-    """Measures the quality of arms frame by frame, by capture time."""
+    """Measures the quality of arms frame by frame, by capture time.
+
+    Args:
+        settings: thresholds; the defaults if not given.
+    """
 
     def __init__(self, settings: ArmQualitySettings | None = None) -> None:
         self.settings = settings or ArmQualitySettings()
@@ -143,8 +153,11 @@ class ArmQualityMeter:
         """Measure the arms of a frame.
 
         Args:
-            arms: all arms of the frame.
+            arms: all arms of the frame, or none; an arm of the last frame whose id is missing counts as lost.
             at_s: capture time [s]; a frame that is not later than the last one restarts all windows.
+
+        Returns:
+            The quality measured so far, as ``quality``.
         """
         s = self.settings
         compare = self._at_s is not None and 0 < at_s - self._at_s <= s.gap_s

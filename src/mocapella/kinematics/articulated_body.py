@@ -49,7 +49,19 @@ class Pose(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArticulatedBody:
-    """Filter of one body. Equal inputs give equal outputs, to the bit."""
+    """Filter of one body. Equal inputs give equal outputs, to the bit.
+
+    Args:
+        topology: the skeleton, which must have a body model.
+        settings: motion and thresholds; the defaults if not given.
+
+    Attributes:
+        model: the body model and the settings.
+        memory: (1, memory_size) the body's state, see `articulated_memory`; updated in place.
+
+    Raises:
+        SettingsError: the topology has no body model.
+    """
 
     def __init__(self, topology: Topology, settings: ArticulatedSettings | None = None) -> None:
         self.model = ArticulatedModel.of(topology, settings)
@@ -68,7 +80,8 @@ class ArticulatedBody:
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
 
         Returns:
-            All joints at that instant, including unmeasured ones.
+            All joints at that instant, including unmeasured ones; all NaN until enough joints initialise the body, and
+            after ``forget_after_s`` without measurements.
         """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
@@ -78,7 +91,10 @@ class ArticulatedBody:
         return Estimate(float(at_s), x, v)
 
     def predict(self, at_s: float) -> Estimate:
-        """Predict the body at an instant, on the clock of the capture times [s], without changing it."""
+        """Predict the body at an instant, on the clock of the capture times [s], without changing it.
+
+        All is NaN while the body is not known, and later than ``forget_after_s`` after its last measurement.
+        """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
         _kernels().predict(self.model.arrays, self.memory[0], float(at_s), x, v)
@@ -90,7 +106,7 @@ class ArticulatedBody:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose at the last update; None while the body is not known."""
+        """The pose at the last update, copied; None until a body is initialised."""
         return pose_of(self.model, self.memory[0])
 
 
@@ -106,7 +122,7 @@ def move(model: ArticulatedModel, memory: Float64, T_new_old: Float64) -> None:
 
 
 def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
-    """Read the pose from a person's memory (memory_size,); None while the body is not known."""
+    """Copy the pose from a person's memory (memory_size,); None if no body was initialised."""
     if row[at.STARTED] != 1.0:
         return None
     starts = model.layout
@@ -116,7 +132,7 @@ def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
 
 
 def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
-    """Write a pose into a row (memory_size,) that is NaN elsewhere."""
+    """Return a new row (memory_size,) with a pose, NaN elsewhere, for kernels that read a pose from a memory."""
     starts = model.layout
     row = np.full(starts.size, np.nan)
     row[starts.angles : starts.velocities] = pose.angles
@@ -145,7 +161,10 @@ def hinge_angles(model: ArticulatedModel, pose: Pose) -> dict[str, float]:
 
 
 def ball_rotations(model: ArticulatedModel, pose: Pose) -> dict[str, Float64]:
-    """Return the ball joints' rotations (3, 3) from bone to parent frame by their names, and that of the ``root``."""
+    """Return the ball joints' rotations (3, 3) from bone to parent frame by their names, and that of the ``root``.
+
+    The root's is to the world. All are views of the pose's.
+    """
     named = {"root": pose.rotations[0]}
     for joint, bone in model.body.bones.items():
         if bone.ball is not None:

@@ -26,25 +26,38 @@ class ArticulatedSettings:
     moving body; for a body at rest they are lowered.
 
     Attributes:
-        root_acceleration: acceleration density of the root along an axis [m²/s³].
-        root_turn: acceleration density of the root about an axis [rad²/s³].
-        trunk_turn: acceleration density of a joint of the trunk [rad²/s³].
-        limb_turn: acceleration density of a joint of an arm or a leg [rad²/s³].
-        hand_turn: acceleration density of a joint of a hand [rad²/s³].
-        velocity_memory_s: time constant of the decay of an unconfirmed velocity [s].
+        root_acceleration: density of the root's white acceleration along an axis; larger: less lag, more jitter
+            [m²/s³].
+        root_turn: density of the root's white angular acceleration about an axis; larger: less lag, more jitter
+            [rad²/s³].
+        trunk_turn: density of the white angular acceleration of a joint of the trunk; larger: less lag, more jitter
+            [rad²/s³].
+        limb_turn: density of the white angular acceleration of a joint of an arm or a leg; larger: less lag, more
+            jitter [rad²/s³].
+        hand_turn: density of the white angular acceleration of a joint of a hand; larger: less lag, more jitter
+            [rad²/s³].
+        velocity_memory_s: time constant of the decay of an unconfirmed velocity; larger: the motion is extrapolated
+            farther [s].
         surprise_s: time constant over which the surprise is averaged: the squared innovations of the measured joints
-            over their expectation [s].
-        full_surprise: surprise above which the densities hold in full; below it they fall with its third power.
-        calm: smallest factor of the densities.
+            over their expectation; larger: the densities rise and fall later [s].
+        full_surprise: surprise above which the densities hold in full; below it they fall with its third power; larger:
+            slow motion has less jitter and more lag [ratio].
+        calm: smallest factor of the densities, of a body at rest; smaller: less jitter at rest, later to follow when it
+            moves [ratio].
         noise_s: time constant over which each joint's noise is learnt [s].
-        rest_sd: standard deviation of an angle about its rest, after one second of pull towards it [rad·√s].
-        degrees_of_freedom: parameter of the Student-t weight of a joint; infinity makes the loss quadratic.
-        length_memory_s: time over which bone lengths are averaged [s].
-        stand_diffusion: diffusion of a foot in contact with the floor; infinity: contacts are not modelled [m²/s].
-        stand_speed: speed at which the weight of a foot's contact has fallen to a quarter [m/s].
-        least_joints: number of measured joints that initialise a body; at least four of them belong to its torso.
-        lost_m: mean distance of measured from estimated joints, beyond their noise, above which a body counts as lost
-            [m].
+        rest_sd: standard deviation of an angle about its rest, after one second of pull towards it; larger: a weaker
+            pull [rad·√s].
+        degrees_of_freedom: parameter of the Student-t weight of a joint; smaller: outliers count less; infinity makes
+            the loss quadratic [degrees of freedom].
+        length_memory_s: time over which bone lengths are averaged; larger: steadier lengths, slower to correct [s].
+        stand_diffusion: diffusion of a foot in contact with the floor; smaller: the foot is held more firmly; infinity:
+            contacts are not modelled [m²/s].
+        stand_speed: speed of a foot at which the weight of its contact has fallen to a quarter; larger: moving feet are
+            held, too [m/s].
+        least_joints: number of measured joints that initialise a body; at least four of them belong to its torso
+            [joints].
+        lost_m: mean distance of measured from estimated joints, beyond their noise, above which a body counts as lost;
+            larger: wrong bodies are corrected more rarely [m].
         lost_s: a body that has been lost for this long is initialised again [s].
         forget_after_s: time without a measurement after which a body is no longer predicted [s].
     """
@@ -167,7 +180,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(topology: Topology, settings: ArticulatedSettings | None = None) -> ArticulatedModel:
-        """Make the model of a topology.
+        """Make the model of a topology, with default settings unless given.
 
         Raises:
             SettingsError: the topology has no body model.
@@ -176,7 +189,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def memory_size(model: ArticulatedModel) -> int:
-    """Number of numbers in the row that holds one person's memory."""
+    """Return the length of the row that holds one person's memory, see `articulated_memory`."""
     return model.layout.size
 
 

@@ -49,7 +49,10 @@ class BallJoints(msgspec.Struct, frozen=True, eq=False):
 
 
 def ball_joints(tree: TwistTree) -> BallJoints:
-    """Find parts with three perpendicular, intersecting revolute axes whose second angle can reach a right angle."""
+    """Find parts with three perpendicular, intersecting revolute axes whose second angle can reach a right angle.
+
+    Such joints are singular there, so `local_tree` re-expresses them; there may be none.
+    """
     found: list[tuple[int, int, Float64, Float64]] = []
     for part in range(1, len(tree.parents)):
         turns = np.flatnonzero(tree.joint_parts == part)
@@ -93,7 +96,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
     axes: Float64
 
     def into(self, pose: TreePose) -> TreePose:
-        """Convert a pose of the body's tree to the local tree."""
+        """Convert a pose of the body's tree to the local tree; its angles are new, its root's motion is shared."""
         angles = np.array(pose.angles, np.float64)
         _kernels().into(self.balls.first, self.balls.axes, self.turned, self.axes, angles)
         return TreePose(pose.T_world_model, angles)
@@ -125,7 +128,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
 
 
 def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
-    """Make the local tree of a body's tree about a pose; see `LocalTree`."""
+    """Make the local tree of a body's tree about a pose, for one step of a fit; the arguments are not changed."""
     angles = np.array(pose.angles, np.float64)
     twists, limits, n = tree.twists.copy(), tree.limits.copy(), len(balls.parts)
     turned, axes = np.empty((n, 9)), np.empty((n, 3, 3))

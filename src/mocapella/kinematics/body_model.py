@@ -141,7 +141,7 @@ def body_model_names() -> tuple[str, ...]:
 
 @cache
 def body_model(name: str) -> BodyModel:
-    """Return the body model of a topology.
+    """Return the body model of a topology; the same object each time.
 
     Raises:
         SettingsError: there is none; lists those there are.

@@ -55,7 +55,7 @@ def apart(
 
 
 def depth_m(solid: Capsules, pairs: Int64, landmarks: Float64) -> float:
-    """Return the sum of the overlaps of pairs of limbs [m].
+    """Return the sum of the overlaps of pairs of limbs [m]; 0 if none overlaps.
 
     Args:
         solid: the limbs as capsules.

@@ -58,7 +58,7 @@ class HandFeatures:
         return ramp(float(self.reach[digit]), low, high)
 
     def folded(self, digit: int) -> float:
-        """Return the degree, 0 to 1, to which a finger is folded into the palm; NaN if unknown."""
+        """Return the degree, 0 to 1, to which a digit (0: thumb) is folded into the palm; NaN if unknown."""
         low, high = (0.78, 0.90) if digit == 0 else (0.45, 0.65)
         return 1.0 - ramp(float(self.reach[digit]), low, high)
 
@@ -84,6 +84,9 @@ def hand_features(
         palm, elbow: (3,) centre of the palm and elbow, in the same frame [m].
         unsure: a tip with a standard deviation above this fraction of the distance from the wrist to the middle
             finger's knuckle counts as unknown.
+
+    Returns:
+        The features; for an unknown digit, reach is NaN and certainty 0.
     """
     x, s = np.asarray(landmarks, dtype=np.float64), np.asarray(states)
     chains = x[1:].reshape(5, 4, 3)
@@ -166,6 +169,7 @@ class Closed:
     Attributes:
         name: its name, one word.
         tight: whether the fingers lie in the palm (fist); otherwise they are bent as around an object.
+        digits: as of `Gesture`: the four fingers.
     """
 
     name: str
@@ -182,7 +186,11 @@ class Closed:
 
 @dataclass(frozen=True)
 class Pinch:
-    """Gesture with the tips of thumb and index finger together, the other fingers not folded."""
+    """Gesture with the tips of thumb and index finger together, the other fingers not folded.
+
+    Attributes:
+        name, digits: as of `Gesture`.
+    """
 
     name: str = "pinch"
     digits: tuple[int, ...] = (0, 1, 2, 3, 4)
@@ -226,16 +234,17 @@ class GestureSettings:
     """Thresholds in score and time at which gestures and grasps begin and end.
 
     Attributes:
-        enter: score at or above which a gesture begins.
-        leave: score below which it ends.
-        after_s: time for which either condition must last [s].
-        grab: closure (`closure`) at or above which a hand grasps.
-        release: closure below which it releases.
-        grab_after_s: time for which either of these conditions must last [s].
-        least_certain: mean certainty of a gesture's digits below which its score is unknown.
+        enter: score at or above which a gesture begins; larger: fewer false gestures, more missed ones [0 to 1].
+        leave: score below which it ends; smaller: it lasts longer [0 to 1].
+        after_s: time for which either condition must last; larger: fewer false gestures, later ones [s].
+        grab: closure (`closure`) at or above which a hand grasps; larger: the hand must be closed more [0 to 1].
+        release: closure below which it releases; smaller: the hand must be opened more [0 to 1].
+        grab_after_s: time for which either of these conditions must last; larger: fewer false grasps, later ones [s].
+        least_certain: mean certainty of a gesture's digits below which its score is unknown; larger: gestures of partly
+            hidden hands are ignored [0 to 1].
         hold_s: time for which a gesture with an unknown score keeps its state [s].
-        unsure: a tip with a standard deviation above this fraction of a hand's length counts as unknown, see
-            `hand_features`.
+        unsure: a tip counts as unknown if its standard deviation is above this fraction of the length from wrist to the
+            middle finger's knuckle, see `hand_features`; larger: less certain tips are used [ratio].
     """
 
     enter: float = 0.6
@@ -331,8 +340,11 @@ class HandGestures:
     """Recognises the gestures and grasps of one hand, instant by instant.
 
     Args:
-        settings: thresholds.
+        settings: thresholds; the defaults if not given.
         gestures: the gestures to recognise; the present `GESTURES` unless given.
+
+    Raises:
+        SettingsError: two gestures of one name, or one without a name.
     """
 
     def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:
@@ -367,7 +379,10 @@ class HandGestures:
 
         Args:
             hand: the features, of `hand_features`; None where the hand is not seen.
-            at_s: capture time [s]; a time before the last one restarts the recognition.
+            at_s: capture time [s]; a time before the last one restarts the recognition, but not its counts.
+
+        Returns:
+            The state; a gesture stays until it ends, or its score is below ``enter`` and another active one's is not.
         """
         if at_s < self._at_s:
             self._forget()

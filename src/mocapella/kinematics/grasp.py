@@ -18,9 +18,12 @@ class GraspSettings:
     """Thresholds for touching and holding an object.
 
     Attributes:
-        touch_m: distance from the surface below which a fingertip begins to touch it [m].
-        leave_m: distance above which it stops touching [m].
-        after_s: duration of touch after which the object is held, and of no touch after which it is released [s].
+        touch_m: largest distance from the object's surface at which a fingertip begins to touch it; larger: grasps are
+            detected sooner, also false ones [m].
+        leave_m: distance from the surface above which a fingertip stops touching; larger: releases are detected later
+            [m].
+        after_s: time of touch by the thumb and another finger after which the object is held, and without it after
+            which it is released; larger: fewer false grasps, later ones [s].
     """
 
     touch_m: float = 0.015
@@ -50,7 +53,10 @@ def distance_to_box(points: Float64, T_world_object: Float64, half_m: Float64) -
 
 
 class Grasp:
-    """Detector of the grasp of one object by one hand.
+    """Detector of the grasp of one object by one hand: the thumb and at least one finger touch it.
+
+    Args:
+        settings: thresholds; the defaults if not given.
 
     Attributes:
         touching: (5,) whether each fingertip touches the object, the thumb's first.
@@ -73,7 +79,7 @@ class Grasp:
         Args:
             distances: (5,) signed distances of the fingertips from the object's surface, the thumb's first [m]; a NaN
                 keeps that finger's state.
-            at_s: capture time [s].
+            at_s: capture time [s]; a time before a change began restarts its waiting time.
         """
         s = self.settings
         with np.errstate(invalid="ignore"):

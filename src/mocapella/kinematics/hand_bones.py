@@ -120,6 +120,9 @@ def measure_bones(
         sd_m: standard deviation of a coordinate of a marker [m].
         settings: priors and requirements; the defaults if None.
 
+    Returns:
+        The bones of the same person and side as ``start``. The base's markers are re-measured.
+
     Raises:
         InputError: arrays of another shape, too few base markers, or a gesture that does not determine a finger; the
             message names the finger and what to do.

@@ -74,6 +74,10 @@ def hand_chain(model: HandModel, shape: HandShape) -> HandChain:
 def landmarks(chain: HandChain, pose: HandPose) -> Float64:
     """Compute the landmarks of a posed hand: forward kinematics.
 
+    Args:
+        chain: the hand.
+        pose: its posture; leading axes are batches.
+
     Returns:
         (..., 21, 3), world [m].
     """

@@ -34,7 +34,12 @@ _MEASURED: Final = 2
 
 
 class PhaseSpan(NamedTuple):
-    """Time interval of a phase of the gesture, in capture time since the first scene [s]."""
+    """Time interval of a phase of the gesture, in capture time since the first scene [s].
+
+    Attributes:
+        phase: one of `PHASES`.
+        begin_s, end_s: its beginning, and its end, which does not belong to it.
+    """
 
     phase: str
     begin_s: float
@@ -43,6 +48,9 @@ class PhaseSpan(NamedTuple):
 
 def spans_of_text(text: str) -> tuple[PhaseSpan, ...]:
     """Parse intervals such as ``flat=0:4,knuckles=4:10,hook=10:16`` [s]; a phase may occur more than once.
+
+    Returns:
+        The intervals, sorted by time.
 
     Raises:
         SettingsError: the text has another form, a phase is missing, or two intervals overlap.
@@ -100,6 +108,9 @@ class GesturePoints:
         tips: names of the markers of thumb to little finger.
         base: names of the base's markers, three or more.
         rate_hz: scenes kept per second; successive frames hold nearly the same information [Hz].
+
+    Raises:
+        SettingsError: not five tips, fewer than three base markers, a name twice, or a rate out of range.
     """
 
     def __init__(self, tips: Sequence[str], base: Sequence[str], *, rate_hz: float = 30.0) -> None:
@@ -130,7 +141,13 @@ class GesturePoints:
         return GestureReport(self._scenes, kept, self._without, self._too_soon)
 
     def update(self, scene: Scene, phase: str) -> None:
-        """Add a scene of a phase of the gesture.
+        """Add a scene of a phase of the gesture, unless it has no points or follows the last one too soon.
+
+        A marker that fewer than two cameras see now is kept as NaN.
+
+        Args:
+            scene: the tracker's result.
+            phase: one of `PHASES`.
 
         Raises:
             InputError: a marker is not tracked.
@@ -155,7 +172,13 @@ class GesturePoints:
         self._last_ns = scene.at_ns
 
     def missing(self, phase: str, least: int) -> list[str]:
-        """Describe why a phase cannot be used yet, one text per marker seen in fewer than ``least`` instants."""
+        """Describe, for users, why a phase cannot be used yet; an empty list if it can.
+
+        Args:
+            phase: one of `PHASES`.
+            least: least number of kept scenes that must show the whole base, and with it each finger's tip. The thumb's
+                tip is not needed.
+        """
         rows = self._kept[phase]
         if not rows:
             return ["no markers were tracked meanwhile: do two cameras see the hand, and is the method hands?"]

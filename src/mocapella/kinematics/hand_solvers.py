@@ -45,7 +45,11 @@ class Fingers(msgspec.Struct, frozen=True, eq=False):
 
 
 class HandSolver(Protocol):
-    """Interface of inverse-kinematics solvers: digit angles from fingertip positions."""
+    """Interface of inverse-kinematics solvers: digit angles from fingertip positions.
+
+    Attributes:
+        name: key in `SOLVERS`.
+    """
 
     name: str
 
@@ -55,6 +59,10 @@ class HandSolver(Protocol):
         Args:
             targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
             start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
+                Angles beyond the limits are clamped.
+
+        Returns:
+            Angles within the limits, in new arrays; an unreachable target leaves a tip at a distance, ``errors_m``.
         """
         ...  # pragma: no cover
 
@@ -128,6 +136,10 @@ class ClosedForm(_Solver):
     """Solver by a closed form in each digit's plane, with a limited search for unreachable targets.
 
     The initial angles matter only for a digit without a target.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's side and lengths.
     """
 
     name = "closed form"
@@ -181,7 +193,7 @@ class Fabrik(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+        settings: stopping criteria; its damping is not used. The defaults if not given.
     """
 
     name, kind = "FABRIK", "FABRIK"
@@ -193,7 +205,7 @@ class JacobianTranspose(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+        settings: stopping criteria; its damping is not used. The defaults if not given.
     """
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
@@ -205,7 +217,7 @@ class PseudoInverse(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+        settings: stopping criteria; its damping is not used. The defaults if not given.
     """
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
@@ -217,7 +229,7 @@ class DampedLeastSquares(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria, and the damping of `DampedLeastSquares`; the defaults if not given.
+        settings: stopping criteria and damping; the defaults if not given.
     """
 
     name, kind = "damped least squares", "DAMPED"
@@ -246,7 +258,7 @@ SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
 
 
 def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:
-    """Make a solver by its name.
+    """Make a solver by its name, a key of `SOLVERS`, with default settings.
 
     Raises:
         SettingsError: no such solver; lists those there are.

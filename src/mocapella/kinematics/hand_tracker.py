@@ -40,19 +40,30 @@ class HandSettings:
     """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
 
     Attributes:
-        marker_sd_m: default standard deviation of a marker's coordinate [m].
-        flexion_sd_deg, abduction_sd_deg: standard deviations of the fingers' angles about the posture at rest [°].
-        thumb_sd_deg: standard deviation of the thumb's angles about the posture at rest [°].
+        marker_sd_m: standard deviation of a marker's coordinate where the markers come without one [m].
+        flexion_sd_deg: standard deviation of the flexion of the fingers' first and second joints about the posture at
+            rest; larger: the posture at rest counts less [°].
+        abduction_sd_deg: standard deviation of the abduction of the fingers, and of the thumb's second joint, about the
+            posture at rest; larger: the posture at rest counts less [°].
+        thumb_sd_deg: standard deviation of the thumb's flexions, and of its first joint's abduction, about the posture
+            at rest; larger: the posture at rest counts less [°].
         coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
-            it is free [°].
-        angle_rate_deg_s: growth of a predicted angle's standard deviation per second [°/s].
-        palm_rate_m_s: growth of the standard deviation of the palm's predicted position per second [m/s].
-        palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second [°/s].
-        velocity_memory_s: time constant of the decay of velocities while no marker is seen [s].
-        outlier_sd: markers farther from the hand than this are rejected, in their standard deviations.
-        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is below this [m].
+            it is free; larger: it follows the second joint less [°].
+        angle_rate_deg_s: growth of a predicted angle's standard deviation per second; larger: less lag, more jitter
+            [°/s].
+        palm_rate_m_s: growth of the standard deviation of the palm's predicted position per second; larger: less lag,
+            more jitter [m/s].
+        palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second; larger: less
+            lag, more jitter [°/s].
+        velocity_memory_s: time constant of the decay of velocities while no marker is seen; half of it is that of
+            measuring them; larger: the motion is extrapolated farther, and changes later [s].
+        outlier_sd: markers farther from the hand than this are rejected, the farthest first, at most two; larger: fewer
+            are rejected [standard deviations].
+        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is at most this;
+            larger: fewer landmarks are inferred [m].
         forget_after_s: time without markers after which the hand is forgotten [s].
-        most_iterations: largest number of iterations of the fit.
+        most_iterations: largest number of iterations of a fit; larger: more accurate after sudden motion, at more work
+            [iterations].
     """
 
     marker_sd_m: float = 0.001
@@ -118,22 +129,25 @@ class _State:
 
 
 class HandTracker:
-    """Tracker of one hand. Equal inputs give equal outputs, to the bit."""
+    """Tracker of one hand. Equal inputs give equal outputs, to the bit.
+
+    Args:
+        model: the hand's joints, limits and couplings.
+        shape: the person's bone lengths, and the hand's side.
+        base_markers: (k, 3) positions of the base's markers in the palm's frame of a right hand, k ≥ 1; of a left hand,
+            mirrored [m].
+        settings: priors and thresholds; the defaults if not given.
+
+    Attributes:
+        report: counts since the tracker was made or reset, updated in place.
+
+    Raises:
+        SettingsError: no base marker, or one farther than 0.5 m from the wrist along an axis.
+    """
 
     def __init__(
         self, model: HandModel, shape: HandShape, base_markers: Any, settings: HandSettings | None = None
     ) -> None:
-        """Track a person's hand.
-
-        Args:
-            model, shape: whose.
-            base_markers: (k, 3) places of the base's markers in the palm's frame of a right hand [m], k ≥ 1; of a left
-                hand mirrored.
-            settings: the defaults where not given.
-
-        Raises:
-            SettingsError: no base marker, or one that is not on a hand.
-        """
         layout = np.ascontiguousarray(base_markers, dtype=np.float64)
         good = layout.ndim == 2 and layout.shape[1:] == (3,) and len(layout) >= 1 and (np.abs(layout) < 0.5).all()
         check(bool(good), "base_markers", np.shape(base_markers), "(k, 3), k ≥ 1, each within 0.5 m of the wrist")
@@ -167,7 +181,8 @@ class HandTracker:
                 settings' unless given. A marker whose uncertainty is not positive and finite is not used.
 
         Returns:
-            The hand at that instant, with all landmarks.
+            The hand at that instant, with all landmarks. It is acquired by three fingertips and a base marker. Without
+            markers it is predicted, and after ``forget_after_s`` it is lost: all NaN, and not tracked.
 
         Raises:
             InputError: arrays of another shape, or a time that is not finite.

@@ -44,7 +44,11 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
 
     Args:
         mesh: a mesh with landmarks, such as a body or a hand.
-        joints: positions (3,) of landmarks in the world by name [m]; NaN for unknown ones.
+        joints: positions (3,) of landmarks in the world by name [m]; unknown ones are NaN or left out.
+
+    Returns:
+        The pose with the least distances of the landmarks; where none determines an angle, it is nearly 0. Equal inputs
+        give equal poses.
 
     Raises:
         SettingsError: an unknown landmark, or fewer than three known landmarks that are not on a line.

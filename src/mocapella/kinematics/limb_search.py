@@ -39,19 +39,30 @@ class LimbSearchSettings:
     """Settings of the search for a limb.
 
     Attributes:
-        points: number of surface points that are compared with the images.
-        drawn: number of initial poses: a third near the present one, a third farther away, a third anywhere.
-        near_rad, farther_rad: standard deviations of the first two thirds [rad].
-        kept: number of best poses about which new ones are drawn in each round, ever nearer.
-        again: number of poses drawn about each of them.
-        rounds: number of rounds.
-        per_rad2: cost of a rotation from the present pose, in units of the score [1/rad²].
-        room: weight of a background sample relative to a foreground one; people may look like the background.
-        against: share of background samples above which a limb may be lost.
-        astray: score below which such a limb is searched for.
-        better: gain of the score above which a lost limb moves to the new pose.
-        much_better: gain of the score above which a limb that is not lost moves to the new pose.
-        per_m: cost of penetrating limbs, in units of the score [1/m].
+        points: number of points on a limb's surface that are compared with the images; larger: more accurate scores, at
+            more work [points].
+        drawn: number of initial poses: a third near the present one, a third farther away, a third anywhere; larger:
+            limbs are found more often, at more work [poses].
+        near_rad: standard deviation of the joint angles of the first third about the present pose; that of the poses of
+            round n is this divided by 2ⁿ [rad].
+        farther_rad: standard deviation of the joint angles of the second third about the present pose [rad].
+        kept: number of best poses about which new ones are drawn in each round, ever nearer [poses].
+        again: number of poses drawn about each of them in a round; larger: a better pose, at more work [poses].
+        rounds: number of rounds, in each of which poses are drawn half as far away; larger: a finer pose, at more work
+            [rounds].
+        per_rad2: cost of a rotation from the present pose, in units of the score; larger: nearer poses are preferred
+            [1/rad²].
+        room: weight of a background sample relative to a foreground one; people may look like the background; larger:
+            limbs avoid what looks like the background more [ratio].
+        against: share of background samples above which a limb may be lost; larger: limbs are searched for more rarely
+            [0 to 1].
+        astray: score, at most 1, below which such a limb is searched for; larger: limbs are searched for more often
+            [ratio].
+        better: gain of the score above which a lost limb moves to the new pose; larger: fewer wrong moves, and more
+            limbs stay lost [ratio].
+        much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: likewise
+            [ratio].
+        per_m: cost of penetrating limbs, in units of the score; larger: they are avoided more [1/m].
     """
 
     points: int = 40
@@ -163,10 +174,10 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
 
 
 def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> Evidence:
-    """Return an image's evidence of a limb: unknown where the rest of the body is rendered.
+    """Return an image's evidence of a limb, a copy: unknown where the rest of the body is rendered, and beside it.
 
     Args:
-        evidence: evidence of the whole body.
+        evidence: evidence of the whole body; not changed.
         body: the body.
         vertices: (n, 3) posed vertices from `rigged_mesh.posed`, world [m].
         limb: the limb.
@@ -183,7 +194,10 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """Lower an image's foreground to that of the previous image within `REACH` samples; this rejects brief flashes."""
+    """Return an image's evidence, its foreground lowered to that of the previous image within `REACH` samples.
+
+    This rejects brief flashes. Neither argument is changed.
+    """
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
     _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)
@@ -208,7 +222,7 @@ def worth(
 ) -> tuple[Float64, Float64, Float64]:
     """Evaluate n poses of a limb: evidence for and against each, and its penetration of other limbs [m], (n,) each.
 
-    Evidence is the mean over the limb's points and the cameras.
+    Evidence is the mean over the limb's points and the cameras, 0 to 1 each; 0 without a camera.
 
     Args:
         limb: the limb.
@@ -257,7 +271,7 @@ def search(
 
     Args:
         limb, local, places, evidence: as in `worth`.
-        rng: random generator that draws the poses.
+        rng: random generator that draws the poses, and is not used if nothing is searched.
         also_hidden: whether to search also when the images do not contradict the present pose.
         settings: the settings.
     """

@@ -35,12 +35,13 @@ class CorrespondenceSettings:
     """Settings for matching outlines; one step is the distance between samples of the images' windows.
 
     Attributes:
-        spacing_steps: distance of points on the body's outline [steps].
-        every: stride between samples of the image's outline.
-        soft_steps: scale of the robust loss: at this residual the weight is a quarter [steps].
+        spacing_steps: distance of points on the body's outline; larger: less work, less accurate [samples].
+        every: stride between samples of the image's outline; larger: less work, less accurate [samples].
+        soft_steps: scale of the robust loss: at this residual the weight is a quarter; larger: faster motion is
+            followed, and false outlines count more [samples].
         sd_steps: standard deviation of one pixel of outline; much more than an edge's own, as neighbours' errors are
-            correlated [steps].
-        sure_nats: least evidence of an edge with full weight [nats].
+            correlated; larger: prediction and resting pose count more [samples].
+        sure_nats: least evidence of an edge with full weight; larger: weak edges count less [nats].
     """
 
     spacing_steps: float = 2.0
@@ -77,7 +78,7 @@ class Figure(msgspec.Struct, frozen=True, eq=False):
 
 
 def figure(mesh: RiggedMesh) -> Figure:
-    """Prepare a mesh for rendering: its edges and the part of each vertex."""
+    """Prepare a mesh for `see`, once for all images: find its edges and the part of each vertex."""
     k = _seeing()
     part = np.ascontiguousarray(mesh.bones[:, 0])
     return Figure(mesh, k.outline_edges(mesh.faces), part, k.one_way(mesh.faces))
@@ -100,7 +101,7 @@ class Eye(msgspec.Struct, frozen=True, eq=False):
 
 
 def eye(placed: PlacedCamera) -> Eye:
-    """Prepare a calibrated camera for rendering."""
+    """Prepare a calibrated camera for `see`, once for all images."""
     lens = np.ascontiguousarray(placed.camera.lens, np.float64)
     T = np.ascontiguousarray(placed.T_camera_world, np.float64)
     return Eye(placed.camera.size_px, lens, lenses.farthest_r2(lens), T)
@@ -144,7 +145,7 @@ def see(
     spacing_px: float = 4.0,
     window: Outline | None = None,
 ) -> Outline | None:
-    """Render a body's mask and outline; return None if the body is outside the image.
+    """Render a body's mask and outline; return None if the body is outside the image and no window is given.
 
     Args:
         body: the body.
@@ -164,7 +165,11 @@ def see(
 
 
 def seen_at(points: Float64, by: Eye) -> Float64:
-    """Project world points (n, 3) [m] into the image, (n, 2) [px]; invisible points get -1e6."""
+    """Project world points (n, 3) [m] into the image, (n, 2) x, y [px], with distortion.
+
+    Points behind the camera or outside the range of the distortion model get -1e6, not NaN. Points beyond the image's
+    border get their coordinates there.
+    """
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
     pixels[depth <= 0.0] = -1e6
@@ -172,7 +177,7 @@ def seen_at(points: Float64, by: Eye) -> Float64:
 
 
 def within(points: Float64, by: Eye) -> bool:
-    """Return whether all world points (n, 3) [m] are visible within the image."""
+    """Return whether all world points (n, 3) [m] are in front of the camera and within its image; true of none."""
     at = np.ascontiguousarray(points)
     return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 

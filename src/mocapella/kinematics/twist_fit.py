@@ -161,7 +161,7 @@ def fit(
 
     Args:
         tree: the kinematic tree.
-        start: the initial pose; its angles are clamped to the limits.
+        start: the initial pose, not changed; its angles are clamped to the limits.
         constraints: any number, including none.
         priors: any number; a weight of 0 has no effect.
         settings: the settings.

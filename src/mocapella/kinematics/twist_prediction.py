@@ -39,7 +39,7 @@ class JitterPenalty:
 
 
 def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
-    """Extrapolate a pose by repeating the motion from ``before`` to ``last``.
+    """Extrapolate a pose by repeating the motion from ``before`` to ``last``; its angles may be beyond the limits.
 
     Args:
         before, last: successive poses, with leading batch axes.
@@ -52,13 +52,16 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
 
 
 def looser(prior: Prior, times: float) -> Prior:
-    """Return the prior with its standard deviations multiplied by ``times``."""
+    """Return the prior with its standard deviations multiplied by ``times``, above 0; its pose is shared."""
     per_m, per_rad = prior.root_per_m / times, prior.root_per_rad / times
     return Prior(prior.pose, per_m, per_rad, np.asarray(prior.angles_per_rad) / times)
 
 
 def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) -> Prior:
-    """Return the penalty on deviations from a predicted pose, as a prior for `mocapella.kinematics.twist_fit.fit`."""
+    """Return the penalty on deviations from a predicted pose, as a prior for `mocapella.kinematics.twist_fit.fit`.
+
+    The prediction is one of `predicted`, without batch axes; the same weight applies to every angle.
+    """
     every = np.full(len(tree.joint_parts), penalty.angle_per_rad)
     return Prior(prediction, penalty.root_per_m, penalty.root_per_rad, every)
 

@@ -31,8 +31,9 @@ class AlignGuideSettings:
         least_seconds: shortest duration [s]: standard deviations of a few half-second blocks are unreliable.
         every: interval between attempts to align and reports of missing data [s].
         patience: longest wait for the first scene [s].
-        good_m, good_rad, good_delay_s: standard deviations that end it early; ``good_m`` also applies to the lever arm.
-            When the time is over, the limits of `SpaceAlignmentSettings` suffice.
+        good_m, good_rad, good_delay_s: standard deviations of position [m], rotation [rad] and delay [s] that end it
+            early; ``good_m`` also applies to the lever arm. When the time is over, the limits of
+            `SpaceAlignmentSettings` suffice.
     """
 
     seconds: float = 60.0
@@ -53,13 +54,13 @@ class AlignGuideSettings:
 
 
 class AlignGuide:
-    """Guides a person through the motion that aligns two spaces.
+    """Guides a person through the motion that aligns another tracker's space with the cameras' world.
 
     Args:
         messages: returns all messages received since its last call.
-        observations: collects them.
-        settings: duration and precision.
-        alignment: of the estimate, and its limits.
+        observations: collects the messages, and computes the alignment.
+        settings: duration and precision; the defaults if None.
+        alignment: settings of the estimate, with the limits that its precision must meet; the defaults if None.
         say: receives lines for the person.
         show: receives the missing data as text that replaces its last text.
         clock, sleep: in seconds.
@@ -82,7 +83,7 @@ class AlignGuide:
         self._say, self._show, self._clock, self._sleep = say, show, clock, sleep
 
     def run(self) -> SpaceFit:
-        """Collect until the alignment is precise, or until the time is over and its precision suffices.
+        """Collect until the alignment is precise, or until the time is over and its precision suffices; return it.
 
         Raises:
             NoServerError: no scene arrives.

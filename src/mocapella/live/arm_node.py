@@ -23,8 +23,8 @@ class ArmNodeSummary:
     Attributes:
         sensor, node_id: its identity on the bus; the id as 16 hex digits.
         served: whether a server ever accepted the node.
-        published: frames of arms.
-        images_published: frames of depth.
+        published: number of published frames of arms.
+        images_published: number of published depth images; 0 without ``depth_link``.
         seconds: from the start of acquisition to the end [s].
         report: as `ArmWork.report`.
     """
@@ -53,11 +53,14 @@ def run_arm_node(
 ) -> ArmNodeSummary:
     """Detect arms in the newest image and publish them, until the source ends or ``stop`` is set.
 
+    Arms of an image older than ``settings.drop_after_s`` are counted, but not published; its depth image is. ``stop``
+    is set when the run ends.
+
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the images, not started yet; stays open.
+        acquisition: source of the images, not started yet; stays open.
         work: detects arms.
-        settings: of the node.
+        settings: of the node; the defaults if None.
         depth_link: of the sensor under whose name images are published; None to publish no images.
         epoch, stop, wait, say, clock: as in `mocapella.live.camera_node.run_camera_node`.
 

@@ -32,13 +32,15 @@ _ROUGH_M: Final = 0.7
 
 
 class ArmWork:
-    """Detects arms in depth images, and counts.
+    """Detects arms in the depth images of one camera, and counts, for the loop of the camera's node.
+
+    The constructor runs the detector on artificial images, so that its kernels are compiled, and resets it.
 
     Args:
         sensor: the camera's name.
-        acquisition: of the images; used for its reports only.
-        camera: of the images.
-        detector: made for this camera.
+        acquisition: source of the images; only its state and its report are read. The state has a depth unit.
+        camera: lens and image size of the images.
+        detector: made for this camera; kept.
         clock: the monotonic clock, in seconds.
 
     Attributes:
@@ -77,10 +79,10 @@ class ArmWork:
         """Detect the arms in an image, and count it in ``looked_at`` and ``with_arms``; `in_time` counts the late ones.
 
         Args:
-            picture: depth in the source's unit; its time is the frame's.
+            picture: depth image (height, width) in the source's unit; its time is the frame's.
 
         Returns:
-            The arms, or the reason why there are none. Node id, number and publication time are 0 until it is
+            The arms, or the reason why there are none. Node id, number and publication time are 0 until the frame is
                 published.
 
         Raises:
@@ -104,19 +106,25 @@ class ArmWork:
         )  # fmt: skip
 
     def depth(self, picture: Picture) -> DepthFrame:
-        """Return the image as a frame."""
+        """Return the depth image as a frame, without a copy; node id, number and publication time are 0."""
         depth: Any = picture.image
         return DepthFrame(self.sensor, 0, 0, picture.time_ns, 0, depth, self._unit_m, self.camera.lens)
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count the processing time and age of an image; return whether its arms are recent enough to send."""
+        """Count an image in ``late`` and ``too_late`` if it is; return whether its arms are recent enough to send.
+
+        Args:
+            took_s: duration of the processing [s].
+            age_s: time since the image was available [s].
+            drop_after_s: largest age of an image whose arms are sent [s].
+        """
         fps = self.acquisition.state.fps
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
         return age_s <= drop_after_s
 
     def report(self) -> dict[str, Any]:
-        """Return counts since the start, and current problems."""
+        """Return counts since the start and current problems, in the form of ``--json``."""
         return {
             "source": self.acquisition.source.name,
             "times": self.acquisition.source.times,
@@ -138,7 +146,7 @@ class ArmWork:
         return [doubt] if doubt else []
 
     def words(self) -> str:
-        """Return the report as one line."""
+        """Return the counts since the start as one line for the terminal."""
         report = self.acquisition.report()
         looked = max(self.looked_at, 1)
         rate = f"{report.fps:.1f} a second; " if report.fps else ""
@@ -149,7 +157,10 @@ class ArmWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield faults since the last check, at limited intervals, and recoveries."""
+        """Yield faults since the last check, and recoveries; nothing if the last check is too recent.
+
+        ``now_s`` is the present time on a monotonic clock [s].
+        """
         if self._warned.due(now_s):
             problems = self._problems(self._before)
             self._before = (self.looked_at, self.with_arms, self._check.empty)
@@ -182,7 +193,11 @@ class ArmWork:
 
 
 def rough_arm(camera: Camera) -> NDArray[np.float32]:
-    """Return a depth image, (height, width) [m], of a disc and a bar down to the edge: enough for a detector to run."""
+    """Return a depth image of a disc and a bar down to the lower edge, which is enough for a detector to run.
+
+    Returns:
+        (height, width) float32 [m]; 0 where nothing is.
+    """
     width, height = camera.size_px
     fx, fy = camera.lens[:2]
     x = (np.arange(width) - 0.5 * width) * _ROUGH_M / fx

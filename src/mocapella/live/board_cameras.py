@@ -29,14 +29,14 @@ EXPLAIN_S: Final = 10.0
 
 
 class BoardCameras(Protocol):
-    """Cameras that look for the board all at once."""
+    """Cameras that look for a calibration board all at once, so that `film` can collect views of it."""
 
     def look(self) -> dict[str, BoardLook]:
-        """Return an observation for each camera, by name."""
+        """Return an observation for each camera, by name; a camera that fails has one with its ``problem``."""
         ...
 
     def wait(self, seconds: float) -> None:
-        """Wait until the next observation."""
+        """Wait until the next observation [s]; zero or less does not wait."""
         ...
 
     def close(self) -> None:
@@ -54,11 +54,11 @@ class NodeCameras:
     """Running camera nodes, all queried at the same time for the board in their newest image.
 
     Args:
-        ask: sends a query to a camera's node, and waits that many seconds for the answer
+        ask: sends a query to the node of the named camera, and waits that many seconds for the answer
             (`mocapella.wire.questions.ask_node`).
         sensors: returns the server's newest sensor health, whose clock offsets bring captures to one clock.
-        cameras: their names.
-        board: to detect.
+        cameras: names of the cameras.
+        board: the board to detect.
     """
 
     def __init__(
@@ -76,7 +76,10 @@ class NodeCameras:
         self._workers = ThreadPoolExecutor(max(len(self._cameras), 1), thread_name_prefix="ask for board")
 
     def look(self) -> dict[str, BoardLook]:
-        """As `BoardCameras`."""
+        """Query all nodes, and return an observation for each camera, by name.
+
+        A camera whose node does not answer, or whose clock the server does not know, has one with its ``problem``.
+        """
         asked = {name: self._workers.submit(self._one, name) for name in self._cameras}
         answers = {name: future.result() for name, future in asked.items()}
         rows = {row.name: row for row in self._sensors()}
@@ -86,11 +89,11 @@ class NodeCameras:
         }
 
     def wait(self, seconds: float) -> None:
-        """As `BoardCameras`."""
+        """Sleep until the next observation [s]; zero or less does not wait."""
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
-        """As `BoardCameras`."""
+        """Discard waiting queries; a query that is under way is not waited for."""
         self._workers.shutdown(wait=False, cancel_futures=True)
 
     def _one(self, name: str) -> NodeAnswer | str:
@@ -140,11 +143,12 @@ class NodeCameras:
 
 
 class LocalCameras:
-    """Cameras of this machine.
+    """Cameras of this machine, opened by the constructor and read together.
 
     Args:
         numbers: device numbers by camera name.
-        board: to detect.
+        board: the board to detect.
+        clock: measures the waits between observations; the monotonic clock, in seconds.
 
     Raises:
         InputError: a camera cannot be opened.
@@ -161,7 +165,10 @@ class LocalCameras:
         self._detectors = {name: BoardDetector(board) for name in numbers}
 
     def look(self) -> dict[str, BoardLook]:
-        """As `BoardCameras`."""
+        """Read an image of each camera, and return an observation for each, by name.
+
+        A camera that gives no image has one with its ``problem``.
+        """
         seen = self._cameras.read()
         lost = {
             name: BoardLook(problem=f"camera {name} gave no picture {count} times")
@@ -172,13 +179,13 @@ class LocalCameras:
         return lost | {name: BoardLook(seen[name][0], view) for name, view in found.items()}
 
     def wait(self, seconds: float) -> None:
-        """As `BoardCameras`; keeps reading, so that the next image is a new one."""
+        """Wait until the next observation [s], and keep reading meanwhile, so that the next image is a new one."""
         end = self._clock() + seconds
         while self._clock() < end:
             self._cameras.read()
 
     def close(self) -> None:
-        """As `BoardCameras`."""
+        """Release the cameras."""
         self._cameras.close()
 
 
@@ -190,7 +197,15 @@ def film(
     *,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Observe the board repeatedly until ``until`` holds; call ``on_look`` after each observation."""
+    """Observe the board every `INTERVAL_S` until ``until`` holds, and add each observation to ``run``.
+
+    Args:
+        cameras: look for the board; stay open.
+        run: collects the observations.
+        until: whether to end; asked before and after each observation.
+        on_look: called after each observation.
+        clock: the monotonic clock, in seconds.
+    """
     while not until():
         began = clock()
         run.add(cameras.look())
@@ -208,7 +223,12 @@ def urgent(run: BoardRun) -> list[str]:
 
 
 def node_names(texts: Sequence[str], prefix: str, known: Iterable[SensorHealth]) -> list[str]:
-    """Return the names of the nodes that texts such as ``node:left`` refer to.
+    """Return the names of the nodes that texts such as ``node:left`` refer to, in the order of the texts.
+
+    Args:
+        texts: names of camera nodes, each with or without the prefix.
+        prefix: what precedes a name, such as ``node:``.
+        known: the sensors at the server.
 
     Raises:
         SettingsError: no such node is connected, or it is no camera.

@@ -57,8 +57,9 @@ class BoardService:
     """Runs at most one calibration at a time, whichever browser starts and ends it.
 
     Args:
-        ask: queries a camera's node and waits for its answer.
-        send: sends a command to the server.
+        ask: queries a camera's node and waits for its answer; called with the camera's name, the query as a dictionary,
+            and the longest wait [s].
+        send: sends a command to the server: the verb and its arguments.
         folder: of boards to read and rigs to save; no file outside of it is used.
         warm_up: called with a method's name before the server tracks with it, to compile its kernels beforehand.
     """
@@ -92,7 +93,7 @@ class BoardService:
         return self._progress
 
     def update(self, status: SessionStatus | None) -> None:
-        """Use the newest sensor health and setup."""
+        """Use the newest sensor health and setup, to know the connected cameras; None changes nothing."""
         if status is None:
             return
         self._sensors = status.sensors
@@ -103,7 +104,11 @@ class BoardService:
             self._progress = replace(self._progress, has_rig=has_rig)
 
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
-        """Carry out a command of the calibration; pass any other on to the server."""
+        """Carry out a command of the calibration, or pass any other on to the server; return the reply.
+
+        The verbs are ``calibrate``, ``finish-calibration``, ``cancel-calibration``, ``save-rig`` and ``use-this-rig``.
+        The first three return at once; `progress` has the result. A refusal is a reply with ``ok`` False.
+        """
         if verb not in self._verbs:
             return self._send(verb, arguments)
         try:
@@ -112,7 +117,7 @@ class BoardService:
             return CommandReply(False, str(error))
 
     def close(self) -> None:
-        """End the calibration and discard its observations."""
+        """End the calibration, if one runs, discard its observations, and wait for its thread."""
         with self._lock:
             self._cancelled = True
             self._end.set()

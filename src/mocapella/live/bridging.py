@@ -17,7 +17,22 @@ from mocapella.sources.bridge import Bridge, BridgeSettings
 
 
 class ServedSensor:
-    """A sensor's link to the bus, and its membership, which claims the sensor's name."""
+    """A sensor's link to the bus, and its membership, which claims the sensor's name, for programs without a node.
+
+    Args:
+        connect: address of the server.
+        sensor: name of the sensor.
+        say: receives messages about the link.
+
+    Attributes:
+        link: publishes the frames.
+        membership: claims the name, on a thread of its own.
+        ended: set by `close`, or when a server refuses the name.
+        unstored: see `close`.
+
+    Raises:
+        BusError, KeyFileError: as `mocapella.wire.node.NodeLink`.
+    """
 
     def __init__(self, connect: str, sensor: str, say: Callable[[str], None]) -> None:
         self.ended = threading.Event()
@@ -58,8 +73,15 @@ def run_bridge(
 ) -> dict[str, Any]:
     """Serve every sensor of a program connected to the bridge until ``stop`` is set; return the bridge's report.
 
+    Args:
+        settings: where the bridge listens, and its limits.
+        connect: address of the server.
+        stop: ends the run.
+        say: receives messages about the run.
+
     Raises:
         AddressInUseError: the bridge's port is in use.
+        BusError: the bridge cannot listen at its address for another reason.
         UnstoredFramesError: frames of an open take are not stored.
     """
     serving: dict[str, ServedSensor] = {}

@@ -44,7 +44,7 @@ class CameraNodeSettings:
 
 
 class CameraWork(Protocol):
-    """Processing of the images, as far as the node reports about it."""
+    """Processing of a camera's images, as far as `run_camera_node` reports about it."""
 
     def words(self) -> str:
         """Return counts as one line."""
@@ -92,9 +92,11 @@ def run_camera_node(
 ) -> CameraRun:
     """Process the newest image repeatedly, until the source ends or ``stop`` is set.
 
+    ``stop`` is set when the run ends for any reason, because the thread that claims the sensor's name ends with it.
+
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the images, not started yet; stays open.
+        acquisition: source of the images, not started yet; stays open.
         work: reports progress and faults.
         on_picture: processes an image, and publishes the result.
         settings: of the node.
@@ -103,7 +105,7 @@ def run_camera_node(
         wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
         begun: called when the source has been started.
-        full: whether enough is measured; a run with it needs no server.
+        full: whether enough is measured, which ends the run; a run with it needs no server.
         linger_s: how long to stay after the source has ended, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
@@ -180,7 +182,7 @@ class FaultReports:
         self._returned: set[str] = set()
 
     def due(self, now_s: float) -> bool:
-        """Whether a check is due; the first call only starts the interval."""
+        """Whether a check is due, at most every `WARN_AFTER_S`; the first call only starts the interval."""
         if now_s < self._next_s:
             return False
         first, self._next_s = self._next_s == -np.inf, now_s + WARN_AFTER_S
@@ -189,8 +191,10 @@ class FaultReports:
     def update(self, problems: Mapping[str, str], now_s: float) -> Iterator[str]:
         """Yield messages for faults that began and for faults that are over.
 
+        The memory changes as the messages are read: read all of them.
+
         Args:
-            problems: the present faults as sentences, by kind.
+            problems: all present faults as sentences, by kind.
             now_s: the present time on a monotonic clock [s].
         """
         for kind, text in problems.items():

@@ -74,8 +74,8 @@ class PictureWork(Protocol):
 
     Attributes:
         camera: the camera's name.
-        acquisition: of the images.
-        detector: of the markers; None if there are no colours.
+        acquisition: source of the images.
+        detector: detects the markers; None if no colours are learnt.
         newest: the last processed image; None before the first.
     """
 
@@ -99,12 +99,14 @@ class PictureWork(Protocol):
 
 
 class CameraService:
-    """Answers queries (`mocapella.wire.questions`). A context manager; leaving it ends the thread.
+    """Answers queries (`mocapella.wire.questions`) on a thread of its own, which the constructor starts.
+
+    A context manager; leaving it ends the thread.
 
     Args:
-        work: with the images and colours.
-        profile_file: for `AskSave` to write; None if there is none.
-        settings: limits.
+        work: the node's processing, which has the newest image and the colours.
+        profile_file: file to which `AskSave` writes the colours; None refuses `AskSave`.
+        settings: limits; the defaults if None.
         say: receives messages about changes.
         clock: the monotonic clock, in seconds.
     """
@@ -131,7 +133,13 @@ class CameraService:
         self._thread.start()
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> None:
-        """Queue a query, or refuse it; return at once. ``reply`` is called once with the answer."""
+        """Queue a query, or refuse it beyond the limits; return at once.
+
+        Args:
+            question: the query as JSON.
+            reply: called once with the answer as JSON: on the service's thread, or at once with a refusal. It is not
+                called for queries that still wait at `close`.
+        """
         now_s, refusal = self._clock(), ""
         with self._lock:
             recent = self._asked_s
@@ -148,7 +156,7 @@ class CameraService:
         reply(write_answer(NodeAnswer(False, refusal)))
 
     def answer(self, question: bytes) -> NodeAnswer:
-        """Answer a query; if it cannot be carried out, the answer gives the reason."""
+        """Answer a query, given as JSON, on the caller's thread; if it is refused, the answer gives the reason."""
         try:
             return self._answers(question)
         except MocapellaError as error:

@@ -19,7 +19,7 @@ _ANSWER_S = 0.5
 
 
 class ClockWatch:
-    """Probes the clocks of all connected nodes in turn.
+    """Probes the clocks of all connected nodes in turn, so that the server knows their offsets.
 
     Args:
         link: to the nodes.
@@ -40,7 +40,7 @@ class ClockWatch:
         self._link, self._registry, self._lock, self._recording, self._errors = link, registry, lock, recording, errors
 
     def run(self, ended: threading.Event) -> None:
-        """Compare the clocks until ``ended`` is set."""
+        """Compare all clocks every `PROBE_EVERY_S`, until ``ended`` is set; a failed probe keeps the last offset."""
         while not ended.wait(PROBE_EVERY_S):
             with self._lock:
                 nodes = self._registry.nodes()

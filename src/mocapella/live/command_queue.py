@@ -16,14 +16,20 @@ Answer = Callable[[bytes], None]
 
 @dataclass
 class WaitingCommand:
-    """A command that waits for the tracker, and its answers: several if a client sent the same several times."""
+    """A command that waits for the tracker.
+
+    Attributes:
+        verb: name of the command.
+        arguments: its arguments, by name.
+        answers: functions that answer it; several if a client sent the same command several times.
+    """
 
     verb: str
     arguments: dict[str, Any]
     answers: list[Answer] = field(default_factory=list)
 
     def answer(self, data: bytes) -> None:
-        """Answer all who sent it."""
+        """Send the encoded reply to all who sent the command."""
         for answer in self.answers:
             answer(data)
 
@@ -39,7 +45,10 @@ def client_of(answer: Answer) -> str:
 
 
 class CommandQueue:
-    """Commands in the order of their arrival. What a client sends several times in a row is carried out once.
+    """Commands in the order of their arrival, at most `MOST_COMMANDS`, and `MOST_COMMANDS_OF_A_CLIENT` of one client.
+
+    A command that equals the last waiting one, of the same named client, is carried out once, and both are answered.
+    Any thread may use it.
 
     Attributes:
         refused: number of commands beyond the limits.

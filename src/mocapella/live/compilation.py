@@ -50,7 +50,10 @@ class Compilation:
 
     @property
     def done(self) -> bool:
-        """Whether all processes have ended. A kernel that none of them could compile is compiled when it is called."""
+        """Whether all processes have ended; False before `start`, True after it if none was needed.
+
+        A kernel that none of them could compile is compiled when it is called.
+        """
         return self._started and self._children.all_ended()
 
     def wait(self) -> None:
@@ -60,7 +63,7 @@ class Compilation:
             time.sleep(_POLL_S)
 
     def close(self) -> None:
-        """End the processes."""
+        """End the processes, also unfinished ones; may be called twice."""
         self._children.close()
 
     def __enter__(self) -> Compilation:
@@ -73,7 +76,7 @@ class Compilation:
 
 
 def compile_part(method: str, part: str) -> None:
-    """Compile one of a method's ``warm_up_parts``; all of its kernels if ``part`` is empty."""
+    """Compile one of a method's ``warm_up_parts``, in this process; all of its kernels if ``part`` is empty."""
     if part:
         load(part)()
     else:

@@ -20,7 +20,13 @@ _POLL_S: Final = 0.1
 def run_datagrams(
     settings: DatagramSettings, connect: str, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Serve a camera for each port until ``stop`` is set; return counts by camera.
+    """Serve a camera for each port until ``stop`` is set; return counts in the form of ``--json``, by camera.
+
+    Args:
+        settings: cameras with their ports, and the names of the markers.
+        connect: address of the server.
+        stop: ends the run.
+        say: receives messages about the run.
 
     Raises:
         AddressInUseError: a port is in use.

@@ -24,7 +24,10 @@ from mocapella.wire.node import JoinReply
 class Door:
     """Passes messages to the tracker's and the recorder's threads.
 
-    A node's messages are recorded once it has a seat; a stranger's are first looked at by the tracker's thread.
+    A node's messages are recorded once it has a seat, which means that it holds its sensor's name in the registry.
+    Messages of a node without a seat are first examined by the tracker's thread. The methods are the callbacks of
+    `mocapella.wire.server.ServerLink.serve`: ``data`` is an encoded message, ``arrived_ns`` its arrival on the server's
+    monotonic clock [ns], and ``answer`` takes the encoded reply.
 
     Args:
         registry: decides who is admitted; used under ``lock``.
@@ -46,7 +49,7 @@ class Door:
         self._recording = recording
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Pass a live frame to the recorder and to the tracker."""
+        """Pass a live frame to the recorder and to the tracker; drop it if another node holds the sensor's name."""
         with self._lock:
             standing = self._registry.standing(node, arrived_ns)
         recorder = self._recording().recorder
@@ -56,7 +59,7 @@ class Door:
             self._inbox.put(ReceivedMessage(node, data, arrived_ns, standing is NodeStanding.STRANGER))
 
     def truth(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Pass a simulation's ground truth to the recorder."""
+        """Pass a simulation's ground truth to the recorder, if a take is recorded and the node has a seat."""
         recorder = self._recording().recorder
         if recorder is not None and self._is_seated(node):
             recorder.truth(node.sensor, data, arrived_ns)
@@ -81,11 +84,14 @@ class Door:
             return self._registry.holds(node)
 
     def join(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
-        """Answer a node that asks for its sensor's name, at once."""
+        """Answer a node that asks for its sensor's name, at once, with a `JoinReply`."""
         answer(msgspec.json.encode(self._admit(node, arguments, None)))
 
     def leave(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
-        """Answer a node that sends no more frames, at once."""
+        """Answer a node that sends no more frames, at once, with a `JoinReply`.
+
+        The recording learns the number after the node's last frame, ``arguments["next"]``.
+        """
         try:
             reply = self._admit(node, arguments, check_number(arguments.get("next")))
         except WireError as error:

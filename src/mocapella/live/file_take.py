@@ -21,13 +21,13 @@ FLUSH_EVERY: Final = 64
 
 
 class FileTake:
-    """Writes a take. A context manager; leaving it closes the take.
+    """Writes a take on the caller's thread. A context manager; leaving it closes the take.
 
     Args:
-        path: of the take.
+        path: of the take, which must not exist.
         setup: of the tracker.
         method_settings: of the tracker; a replay uses both.
-        reserve_bytes: free disk space to leave.
+        reserve_bytes: free disk space to leave [bytes].
 
     Raises:
         TakeExistsError, DiskFullError, RecordingError: before anything is created.
@@ -57,7 +57,7 @@ class FileTake:
             self._writer.flush()
 
     def close(self) -> TakeReport:
-        """Finish the take and return its report."""
+        """Finish the take and return its report; a second call returns the same report."""
         return self._writer.close()
 
     def __enter__(self) -> FileTake:

@@ -46,12 +46,12 @@ class GuideSettings:
 
 
 class HandGuide:
-    """Guides a person through the gesture.
+    """Guides a person through the phases of the gesture from whose marker positions hand bones are measured.
 
     Args:
         newest: returns the newest scene once; None if there is no new one.
-        gesture: collects the points.
-        settings: durations and tries.
+        gesture: collects the markers' positions.
+        settings: durations and tries; the defaults if None.
         say: receives lines for the person.
         show: receives the countdown as text that replaces its last text.
         clock, sleep: in seconds.
@@ -74,9 +74,13 @@ class HandGuide:
     def run(self, measure: Callable[[GesturePoints], Bones]) -> Bones:
         """Guide through each phase until it is usable, then measure; repeat the gesture if the bones stay undetermined.
 
+        Args:
+            measure: returns the bones; raises `InputError` if they are undetermined.
+
         Raises:
             NoServerError: no scene arrives.
-            InputError: the bones stay undetermined after all tries; says what to do.
+            InputError: a phase has too few frames, or the bones stay undetermined, after all tries; or the tracker
+                tracks no marker of a required name.
         """
         self._wait_for_scenes()
         for left in range(self._settings.tries - 1, -1, -1):

@@ -15,7 +15,7 @@ _DISK_EVERY_S: Final = 5.0
 
 
 def free_bytes(folder: Path) -> int | None:
-    """Return the free space of a folder's disk, also of a folder that does not exist yet; None if unknown."""
+    """Return the free space of a folder's disk [bytes], also of a folder that does not exist yet; None if unknown."""
     there = next((path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir()), None)
     try:
         return None if there is None else shutil.disk_usage(there).free
@@ -42,7 +42,11 @@ class HealthWatch:
         self._ended: tuple[str, ...] = ()
 
     def beat(self, take: str) -> None:
-        """Measure the free disk space if it is due; ``take`` is the path of the present or last take, or empty."""
+        """Measure the free disk space if it is due, every 5 s.
+
+        Args:
+            take: path of the present or last take, whose disk is measured; empty measures that of the takes' folder.
+        """
         if self._clock() - self._looked_s >= _DISK_EVERY_S:
             self._looked_s = self._clock()
             self._free = free_bytes(Path(take).parent if take else self._takes)
@@ -55,7 +59,13 @@ class HealthWatch:
     def health(
         self, errors: Mapping[str, int], turned_away: Mapping[str, int], latency_ms: Mapping[str, float]
     ) -> ServerHealth:
-        """Return the present state; zero counts are left out."""
+        """Return the present state.
+
+        Args:
+            errors: number of unexpected errors, by reason.
+            turned_away: number of refused messages and the like, by type; zero counts are left out.
+            latency_ms: percentiles of the latency, by name [ms].
+        """
         return ServerHealth(
             errors=dict(errors),
             turned_away={what: count for what, count in turned_away.items() if count},

@@ -23,7 +23,7 @@ class ImageNodeSummary:
     Attributes:
         sensor, node_id: its identity on the bus; the id as 16 hex digits.
         served: whether a server ever accepted the node.
-        published: frames.
+        published: number of published images.
         seconds: from the start of acquisition to the end [s].
         report: as `ImageWork.report`.
     """
@@ -54,10 +54,10 @@ def run_image_node(
 
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the images, not started yet; stays open.
-        work: encodes them.
-        service: answers queries.
-        settings: of the node.
+        acquisition: source of the images, not started yet; stays open.
+        work: encodes the images.
+        service: answers queries to the node.
+        settings: of the node; the defaults if None.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.

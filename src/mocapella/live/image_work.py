@@ -53,8 +53,8 @@ class ImageWork:
 
     Args:
         camera: the camera's name.
-        acquisition: of the images; used for its reports only.
-        settings: of the encoding.
+        acquisition: source of the images; used for its reports only.
+        settings: of the encoding; the defaults if None.
 
     Attributes:
         newest: the last sent image; None before the first.
@@ -70,7 +70,10 @@ class ImageWork:
         self._warned = FaultReports()
 
     def frame(self, picture: Picture) -> ImageFrame:
-        """Return an image as a frame."""
+        """Encode an image (height, width, 3) uint8 BGR, keep it as ``newest``, and return it as a frame.
+
+        The frame's time is the picture's minus `ImageSettings.delay_s`.
+        """
         s, pixels = self.settings, colour_image(picture)
         data = encode_image(pixels, s.format, s.quality)
         self.sent, self.bytes = self.sent + 1, self.bytes + len(data)
@@ -110,7 +113,7 @@ class ImageWork:
         }
 
     def words(self) -> str:
-        """Return the report as one line."""
+        """Return the counts of the report as one line for the terminal."""
         report = self.report()
         rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
         return (
@@ -119,7 +122,10 @@ class ImageWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield faults since the last check, at limited intervals, and recoveries."""
+        """Yield faults since the last check, and recoveries; nothing if the last check is too recent.
+
+        ``now_s`` is the present time on a monotonic clock [s].
+        """
         if self._warned.due(now_s):
             few = self.acquisition.report().too_few
             yield from self._warned.update({"rate": few} if few else {}, now_s)

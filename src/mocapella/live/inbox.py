@@ -59,7 +59,7 @@ class Inbox:
         self._woken = False
 
     def put(self, message: ReceivedMessage) -> None:
-        """Add a message; on any thread."""
+        """Add a message, and drop the sensor's oldest one beyond ``depth``; on any thread."""
         with self._ready:
             if message.stranger:
                 self._put_stranger(message)
@@ -86,7 +86,14 @@ class Inbox:
             self._ready.notify()
 
     def take(self, timeout: float) -> ReceivedMessage | None:
-        """Remove and return the oldest message; None after ``timeout`` seconds or a `wake`."""
+        """Remove and return a stranger's message if one is due, else the oldest message.
+
+        Args:
+            timeout: longest wait for a message [s].
+
+        Returns:
+            The message; None if none came, or if `wake` was called.
+        """
         with self._ready:
             if not self._queues and not self._woken and not self._stranger_due():
                 self._ready.wait(timeout)

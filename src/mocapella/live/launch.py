@@ -28,7 +28,13 @@ class Children:
     def start(
         self, arguments: list[str], on_line: Callable[[str], None] = lambda line: None, *, module: str = "mocapella"
     ) -> None:
-        """Start ``mocapella <arguments>``, or another module; ``on_line`` is called with each line it prints."""
+        """Start ``mocapella <arguments>``, or another module.
+
+        Args:
+            arguments: of the command line.
+            on_line: called with each line of output and errors, without its end, on a thread of its own.
+            module: the Python module to run.
+        """
         process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.PIPE,
@@ -44,7 +50,7 @@ class Children:
         self._listeners.append(listener)
 
     def tell(self, line: str) -> None:
-        """Write a line to the standard input of each process that still runs."""
+        """Write a line and a line end to the standard input of each process that still runs."""
         for process in self._running:
             assert process.stdin is not None
             with contextlib.suppress(BrokenPipeError):
@@ -52,15 +58,15 @@ class Children:
                 process.stdin.flush()
 
     def any_ended(self) -> bool:
-        """Whether any process has ended."""
+        """Whether any process has ended; False without processes."""
         return any(process.poll() is not None for process in self._running)
 
     def all_ended(self) -> bool:
-        """Whether every process has ended."""
+        """Whether every process has ended; True without processes."""
         return all(process.poll() is not None for process in self._running)
 
     def close(self, patience_s: float = 5.0) -> None:
-        """Terminate each process, wait, and kill those that still run."""
+        """Terminate all processes, wait up to ``patience_s`` seconds for each, and kill those that still run."""
         for process in self._running:
             if process.poll() is None:
                 process.terminate()
@@ -94,7 +100,12 @@ def _listen(process: subprocess.Popen[str], on_line: Callable[[str], None]) -> N
 
 
 def check_port_free(host: str, port: int, option: str) -> None:
-    """Check that this program can listen on a port.
+    """Check that this program can listen on a TCP port.
+
+    Args:
+        host: IPv4 address or name to listen at.
+        port: the port.
+        option: command line option that sets the port, named in errors.
 
     Raises:
         AddressInUseError: another program uses it; names the port and the option for another.

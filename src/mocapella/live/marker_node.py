@@ -28,10 +28,10 @@ class MarkerNodeSummary:
     Attributes:
         sensor, node_id: its identity on the bus; the id as 16 hex digits.
         served: whether a server ever accepted the node.
-        published: frames.
+        published: number of published frames.
         seconds: from the start of acquisition to the end [s].
         report: as `MarkerWork.report`.
-        stages, jitter: of `StageTimes`, if times were measured.
+        stages, jitter: `StageTimes.table` and `StageTimes.jitter`; None if no times were measured.
     """
 
     sensor: str
@@ -63,10 +63,10 @@ def run_marker_node(
 
     Args:
         link: the sensor's end of the bus; stays open.
-        acquisition: of the images, not started yet; stays open.
+        acquisition: source of the images, not started yet; stays open.
         work: detects markers.
-        service: answers queries.
-        settings: of the node.
+        service: answers queries to the node.
+        settings: of the node; the defaults if None.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.

@@ -24,15 +24,21 @@ OFTEN: Final = 0.5
 
 
 def colour_image(picture: Picture) -> NDArray[np.uint8]:
-    """Return a colour camera's image, (height, width, 3) blue, green, red; depth cameras have other work."""
+    """Return a colour camera's image, (height, width, 3) uint8 blue, green, red, without a copy if it is uint8.
+
+    Depth images are not for this function.
+    """
     return np.asarray(picture.image, np.uint8)
 
 
 class DetectedPicture:
-    """An image of a camera, the markers in it, and the detector that found them; None if no colours are learnt.
+    """An image of a camera, the markers in it, and the detector that found them.
 
     Attributes:
-        image: (height, width, 3) blue, green, red.
+        picture: the image with its times, as taken.
+        frame: the markers.
+        detector: that found the markers; None if no colours are learnt.
+        image: (height, width, 3) uint8 blue, green, red; the picture's array, not a copy.
     """
 
     __slots__ = ("detector", "frame", "image", "picture")
@@ -47,9 +53,9 @@ class MarkerWork:
 
     Args:
         camera: the camera's name.
-        acquisition: of the images; used for its reports only.
-        profile: the colours; None until they are learnt.
-        settings: of the detector.
+        acquisition: source of the images; used for its reports only.
+        profile: the markers' colours; None until they are learnt.
+        settings: of the detector; the defaults if None.
         tags: detector of tags, besides the colours; None detects no tags.
 
     Attributes:
@@ -82,7 +88,7 @@ class MarkerWork:
         return () if self.detector is None else self.detector.profile.names
 
     def use(self, profile: ColourProfile) -> None:
-        """Detect these colours from the next image on."""
+        """Detect these colours from the next image on; first the detector's kernels are compiled on this thread."""
         detector = MarkerDetector(profile, self._settings)
         width, height = profile.size_px
         detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the first frame
@@ -90,7 +96,14 @@ class MarkerWork:
         self.detector = detector  # one assignment, so that the detecting thread has the old or the new one
 
     def look(self, picture: Picture) -> MarkerFrame:
-        """Detect the markers in an image.
+        """Detect the markers in an image, and keep both as ``newest``.
+
+        Args:
+            picture: image (height, width, 3) uint8 blue, green, red.
+
+        Returns:
+            The colour markers, then the tags; without learnt colours, only the tags. Node id, number and publication
+                time are 0 until the frame is published.
 
         Raises:
             SettingsError: its size differs from that of the images that the colours were learnt in.
@@ -108,7 +121,13 @@ class MarkerWork:
         return frame
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count the processing time and age of an image; return whether its markers are recent enough to send."""
+        """Count an image in ``late`` and ``too_late`` if it is; return whether its markers are recent enough to send.
+
+        Args:
+            took_s: duration of the processing [s].
+            age_s: time since the image was available [s].
+            drop_after_s: largest age of an image whose markers are sent [s].
+        """
         fps = self.acquisition.state.fps
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
@@ -136,7 +155,7 @@ class MarkerWork:
         }
 
     def words(self) -> str:
-        """Return the report as one line."""
+        """Return the counts of the report as one line for the terminal."""
         report = self.report()
         looked = max(report["looked_at"], 1)
         found = ", ".join(f"{name} {100 * row['found'] / looked:.1f} %" for name, row in report["markers"].items())
@@ -150,7 +169,10 @@ class MarkerWork:
         )
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield faults since the last check, at limited intervals, and recoveries."""
+        """Yield faults since the last check, and recoveries; nothing if the last check is too recent.
+
+        ``now_s`` is the present time on a monotonic clock [s].
+        """
         if not self._warned.due(now_s):
             return
         seen = None if self.detector is None else self.detector.report

@@ -19,7 +19,13 @@ _TRIES_BEFORE_NOTICE = 5
 
 
 class DueFrame(NamedTuple):
-    """A frame, its ground truth if simulated, and when it is due on the source's clock [s]."""
+    """A frame to publish, and its time.
+
+    Attributes:
+        due_s: when the frame is to be published, since the source's time 0 [s].
+        frame: the frame; its number and node are set when it is published.
+        truth: ground truth of a simulated frame; else None.
+    """
 
     due_s: float
     frame: SensorFrame
@@ -33,8 +39,8 @@ class NodeSummary:
     Attributes:
         sensor, node_id: its identity on the bus; the id as 16 hex digits.
         served: whether a server ever accepted the node.
-        published: frames.
-        late: frames published more than 10 ms after they were due.
+        published: number of published frames.
+        late: number of frames published more than 10 ms after they were due.
         worst_delay: largest delay of a frame [s].
         seconds: from the start of the run to the end [s].
         errors: number of unexpected errors, by reason.
@@ -53,9 +59,16 @@ class NodeSummary:
 class Membership:
     """Claims the sensor's name until a server accepts the node, and again when a server comes back.
 
+    A thread, which the constructor starts, does so until ``stop`` is set.
+
+    Args:
+        link: the sensor's end of the bus; stays open.
+        stop: ends the thread; the thread sets it if a server refuses the name.
+        say: receives messages about the server.
+
     Attributes:
-        served: set once a server has accepted the node.
-        refusal: the error if a server has refused the name.
+        served: set once a server has accepted the node, and from then on.
+        refusal: the error if a server has refused the name; else None.
         errors: unexpected errors.
     """
 
@@ -76,7 +89,7 @@ class Membership:
             pass
 
     def wait(self) -> None:
-        """Wait until the thread has ended, after the stop event was set."""
+        """Wait until the thread has ended; it ends only after the stop event was set."""
         self._thread.join()
 
     def close(self) -> None:
@@ -124,7 +137,7 @@ def run_node(
     say: Callable[[str], None] = lambda text: None,
     linger_s: float = 0.0,
 ) -> NodeSummary:
-    """Publish every frame when it is due, until they end or ``stop`` is set.
+    """Publish every frame when it is due, until they end or ``stop`` is set; ``stop`` is set when the run ends.
 
     Args:
         link: the sensor's end of the bus; stays open.

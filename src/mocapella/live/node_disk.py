@@ -59,6 +59,7 @@ def open_link(
         say: receives messages about frames that are not stored.
 
     Raises:
+        BusError, KeyFileError: as `NodeLink`.
         RecordingError: the take cannot be begun, or it stopped.
         UnstoredFramesError: as `NodeLink.close`.
     """

@@ -76,7 +76,7 @@ class Notices:
                 self._tell(f"{count} more notices were left out: too many at once")
 
     def close(self) -> None:
-        """End the thread once the terminal has taken the waiting notices, or after a second."""
+        """End the thread once the terminal has taken the waiting notices, or give up after two seconds at most."""
         self.beat()
         try:
             self._unsaid.put(None, timeout=_PATIENCE_S)

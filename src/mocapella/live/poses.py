@@ -20,11 +20,20 @@ from mocapella.wire.node import NodeLink
 def run_osc(
     link: NodeLink, address: tuple[str, int], space: str, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Publish the poses of OSC datagrams until ``stop`` is set; return counts.
+    """Publish the poses of OSC datagrams until ``stop`` is set; return counts in the form of ``--json``.
+
+    Args:
+        link: the sensor's end of the bus; stays open.
+        address: host and UDP port to listen at; port 0 takes a free one.
+        space: name of the other tracker's coordinate system, which its frames carry.
+        stop: ends the run.
+        say: receives messages about the run.
 
     Raises:
-        AddressInUseError: another program listens on the port.
-        BusError: this machine cannot listen at the address.
+        AddressInUseError: the address cannot be bound: another program listens on the port, or this machine does not
+            have the address.
+        BusError: the host cannot be resolved.
+        NameTakenError: another node serves a sensor of this name.
     """
     host = address[0]
     with _bound(*address) as listener:
@@ -56,7 +65,18 @@ def run_osc(
 def run_openvr(
     link: NodeLink, source: OpenVrPoses, hz: float, stop: threading.Event, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Publish OpenVR's poses at a fixed rate until ``stop`` is set; return counts."""
+    """Publish OpenVR's poses at a fixed rate until ``stop`` is set; return counts in the form of ``--json``.
+
+    Args:
+        link: the sensor's end of the bus; stays open.
+        source: the connected devices; stays open.
+        hz: frames a second.
+        stop: ends the run.
+        say: receives messages about the run.
+
+    Raises:
+        NameTakenError: another node serves a sensor of this name.
+    """
     membership = Membership(link, stop, say)
     errors = Boundary(say)
     due = time.monotonic()

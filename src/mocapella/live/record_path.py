@@ -35,7 +35,7 @@ _EVERYTHING: Final = 2**62
 
 
 class Requests(Protocol):
-    """The part of a server's link that the record path uses."""
+    """The part of a server's link that `RecordPath` uses; a test replaces it."""
 
     def request_frames(
         self,
@@ -45,7 +45,7 @@ class Requests(Protocol):
         on_answer: Callable[[FrameAnswer], None],
         on_end: Callable[[], None],
     ) -> None:
-        """See `mocapella.wire.server.ServerLink.request_frames`."""
+        """Ask a node for missing frames, and return at once (`mocapella.wire.server.ServerLink.request_frames`)."""
         ...
 
 
@@ -80,12 +80,14 @@ class _Contact:
 
 
 class RecordPath:
-    """Asks and acknowledges, on a thread of its own, from the beginning of a take to `finish`.
+    """Requests a take's missing frames from their nodes, and acknowledges stored ones, until `finish`.
+
+    The constructor starts a thread for it.
 
     Args:
-        recorder: of the take.
+        recorder: of the take; its ``committed`` callback is replaced.
         link: to the nodes.
-        nodes: the connected nodes.
+        nodes: returns the connected nodes.
         first: number of the first frame of each node that belongs to the take, where it is known.
         fresh: whether the take is new; else nodes that it does not know are asked for all their frames.
     """
@@ -111,7 +113,7 @@ class RecordPath:
         self._thread.start()
 
     def leaving(self, node: NodeKey, end: int) -> None:
-        """Note the number after the last frame of a node that leaves."""
+        """Note ``end``, the number after the last frame of a node that leaves; ignored if it is implausibly high."""
         if self._recorder.believes(node, end):
             self._recorder.account(node, partial(_finish, first=self._first.get(node), end=end))
         self._wake.set()
@@ -136,7 +138,10 @@ class RecordPath:
         self._thread.join()
 
     def close(self) -> None:
-        """Tell the connected nodes the result, once the recorder is closed: what they still keep is not asked for."""
+        """Tell the connected nodes the result, after `finish` and the recorder's `close`; wait up to `CLOSE_S`.
+
+        Frames that the nodes still keep for the take are not requested any more.
+        """
         ended = [self._close_at(node, state) for node in self._nodes() if (state := self._state(node)) is not None]
         deadline = time.monotonic() + CLOSE_S
         for event in ended:

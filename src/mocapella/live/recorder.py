@@ -62,15 +62,21 @@ class _Counts(NamedTuple):
 
 
 class Recorder:
-    """Records one take on a thread of its own.
+    """Records one take on a thread of its own, which the constructor starts.
 
-    It receives every frame as it arrives, again from the tracker with its scene, and missing frames on request.
+    The recorder receives every frame as it arrives, again from the tracker with its scene, and missing frames on
+    request. Messages are queued, and the methods return at once. Messages are dropped silently when the recording has
+    stopped by itself (`failed`), or while 512 MiB wait for the disk.
 
-    ``say`` is called with a message for the user, for example about a full disk. ``first`` has the sequence number of
-    each node's first frame that belongs to the take. ``committed`` is called on the recorder's thread after a commit.
+    Args:
+        writer: of the take; the recorder closes it.
+        say: receives messages for the user, for example about a full disk; called on any thread.
+        first: sequence number of each node's first frame that belongs to the take; earlier ones are not written.
+        committed: called on the recorder's thread after each commit.
 
     Attributes:
         states: of each node at the last commit.
+        committed: see above; may be replaced.
     """
 
     def __init__(
@@ -113,11 +119,21 @@ class Recorder:
         return self._waiting_bytes > _CROWDED_BYTES
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None = None) -> None:
-        """Write a frame, which has this number if it was decoded before; repeated frames are stored once."""
+        """Write a frame; repeated frames are stored once.
+
+        Args:
+            node: the node that sent it; a frame that names another node is refused, and reported once.
+            data: the encoded frame.
+            arrived_ns: arrival on the server's monotonic clock [ns].
+            sequence: number of the frame, if it was decoded before; None decodes it.
+        """
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, sequence))
 
     def sent_again(self, wanted: Sequence[tuple[int, int]], node: NodeKey, data: bytes, arrived_ns: int) -> None:
-        """Write a frame that the node was asked for: its number must be in one of the ranges (first, last)."""
+        """Write a frame that the node was asked for; arguments as in `frame`.
+
+        ``wanted`` has the requested numbers as ranges (first, last); a frame with another number is refused.
+        """
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, None, wanted))
 
     def account(self, node: NodeKey, change: Callable[[NodeLedger], bool]) -> None:
@@ -137,11 +153,11 @@ class Recorder:
         return True
 
     def scene(self, data: bytes, at_ns: int) -> None:
-        """Write a scene."""
+        """Write an encoded scene, with the time [ns] on the server's monotonic clock."""
         self._put(len(data), partial(self._writer.write_scene, data, at_ns))
 
     def truth(self, sensor: str, data: bytes, arrived_ns: int) -> None:
-        """Write a simulation's ground truth."""
+        """Write a simulation's encoded ground truth; one that cannot be decoded is refused, and reported once."""
         self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns))
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
@@ -184,7 +200,7 @@ class Recorder:
         return self._health.frames, self._health.gaps
 
     def close(self) -> RecordingHealth:
-        """Write all waiting messages, finish the take, and return its result."""
+        """Write all waiting messages, finish the take, and return its result; a failure is its ``problem``."""
         self._queue.put(None)
         self._thread.join()
         return self.health()

@@ -28,16 +28,22 @@ FAILED_S = 0.5
 
 
 def outcome(health: RecordingHealth) -> str:
-    """Describe how a take ended, with the number of missing frames."""
+    """Return how a take ended as one line for users, with the number of missing frames."""
     lost = f"; {health.lost} frames are missing" if health.lost else ""
     unknown = "".join(f"; {end}" for end in health.unknown)
     return (health.problem or f"recorded {health.frames} frames in {health.path}") + lost + unknown
 
 
 def packages_of(method: str) -> dict[str, str]:
-    """Return the plug-in descriptors that a run of a method may use, with their packages, and our own version.
+    """Return the packages that a run of a method may use, for the metadata of a take.
 
     Any sensor may send any type of frame, so all frame types of other packages are included.
+
+    Args:
+        method: key of `METHODS`.
+
+    Returns:
+        Package by descriptor, such as ``method NAME``, for plug-ins; and our own name and version.
     """
     used: list[tuple[Table[Any], Iterable[str]]] = [
         (METHODS, (method,)),
@@ -51,7 +57,14 @@ def packages_of(method: str) -> dict[str, str]:
 class RecordingService:
     """Records at most one take at a time, started and finished on any thread.
 
-    ``between_steps`` is held while the tracker loses the recorder, so that a take has a step completely or not at all.
+    Args:
+        session: the tracker, whose setup, settings and snapshot a take begins with.
+        link: sends requests for frames to the nodes.
+        nodes: returns the connected nodes.
+        say: receives messages for the user, such as the result of a take.
+        reserve_bytes: free disk space to leave [bytes].
+        between_steps: lock held while the tracker loses the recorder, so that a take has a step completely or not at
+            all; None if nothing else runs.
 
     Attributes:
         recorder: of the present take; None if there is none. Read it once before use: another thread may end it at any
@@ -77,16 +90,16 @@ class RecordingService:
         self._record_path: RecordPath | None = None
 
     def health(self) -> RecordingHealth:
-        """Return the state of the present take, or the result of the last one."""
+        """Return the state of the present take, or the result of the last one; inactive before the first."""
         return self._health()
 
     def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
-        """Start a take at ``path``; with ``resume``, continue an interrupted one.
+        """Start a take at ``path``, and return a message; with ``resume``, continue one that exists there.
 
         ``newest`` has the sequence number of each node's newest tracked frame: a new take begins after it.
 
         The take begins with a snapshot of the tracker, so that it can be replayed although it begins mid-session.
-
+        A previous take that has stopped by itself is finished first.
         Raises:
             NotNowError: a take is being recorded already, or is being ended.
             TakeExistsError, DiskFullError, RecordingError: before anything is created.
@@ -131,7 +144,7 @@ class RecordingService:
             record_path.leaving(node, end)
 
     def record_command(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> None:
-        """Record a command that was carried out, for the replay, and who sent it."""
+        """Record a command that was carried out, for the replay, and who sent it; without a take, do nothing."""
         recorder = self.recorder
         if recorder is None:
             return
@@ -145,7 +158,7 @@ class RecordingService:
     def finish(self, *, at_once: bool = False) -> RecordingHealth:
         """Finish the take and return its result; missing frames are requested until they arrive or are given up.
 
-        ``at_once`` waits for none of them.
+        ``at_once`` waits for none of them. Without a take, the last result is returned.
         """
         with self._changing:
             self._end(0.0 if at_once else None)

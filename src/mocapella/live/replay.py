@@ -22,6 +22,12 @@ def replay(
 
     A frame whose tracking fails unexpectedly is counted, and the replay goes on. A frame that failed in the live run is
     no event: the tracker's memory after it is.
+
+    Args:
+        session: a new session with the recording's setup.
+        events: frames and commands, such as of `mocapella.recording.take_reader.Take.replay_run`.
+        on_scene: called with each scene.
+        summary: changed in place; None for a new one.
     """
     summary = summary or RunSummary()
     errors = Boundary()

@@ -35,7 +35,7 @@ class JsonLines(logging.Formatter):
     """Formats an entry as one line of JSON, with the traceback of an error; every text is escaped."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line."""
+        """Return the line: an object with time (UTC), level, part, thread and text, and reason, count, traceback."""
         row = {
             "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created)) + f".{record.msecs:03.0f}Z",
             "level": record.levelname.lower(),
@@ -88,14 +88,14 @@ class _Terminal(logging.Handler):
 
 
 class RunLog:
-    """The log of this run: all that this package logs until `close`.
+    """The log of this run: all that this package logs from INFO on until `close`; warnings are also printed.
 
     Args:
-        command: that runs; the file is named after it.
+        command: name of the command that runs; the file is named after it.
         folder: of the file; by default `log_folder`.
 
     Attributes:
-        path: of the file.
+        path: of the file, which is made with the first entry.
     """
 
     def __init__(self, command: str, folder: Path | None = None) -> None:
@@ -132,7 +132,10 @@ def _logger() -> logging.Logger:
 
 
 def log_folder(environment: Mapping[str, str]) -> Path:
-    """Return the folder of the logs: `FOLDER_VARIABLE`, or in the user's state folder."""
+    """Return the folder of the logs: the value of `FOLDER_VARIABLE`, or a folder in the user's state folder.
+
+    ``environment`` is such as `os.environ`. The folder may not exist yet.
+    """
     if environment.get(FOLDER_VARIABLE):
         return Path(environment[FOLDER_VARIABLE])
     if sys.platform == "win32":

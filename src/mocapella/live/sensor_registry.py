@@ -70,6 +70,8 @@ class _Entry:
 class SensorRegistry:
     """The sensors of a session. None is configured beforehand: the first node to use a name holds it.
 
+    The registry has no lock of its own: threads that share it need one.
+
     A name is free again when its node has left the bus, or is silent and never had a liveliness token.
 
     A sensor is unproven until a valid frame of it has come. There are at most `MOST_UNPROVEN` of these, and at most
@@ -190,6 +192,8 @@ class SensorRegistry:
     def arrived(self, frame: SensorFrame, node: NodeKey, arrived_ns: int) -> int:
         """Count a frame of the node that holds the name; return its capture time on the server's clock [ns].
 
+        The node must hold the name (`holds`); ``arrived_ns`` is on the server's monotonic clock.
+
         Raises:
             WireError: its sequence number, by which a take identifies frames, is not above the last one, or leaps too
                 far (`check_leap`); or it is the first, and there are `MOST_SENSORS` others.
@@ -218,12 +222,12 @@ class SensorRegistry:
         return entry.clock.update(frame.time_ns, arrived_ns)
 
     def tracking_began(self) -> None:
-        """Tell apart each sensor's frames and drops so far, and the gap before its next frame."""
+        """Note that tracking starts: frames and drops of each sensor before its next frame are reported apart."""
         for entry in self._entries.values():
             entry.before = None
 
     def fell_behind(self, node: NodeKey, frames: int) -> None:
-        """Count frames that were skipped because newer ones were waiting."""
+        """Count frames that the tracker skipped because newer ones were waiting; ignored if another holds the name."""
         if self.holds(node):
             self._entries[node.sensor].behind += frames
 
@@ -238,7 +242,13 @@ class SensorRegistry:
             entry.rejection = reason
 
     def finished(self, node: NodeKey, sent_ns: int, now_ns: int) -> float | None:
-        """Count a published scene; return the latency [s] since its frame was sent, None if clocks are unknown."""
+        """Count a published scene; return the latency [s] since its frame was sent, None if clocks are unknown.
+
+        Args:
+            node: of the frame; it holds its sensor's name.
+            sent_ns: when the frame was sent, on the node's clock [ns]; 0 if unknown.
+            now_ns: the present time on the server's monotonic clock [ns].
+        """
         entry = self._entries[node.sensor]
         if entry.offset is None or sent_ns == 0:
             return None
@@ -261,7 +271,7 @@ class SensorRegistry:
                 self._notices.append(f'sensor "{name}" has sent nothing for {SILENT_AFTER_S:g} s')
 
     def take_notices(self) -> list[str]:
-        """Return messages about the events since the last call."""
+        """Return messages for users about the events since the last call."""
         notices, self._notices = self._notices, []
         return notices
 
@@ -290,7 +300,7 @@ class SensorRegistry:
 
         Args:
             now_ns: the present time on the server's monotonic clock [ns].
-            setup: the present one.
+            setup: the session's present configuration.
             stored: number of stored frames, by sensor.
             lost: number of lost frames, by sensor.
             places: the calibrated poses.

@@ -54,13 +54,13 @@ class ServerSettings:
     """Settings of a server.
 
     Attributes:
-        listen: the bus address.
+        listen: address to listen at, ``[SESSION@]tls/HOST:PORT``; unused if the server gets a link.
         takes: folder for takes named by commands.
-        setup: the initial one.
+        setup: the session's initial configuration.
         running: whether tracking begins at once.
         method_settings: settings of the tracker's method.
         reserve_bytes: free disk space that a recording leaves.
-        layout: the sensors' poses of the last session.
+        layout: the sensors' poses of the last session; None if unknown.
         waiting_for: if tracking cannot begin yet, the reason, shown until `Server.ready`; ``start`` is refused with it.
         log: file of the structured log, named in the status; empty if there is none.
     """
@@ -77,10 +77,12 @@ class ServerSettings:
 
 
 class Server:
-    """A session on the bus; it listens from the constructor on, until `close`.
+    """A session on the bus: receives frames, tracks, and publishes scenes, from the constructor on until `close`.
 
-    ``say`` is called with each notice, on a thread of its own. ``link`` is one that listens already; the server
-    closes it.
+    Args:
+        settings: of the server.
+        say: called with each notice, on a thread of its own.
+        link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
 
     Attributes:
         summary: statistics of the run.
@@ -268,7 +270,7 @@ class Server:
         self._link.publish_status(msgspec.json.encode(reply.status))
 
     def record_to(self, path: Path, *, resume: bool = False) -> str:
-        """Start a take at ``path``; with ``resume``, continue an interrupted one.
+        """Start a take at ``path``, and return a message; with ``resume``, continue an interrupted one.
 
         Raises:
             NotNowError: a take is being recorded already.

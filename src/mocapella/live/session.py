@@ -46,9 +46,9 @@ class Session:
 
     Args:
         setup: the first setup.
-        method_settings: settings of its method.
+        method_settings: settings of its method, by name.
         running: whether tracking begins at once.
-        layout: the sensors' last known poses.
+        layout: the sensors' last known poses; None if unknown.
         waiting_for: if tracking cannot begin yet, the reason, in the state until `ready`; ``start`` is refused with it.
 
     Attributes:
@@ -129,7 +129,14 @@ class Session:
         return self._tracker.report.rejected
 
     def step(self, arrival: Arrival) -> Scene | None:
-        """Track a frame; return None while stopped."""
+        """Track a frame, and update ``state``, ``problem`` and ``next_step``.
+
+        Args:
+            arrival: the frame, and its time on the server's clock.
+
+        Returns:
+            The scene, with the names of its people; None while stopped.
+        """
         if not self.running:
             return None
         before = self.unusable
@@ -142,9 +149,15 @@ class Session:
     def carry_out(self, verb: str, arguments: Mapping[str, Any]) -> str:
         """Carry out a command; return a message about its effect.
 
+        Args:
+            verb: one of `verbs`, or ``restore``.
+            arguments: of the command, by name: for ``setup`` the fields of `Setup`; for ``use-rig`` the file's text as
+                ``rig``, and ``method``; for ``name`` the fields of `PersonName`; for ``restore`` what `memory` returns.
+
         Raises:
             SettingsError: the verb or an argument is unknown.
             NotNowError: the command is impossible in the present state; names the one to use first.
+            WireError: the tracker's snapshot, an argument of ``restore``, is invalid.
         """
         if verb not in self._verbs:
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, self._verbs)}")

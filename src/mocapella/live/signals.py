@@ -31,6 +31,7 @@ def interruptible() -> Iterator[None]:
     """Let the signals raise `KeyboardInterrupt`, at the end of the block at the latest; then restore earlier handlers.
 
     Callbacks from C, such as those of numba's compiler, lose exceptions: the C code continues or fails in its own way.
+    Only the main thread may enter the block.
     """
     asked, unraisable = False, sys.unraisablehook
 

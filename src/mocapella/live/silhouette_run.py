@@ -39,7 +39,7 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         followed: the tracker's fit.
-        row: for the result file.
+        row: the body in this frame, in the form of the result file.
         waits: by camera, the silhouette of a lost body at the pose where it waits; empty while it is tracked.
     """
 
@@ -48,7 +48,7 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     waits: Mapping[str, Silhouette] = {}
 
     def outlines(self, camera: str, colour: Colour) -> Outlines | None:
-        """Return the outlines to draw in a camera's image; None if the body is not in it."""
+        """Return the outlines to draw in a camera's image, in this colour; None if the body is not in the image."""
         if self.row.lost:
             waiting = self.waits.get(camera)
             return None if waiting is None else Outlines(waiting, waiting, colour)
@@ -61,8 +61,8 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         frame: its number.
-        images: (height, width, 3) BGR by camera, as available.
-        people: by name.
+        images: (height, width, 3) uint8 BGR by camera, as available.
+        people: results by the body's name.
         took_s: duration of tracking [s].
         scene: after the frame's last image.
     """
@@ -74,7 +74,11 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     scene: Scene
 
     def pictures(self, width: int | None = None) -> dict[str, UInt8]:
-        """Return each camera's image with outlines, ``width`` pixels wide; None keeps the image's width."""
+        """Return a copy of each camera's image with outlines, ``width`` pixels wide; None keeps the image's width.
+
+        Returns:
+            (height, width, 3) uint8 BGR, by camera.
+        """
         return {name: outlined(image, self._outlines(name), width) for name, image in self.images.items()}
 
     def _outlines(self, camera: str) -> list[Outlines]:
@@ -94,9 +98,9 @@ class SilhouetteRun:
         tracker: see above.
         meshes: of the bodies, by name.
         rig: of the cameras.
-        frames: number so far.
+        frames: number so far; frames of `feed` do not count.
         statistics: of each body by name; the rows are not kept.
-        took_ms: durations of the frames.
+        took_ms: durations of the tracking of these frames [ms].
         notes: all messages so far.
     """
 
@@ -129,7 +133,11 @@ class SilhouetteRun:
             self._give(arrival, None)
 
     def feed(self, shown: FrameSet) -> float:
-        """Pass a frame to the tracker without counting it; return the duration [s]."""
+        """Pass a frame to the tracker without counting it, for example before a measurement; return the duration [s].
+
+        A frame whose time does not follow the last one's, as when live cameras start again, is taken as one frame
+        period later.
+        """
         if self._zero_ns + shown.time_ns <= self._last_ns:  # live cameras started again, and the tracker's time goes on
             self._zero_ns = self._last_ns + round(self.tracker.period_s * NS_PER_S) - shown.time_ns
         self._last_ns = self._zero_ns + shown.time_ns
@@ -156,12 +164,12 @@ class SilhouetteRun:
         self._record(arrival, number, self._scene)
 
     def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
-        """Yield the result of each frame."""
+        """Yield the result of each frame, which is tracked when its result is asked for."""
         for shown in frames:
             yield self.step(shown)
 
     def step(self, shown: FrameSet) -> Step:
-        """Process the next frame."""
+        """Track the next frame, count it, and return its result."""
         took_s = self.feed(shown)
         seen = self.tracker.seen
         assert seen is not None  # a frame has an arrival for every camera, also without an image
@@ -189,7 +197,7 @@ class SilhouetteRun:
         )
 
     def note(self, text: str) -> None:
-        """Pass a message on, and keep it."""
+        """Pass a message to ``say``, and keep it in ``notes``."""
         self.notes.append(text)
         self._say(text)
 
@@ -203,5 +211,9 @@ class SilhouetteRun:
         }
 
     def summary_of(self, name: str) -> dict[str, object]:
-        """Return the result for one body."""
+        """Return the statistics of one body, in the form of ``--json``.
+
+        Raises:
+            KeyError: there is no body of this name.
+        """
         return self.statistics[name].summary()

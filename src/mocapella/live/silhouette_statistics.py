@@ -14,7 +14,11 @@ STEP_MS: Final = 0.01
 
 
 class BinnedValues:
-    """Minimum and median of values, which are rounded to a step and counted."""
+    """Minimum and median of values, which are rounded to a step and counted; ``+=`` adds another's counts.
+
+    Args:
+        step: resolution, in the unit of the values; equal in values that are added together.
+    """
 
     def __init__(self, step: float) -> None:
         self._step, self._counts = step, Counter[int]()
@@ -37,7 +41,7 @@ class BinnedValues:
 
     @property
     def median(self) -> float | None:
-        """The median; None without values."""
+        """The median, of an even number of values the mean of the middle two; None without values."""
         count, seen, low = len(self), 0, None
         for value in sorted(self._counts):
             seen += self._counts[value]
@@ -50,13 +54,13 @@ class BinnedValues:
 
 
 class BodyStatistics:
-    """Statistics of one body.
+    """Statistics of one body over a run, in constant memory.
 
     Attributes:
         frames: number of frames.
-        lost: frames in which the body was lost.
-        left_out: number of frames without a camera, by camera.
-        overlaps: of the silhouettes, by camera.
+        lost: number of frames in which the body was lost.
+        left_out: number of frames with an unused or missing image, by camera.
+        overlaps: intersection over union of the model's and the image's silhouettes, by camera.
     """
 
     def __init__(self) -> None:
@@ -73,7 +77,7 @@ class BodyStatistics:
             self.overlaps.setdefault(camera, BinnedValues(STEP)).add(overlap)
 
     def summary(self) -> dict[str, object]:
-        """Return the statistics in the form of ``--json``."""
+        """Return the statistics in the form of ``--json``; the median overlap is over all cameras, None without any."""
         whole = BinnedValues(STEP)
         for one in self.overlaps.values():
             whole += one

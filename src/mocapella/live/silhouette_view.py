@@ -74,7 +74,12 @@ class RunView:
         return self.viewer.url
 
     def show(self, scene: Scene, images: Mapping[str, UInt8]) -> None:
-        """Show a scene, and the images (height, width, 3) BGR of the same time by camera."""
+        """Show a scene, and the images of the same time; they stay until the next call.
+
+        Args:
+            scene: the result to draw.
+            images: (height, width, 3) uint8 BGR by camera; compressed at most `WIDTH_PX` wide, not kept.
+        """
         bodies = tuple(
             body if body.build else msgspec.structs.replace(body, build=self._builds.get(body.name, ""))
             for body in scene.bodies
@@ -91,7 +96,7 @@ class RunView:
         self.viewer.show(self._scene, self._frames, None, pictures=self._pictures, keep=self._kept)
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:
-        """Keep showing the finished run until ``stop`` is set, or for ``seconds``."""
+        """Keep showing the finished run until ``stop`` is set, or for ``seconds``; None sets no limit."""
         self.viewer.end()
         end_s = None if seconds is None else time.monotonic() + seconds
         for now_s in beats(RATE_HZ, stop):
@@ -105,13 +110,13 @@ class RunView:
 
 
 class SilhouetteView(RunView):
-    """A view of one run of `mocapella track silhouettes`; arguments and errors as of `RunView`."""
+    """A view of one run of `mocapella track silhouettes`: a `RunView` with the rig and the bodies of ``run``."""
 
     def __init__(self, host: str, port: int, run: SilhouetteRun) -> None:
         super().__init__(host, port, run.rig, run.tracker.bodies)
 
     def tell(self, step: Step) -> None:
-        """Show a step."""
+        """Show a step's scene and images."""
         self.show(step.scene, step.images)
 
 

@@ -16,7 +16,15 @@ markers are sent."""
 
 
 class StageTimes:
-    """Collects stage times and marker positions of a given number of frames."""
+    """Collects stage times and marker positions of a given number of frames.
+
+    Args:
+        frames: number of frames to collect.
+        markers: number of markers in each frame.
+
+    Attributes:
+        count: number of frames collected so far.
+    """
 
     def __init__(self, frames: int, markers: int) -> None:
         self._seconds = np.full((frames, len(STAGES)), np.nan)
@@ -29,7 +37,12 @@ class StageTimes:
         return self.count >= len(self._seconds)
 
     def add(self, seconds: Mapping[str, float], positions_px: NDArray[Any]) -> None:
-        """Add a frame's stage times [s], if measured, and its marker positions (markers, 2), NaN where not seen."""
+        """Add a frame; one that comes when `full`, or has another number of markers, is ignored.
+
+        Args:
+            seconds: duration of each measured stage [s], by name in `STAGES`.
+            positions_px: (markers, 2) x, y in the image [px]; NaN where a marker is not seen.
+        """
         if self.full or positions_px.shape != self._px.shape[1:]:
             return
         for k, stage in enumerate(STAGES):
@@ -38,7 +51,7 @@ class StageTimes:
         self.count += 1
 
     def table(self) -> dict[str, dict[str, float]]:
-        """Return mean, median, sd, p99 and max [ms], and the number of frames, for each measured stage."""
+        """Return mean, median, sd, p99 and max [ms], and number of frames, by stage; unmeasured stages are left out."""
         out = {}
         for k, stage in enumerate(STAGES):
             ms = 1e3 * self._seconds[: self.count, k]
@@ -56,6 +69,8 @@ class StageTimes:
 
     def jitter(self, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
         """Return each marker's standard deviation in x and y [px], and the number of frames in which it was seen.
+
+        The standard deviation is NaN if a marker was seen less than twice. ``names`` has the markers in their order.
 
         For a scene at rest, this is the static jitter of the thesis' figure 7.7.
         """

@@ -13,7 +13,12 @@ CONDITION_AGAIN_S: Final = 10.0
 
 
 class StateNotices:
-    """Reports changes of the tracker's state, and adds them to the summary."""
+    """Reports changes of the tracker's state, and adds them to the summary.
+
+    Args:
+        summary: receives each change of the phase, and names sensors in texts.
+        say: receives the notices.
+    """
 
     def __init__(self, summary: RunSummary, say: Callable[[str], None]) -> None:
         self._summary, self._say = summary, say
@@ -31,7 +36,12 @@ class StateNotices:
         self._reason = state.reason
 
     def conditions(self, reason: str, now_s: float) -> None:
-        """Report conditions while tracking; one that keeps returning is not reported each time."""
+        """Report conditions while tracking; one that returns within `CONDITION_AGAIN_S` is not reported again.
+
+        Args:
+            reason: the state's reason: conditions separated by ``"; "``.
+            now_s: the present time on any clock that rises [s].
+        """
         self._reported = {text: at_s for text, at_s in self._reported.items() if now_s - at_s < CONDITION_AGAIN_S}
         for text in self._summary.in_words(reason).split("; "):
             if text and not text.endswith(": silent") and text not in self._reported:  # silence: see the registry

@@ -48,7 +48,12 @@ MOST_CONDITIONS = 100
 
 @dataclass
 class Condition:
-    """A fault or a task: times of its first and last report [s], and the number of scenes that report it."""
+    """A fault or a task that scenes report.
+
+    Attributes:
+        first_s, last_s: times of the first and the last report since the start of the run [s].
+        results: number of scenes that report it.
+    """
 
     first_s: float
     last_s: float
@@ -57,9 +62,13 @@ class Condition:
 
 @dataclass
 class Labels:
-    """Counts of one sensor's views of people: all, those with swapped labels, and how often a swap began.
+    """Counts of one sensor's views of people, and of left and right labels that the tracker swapped in them.
 
-    ``swapped_now`` has the ids of people whose newest view is swapped.
+    Attributes:
+        views: number of views.
+        swapped: number of views with swapped labels.
+        repairs: how often a swap began.
+        swapped_now: ids of people whose newest view is swapped.
     """
 
     views: int = 0
@@ -70,10 +79,24 @@ class Labels:
 
 @dataclass
 class RunSummary:
-    """Running counts of a run.
+    """Running counts of a run, live or replayed, for its status and its ``--json``.
 
-    ``began_ns`` is the start of the run on the clock of its scenes; the first scene's time if None. ``errors`` counts
-    unexpected errors, by reason.
+    Attributes:
+        frames_in: number of frames that the tracker received.
+        rejected: number of messages and frames that were refused.
+        scenes_out: number of scenes.
+        counts: present number of parts, such as people, by part type.
+        most: largest number of parts in one scene, by part type.
+        meters: quality meter by part type, where the type has one.
+        state_changes: changes of the tracker's phase.
+        latencies: from a frame's sending to its scene, where the clocks are known.
+        began_ns: start of the run on the clock of its scenes [ns]; set to the first scene's time if None.
+        conditions: reports of faults and tasks by their text; the newest `MOST_CONDITIONS`.
+        conditions_left_out: number of older ones.
+        places: the sensors' poses in the newest scene.
+        labels: counts of swapped labels by sensor.
+        times: completion of the newest 1024 scenes, on the monotonic clock [ns].
+        errors: number of unexpected errors, by reason.
     """
 
     frames_in: int = 0
@@ -93,7 +116,13 @@ class RunSummary:
     errors: dict[str, int] = field(default_factory=dict)
 
     def scene(self, scene: Scene, latency: float | None, done_ns: int) -> None:
-        """Add a scene."""
+        """Add a scene.
+
+        Args:
+            scene: the tracker's result.
+            latency: since its frame was sent [s]; None if unknown.
+            done_ns: when the scene was complete, on the clock of ``began_ns`` [ns].
+        """
         self.scenes_out += 1
         self._count(scene)
         self.times.append(done_ns)
@@ -145,7 +174,7 @@ class RunSummary:
             self.conditions[text] = Condition(at_s, at_s)
 
     def state(self, at_s: float, phase: str, reason: str) -> None:
-        """Add a change of the tracker's state."""
+        """Add a change of the tracker's state: time since the start of the run [s], phase and reason."""
         self.state_changes.append({"at_s": round(at_s, 3), "phase": phase, "reason": reason})
 
     def rate_hz(self, now_ns: int, over_s: float = 2.0) -> float:

@@ -125,12 +125,18 @@ class Link:
         self._thread.start()
 
     def newest(self) -> tuple[Scene | None, dict[str, SensorFrame], SessionStatus | None]:
-        """Return what has arrived since the last call; nothing before a server is reached."""
+        """Return the newest scene, frames by sensor, and status that have arrived since the last call.
+
+        Scene and status are None, and the frames are empty, if nothing new has come or no server is reached yet.
+        """
         newest = self._newest
         return (None, {}, None) if newest is None else (newest.scene(), newest.frames(), newest.status())
 
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
-        """Send a command; if no server answers, the reply says so."""
+        """Send a command and wait for the reply, at most 10 s (150 s for ``record-stop``).
+
+        If no server answers, the reply has ``ok`` False and the reason.
+        """
         if self._session is None:
             return CommandReply(False, f"no server at {self._address}; start one with: mocapella serve")
         try:
@@ -140,10 +146,11 @@ class Link:
             return CommandReply(False, str(error))
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
-        """Query a camera's node, and wait for its answer.
+        """Query a camera's node, and wait for its answer; ``question`` has the fields of a query.
 
         Raises:
-            BusError: no node answers.
+            InputError: the question is not one of `mocapella.wire.questions`.
+            BusError: no node answers, or no server is reached yet.
             WireError: the answer is invalid.
         """
         if self._session is None:

@@ -68,7 +68,7 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
     still_s: float
 
     def as_json(self) -> dict[str, object]:
-        """Return values for a summary; None if not measured."""
+        """Return the values over the whole session for a summary, in mm, s and 1/min; None if not measured."""
 
         def number(value: float, digits: int) -> float | None:
             return round(float(value), digits) if np.isfinite(value) else None

@@ -44,6 +44,9 @@ class Board:
         inverted: whether it is printed with black and white exchanged.
         legacy: whether it is a ChArUco board of OpenCV before 4.6, whose first square is white if the number of rows is
             even.
+
+    Raises:
+        SettingsError: a value is out of range, or the dictionary unknown.
     """
 
     kind: Literal["chessboard", "charuco"]
@@ -133,7 +136,7 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
 
 
 def encode_board(board: Board) -> str:
-    """Return the text of a board's TOML file."""
+    """Return the text of a board's TOML file, which `parse_board` reads."""
     import tomli_w
 
     return tomli_w.dumps(asdict(board))

@@ -25,7 +25,8 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
         sensor: name of the sensor.
         topology: names and order of the joints.
         ids: (bodies,) tracking ids, ascending.
-        positions: (bodies, joints, 3) float64, camera space [m]; NaN where not tracked.
+        positions: (bodies, joints, 3) float64, camera space: x to the sensor's left, y up, z out of the lens [m]; NaN
+            where not tracked.
         states: (bodies, joints) `JointState`.
     """
 
@@ -41,13 +42,16 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
         return tuple((self.sensor, body) for body in self.ids)
 
     def only(self, kept: NDArray[np.bool_]) -> Bodies:
-        """Return the bodies where ``kept`` (bodies,) is True."""
+        """Return the bodies where ``kept`` (bodies,) is True, in the same order; arrays are copies."""
         ids = tuple(body for body, stays in zip(self.ids, kept.tolist(), strict=True) if stays)
         return Bodies(self.sensor, self.topology, ids, self.positions[kept], self.states[kept])
 
 
 def tracked_bodies(frame: BodyFrame) -> Bodies:
-    """Return the tracked bodies of a frame, sorted by id, so that results do not depend on the frame's order."""
+    """Return the tracked bodies of a frame, sorted by id, so that results do not depend on the frame's order.
+
+    Arrays are writable copies. Without a tracked body, they have the length 0.
+    """
     ids: list[int] = frame.tracking_ids.tolist()
     positions, states = frame.positions, frame.states
     if not frame.tracked.all() or ids != sorted(ids):

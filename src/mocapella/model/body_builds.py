@@ -37,7 +37,7 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def mesh_of_build(build: str) -> RiggedMesh:
-    """Rebuild the mesh that a body was fitted with, deterministically.
+    """Rebuild the mesh that a body was fitted with, from `TrackedBody.build`; equal texts give equal meshes.
 
     Raises:
         SettingsError: the text is no build, its values are impossible, or its mesh is a file's.
@@ -55,6 +55,8 @@ def mesh_of_build(build: str) -> RiggedMesh:
 
 def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
     """Return the mesh of one of `MODELS` for a subject height [m], if known, and proportions.
+
+    A ``male`` or ``female`` body is supple, see `body_mesh`. A name that is none of `MODELS` counts as ``male``.
 
     Raises:
         SettingsError: implausible height or proportions.

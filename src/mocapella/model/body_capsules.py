@@ -54,7 +54,10 @@ class Capsules(msgspec.Struct, frozen=True, eq=False):
 
 
 def capsules_of(mesh: RiggedMesh) -> Capsules:
-    """Return the limbs of a mesh by its landmarks' names; none for a mesh that is not a body."""
+    """Return a capsule for each limb of a mesh whose two landmarks it has, by name; none for a mesh that is not a body.
+
+    Radii are fitted to the mesh at rest.
+    """
     marks = list(mesh.landmarks)
     there = {name: both for name, both in _LIMBS.items() if mesh.landmarks.keys() >= set(both)}
     pairs = [
@@ -68,7 +71,15 @@ def capsules_of(mesh: RiggedMesh) -> Capsules:
 
 
 def depths_m(capsules: Capsules, landmarks: Float64) -> Float64:
-    """Return the penetration depth (..., p) of each pair of limbs, 0 if apart [m]; ``landmarks`` (..., n, 3) [m]."""
+    """Return how deeply the capsules of each pair of limbs, ``capsules.pairs``, overlap.
+
+    Args:
+        capsules: of the mesh.
+        landmarks: (..., n, 3) all landmarks of the posed mesh, in its order [m].
+
+    Returns:
+        (..., p) sum of the radii minus the distance of the axes, 0 if apart [m].
+    """
     one, other = (landmarks[..., capsules.ends[capsules.pairs[:, k]], :] for k in (0, 1))
     between = segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
     return np.asarray(np.maximum(capsules.radii[capsules.pairs].sum(axis=1) - between, 0.0))
@@ -85,7 +96,9 @@ def _radii(mesh: RiggedMesh, ends: Int64) -> Float64:
 
 
 def segment_distance(a: Any, b: Any, c: Any, d: Any) -> Float64:
-    """Return the distances (...,) of segments from a to b and from c to d, all (..., 3), possibly of length 0.
+    """Return the least distances (...,) between segments from a to b and from c to d, all (..., 3).
+
+    They have the unit of the points. A segment may have the length 0.
 
     C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.9.
     """

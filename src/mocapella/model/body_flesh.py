@@ -26,7 +26,10 @@ ARM_DOWN: Final = float(np.sqrt(0.5))
 
 
 def joint_places(lengths: Lengths) -> dict[str, Float64]:
-    """Return the joint centres and other named points at rest, (3,) each [m]."""
+    """Return the joint centres and other named points at rest by name, such as ``left knee``, (3,) each [m].
+
+    x is to the person's left, y up from the ground, z forwards.
+    """
     hip = lengths.ankle_height + lengths.shank + lengths.thigh
     neck, top = hip + lengths.trunk, lengths.height
     head, foot = lengths.head, lengths.foot

@@ -86,13 +86,13 @@ def body_mesh(
     *,
     supple: bool = False,
 ) -> RiggedMesh:
-    """Return the mesh of a person; it is deterministic.
+    """Return the mesh of a person; it is deterministic. The newest sizes are cached, so do not change its arrays.
 
     Args:
         sex: selects the table of average widths, girths and proportions.
         height_m: from the ground to the top of the head [m]; None: from the known segments, or the average.
         proportions: lengths of the known segments.
-        detail: factor of the number of vertices along a line.
+        detail: factor of the number of vertices along a line; 0.8 to 4.
         supple: whether the neck moves and the waist turns.
 
     Raises:
@@ -104,7 +104,14 @@ def body_mesh(
 def legs_mesh(
     sex: Sex = "male", height_m: float | None = None, proportions: BodyProportions = AVERAGE, detail: float = 1.0
 ) -> RiggedMesh:
-    """Return the mesh of a pelvis and legs; arguments as in `body_mesh`. ``height_m`` is the whole person's."""
+    """Return the mesh of a pelvis and legs, with the parts and joints of `body_mesh` below the waist.
+
+    Args:
+        sex, height_m, proportions, detail: as in `body_mesh`; the height is the whole person's.
+
+    Raises:
+        SettingsError: as `body_mesh`.
+    """
     return _mesh(sex, height_m, proportions, detail, legs_only=True)
 
 

@@ -43,6 +43,9 @@ class Lengths:
         upper_arm, forearm: from joint to joint.
         hand: from the wrist to the fingertips.
         foot: from heel to toes.
+
+    Raises:
+        SettingsError: a length is not finite and above 0.
     """
 
     ankle_height: float
@@ -72,10 +75,15 @@ SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
 
 @dataclass(frozen=True)
 class BodyProportions:
-    """The known lengths of a person's segments [m]; None: average for the height. See `Lengths`.
+    """The known lengths of a person's segments, which have the names and ends of `Lengths` [m]; None if unknown.
+
+    Unknown ones are average for the height.
 
     Attributes:
         girth: breadths, depths and girths, relative to the average for the height.
+
+    Raises:
+        SettingsError: a length is not from 0.01 to 1.5 m, or the girth not from 0.75 to 1.5.
     """
 
     ankle_height: float | None = None
@@ -132,7 +140,13 @@ class Flesh:
 
 @dataclass(frozen=True)
 class BodyShape:
-    """The average shape of a sex: its height, and all other measures relative to the height."""
+    """The average shape of a sex.
+
+    Attributes:
+        name: name of the table, ``female`` or ``male``.
+        height_m: average height [m].
+        lengths, flesh: lengths of segments, and breadths and depths, relative to the height.
+    """
 
     name: str
     height_m: float
@@ -142,7 +156,7 @@ class BodyShape:
 
 @cache
 def body_shape(sex: Sex) -> BodyShape:
-    """Return the average shape of a sex.
+    """Return the average shape of a sex, from a file of the package; the same object at each call.
 
     Raises:
         SettingsError: there is no such table; lists the known ones.
@@ -155,7 +169,9 @@ def body_shape(sex: Sex) -> BodyShape:
 
 
 def lengths_of(sex: Sex, height_m: float | None, proportions: BodyProportions) -> Lengths:
-    """Return a person's segments [m]: known ones unchanged, the others scaled to add up to the height.
+    """Return a person's segments [m]: known ones unchanged, the others average for the height.
+
+    If a height is given, the unknown ones among `UPRIGHT` are scaled so that these segments add up to it.
 
     Args:
         sex: selects the table of average segments, for the unknown ones.

@@ -38,7 +38,7 @@ _OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
 
 
 def save_camera_rig(path: Path | str, rig: CameraRig) -> None:
-    """Write a rig atomically: the file is complete or unchanged.
+    """Write a rig as a TOML file in Mocapella's format, atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -64,7 +64,10 @@ def _table(placed: PlacedCamera) -> dict[str, Any]:
 
 
 def load_camera_rig(path: Path | str) -> CameraRig:
-    """Read a rig in any of the formats of the module's description.
+    """Read a rig from a TOML file of Mocapella, Caliscope or Pose2Sim; the format is recognised.
+
+    The world frame stays the file's; only in Mocapella's format y is known to be up. Numbers that a format lacks are
+    NaN (covariance) or 0. Cameras that Caliscope ignores are left out, and its numbered ones are called ``cam_0``, ….
 
     Raises:
         InputError: the file does not exist, or has another format; states the field, its value and a remedy.
@@ -73,7 +76,7 @@ def load_camera_rig(path: Path | str) -> CameraRig:
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
-    """Encode a rig as TOML."""
+    """Encode a rig as TOML in Mocapella's format, without loss; a covariance that is not finite is left out."""
     import tomli_w
 
     cameras = {name: _table(placed) for name, placed in rig.cameras.items()}
@@ -81,7 +84,7 @@ def encode_camera_rig(rig: CameraRig) -> str:
 
 
 def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
-    """Decode a rig from a TOML text in any of the formats of the module's description.
+    """Decode a rig from the TOML text of a file that `load_camera_rig` reads.
 
     Args:
         text: the TOML text.
@@ -104,7 +107,10 @@ def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
 
 
 def is_camera_rig(text: bytes | str) -> bool:
-    """Return whether a text is a camera rig in any of the formats of the module's description, complete or not."""
+    """Return whether a text is a camera rig in a format that `load_camera_rig` reads, complete or not.
+
+    It is False for a text that is no TOML; nothing is raised.
+    """
     try:
         data = decode_toml(text)
     except InputError:

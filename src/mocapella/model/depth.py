@@ -24,7 +24,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
     """A depth image of one camera.
 
     Attributes:
-        depth: (height, width) distance along the optical axis in units; 0 where nothing was measured.
+        depth: (height, width) uint16 distance along the optical axis in units; 0 where nothing was measured.
         unit_m: length of a unit [m].
         lens: (9,) intrinsics, see `mocapella.geometry.lens`.
     """
@@ -45,7 +45,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def metres(self) -> Float32:
-        """(height, width) float32 [m]; 0 where nothing was measured."""
+        """(height, width) float32 [m], a new array; 0 where nothing was measured."""
         return self.depth * np.float32(self.unit_m)
 
 
@@ -60,13 +60,13 @@ def depth_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> DepthFrame:
-    """Make a `DepthFrame` of array-likes.
+    """Make a `DepthFrame`; the image is not copied.
 
     Args:
         sensor: the camera's name.
-        depth: (height, width) distance along the optical axis in whole units, from 0 to 65535.
+        depth: (height, width) uint16 distance along the optical axis in whole units; 0 where nothing was measured.
         unit_m: length of a unit [m].
-        lens: (4,) fx, fy, cx, cy [px], or (9,) of `mocapella.geometry.lens`.
+        lens: (4,) fx, fy, cx, cy [px], for a lens without distortion, or (9,) of `mocapella.geometry.lens`.
         time_ns: capture time, on the camera's own clock.
         node_id, sequence, sent_ns: see `SensorFrame`.
 

@@ -83,14 +83,14 @@ def frame_type_of(frame: SensorFrame) -> FrameType | None:
 
 
 def by_class() -> dict[type[SensorFrame], FrameType]:
-    """Return the frame types by the class of their frames."""
+    """Return the frame types by the class of their frames: one dictionary, made on the first call; do not change it."""
     if not _BY_CLASS:
         _BY_CLASS.update({one.type: one for one in FRAME_TYPES.values()})
     return _BY_CLASS
 
 
 def what_it_sends(frame: SensorFrame) -> str:
-    """Return the name of a frame's type, such as ``skeletons``."""
+    """Return the name of a frame's type, such as ``skeletons``; its ``kind`` or class's name if not registered."""
     known = frame_type_of(frame)
     return known.name if known is not None else str(getattr(frame, "kind", type(frame).__name__))
 

@@ -53,12 +53,20 @@ def pygltflib() -> Any:
 
 
 class Gltf:
-    """An open file; if its bytes are given, nothing else is read from the disk.
+    """An open glTF file; its content is parsed and its tree of nodes checked at construction.
+
+    Args:
+        path: path of the file, which errors name.
+        data: its bytes; nothing else is then read from the disk. Without them, ``path`` is read, and buffers beside it.
 
     Attributes:
         path: path of the file, which errors name.
         content: pygltflib's object.
         parents: (nodes,) index of each node's parent; -1 for none.
+
+    Raises:
+        InputError: it cannot be read, is no glTF 2.0, needs an extension, or its nodes are not a tree.
+        SettingsError: pygltflib is not installed.
     """
 
     def __init__(self, path: Path, data: bytes | None = None) -> None:
@@ -131,7 +139,7 @@ class Gltf:
         return values[:, 0] if width == 1 else values.reshape(-1, 4, 4) if width == 16 else values
 
     def name(self, node: int) -> str:
-        """Return the name of a node."""
+        """Return the name of the node of an index; ``node 3`` without one."""
         return self.item("nodes", node).name or f"node {node}"
 
     def T_world_node(self, node: int) -> Float64:  # noqa: N802 - the field's notation

@@ -59,7 +59,22 @@ _EPSILON: Final = 1e-9
 
 @dataclass(frozen=True)
 class Digit:
-    """A digit's proportions and limits, as in ``hands/human.toml``, where comments define the fields and units."""
+    """A digit's proportions and limits, as in ``hands/human.toml``; positions and directions are in the palm's frame.
+
+    Attributes:
+        base: position of its first joint: across over hand breadth, towards the back and along over hand length.
+        bone: direction of the straight digit at angles 0.
+        bends_towards: direction of its flexion; made perpendicular to ``bone``.
+        lengths: of its three bones, from the base outwards, over hand length.
+        centre_deg: flexion and abduction at the centre of the first joint's limits, an ellipse [deg].
+        flexion_deg, abduction_deg: least and most of both on that ellipse; abduction is positive to the thumb's side.
+        middle_deg, last_deg: least and most flexion of the second and third joint [deg].
+        coupling_thirds: third joint's flexion in a relaxed hand, over a third of the second's.
+        natural_deg: flexion, abduction and second joint's flexion of a hand at rest [deg].
+
+    Raises:
+        SettingsError: a value is out of range, or limits are not symmetric about their centre.
+    """
 
     base: tuple[float, float, float]
     bone: tuple[float, float, float]
@@ -193,7 +208,9 @@ class HandModel:
         return np.asarray(ok)
 
     def limited(self, angles: Float64) -> Float64:
-        """Clamp angles to the limits, towards the cones' centres; values that are not finite become natural.
+        """Return angles clamped to the limits, towards the cones' centres; values that are not finite become natural.
+
+        A coupled third joint follows its second. ``angles`` is not changed.
 
         Args:
             angles: (..., 21) in the order of `ANGLES` [rad].
@@ -221,7 +238,7 @@ class HandModel:
         hand_breadth_m: float | None = None,
         person: str = "",
     ) -> HandShape:
-        """Return a hand with the reference's proportions.
+        """Return a hand with the reference's proportions, scaled to a size.
 
         Args:
             handedness: left or right.
@@ -253,7 +270,7 @@ class HandModel:
         """Return the same hand with wider limits of extension and abduction; the thumb's are half as wide again.
 
         Args:
-            extension_deg, abduction_deg: limits of the fingers' extension and abduction [deg].
+            extension_deg, abduction_deg: limits of the fingers' extension and abduction, both positive [deg].
             apart: factor of the standard deviations of the differences between neighbouring fingers' flexions.
 
         Raises:
@@ -285,6 +302,9 @@ class HandShape(msgspec.Struct, frozen=True, eq=False):
         bases: (5, 3) positions of the digits' first joints in the palm's frame [m].
         person: name of the person; may be empty.
         lengths_sd: (5, 3) standard deviations of ``lengths`` [m]; None if not measured.
+
+    Raises:
+        SettingsError: a wrong shape, or a length or position beyond a human hand's.
     """
 
     handedness: Handedness
@@ -346,7 +366,7 @@ class Hand(msgspec.Struct, frozen=True, eq=False):
 
 @cache
 def hand_model(constraints: ConstraintSet = "thesis", name: str = "human") -> HandModel:
-    """Return the hand model of a name.
+    """Return the hand model of a name, from a file of the package; the same object at each call with these arguments.
 
     Raises:
         SettingsError: unknown hand or set of constraints; lists the known ones.
@@ -360,7 +380,7 @@ def hand_model(constraints: ConstraintSet = "thesis", name: str = "human") -> Ha
 
 
 def hand_model_from_toml(text: str) -> HandModel:
-    """Read and validate a hand model with all 21 angles.
+    """Read and validate a hand model with all 21 angles from the text of its TOML file, such as ``hands/human.toml``.
 
     Raises:
         SettingsError: a key or digit that is unknown or missing, or a value out of range.

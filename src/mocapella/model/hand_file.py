@@ -28,7 +28,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def encode_hand_shape(shape: HandShape) -> bytes:
-    """Encode a hand's shape as the content of a JSON file."""
+    """Encode a hand's shape as the content of a JSON file; numbers are rounded to a micrometre."""
     sd = None if shape.lengths_sd is None else _named(shape.lengths_sd)
     file = _File(VERSION, shape.person, shape.handedness, _named(shape.lengths), _named(shape.bases), sd)
     return msgspec.json.format(msgspec.json.encode(file), indent=1)
@@ -57,7 +57,7 @@ def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
 
 
 def save_hand_shape(path: Path | str, shape: HandShape) -> None:
-    """Write a hand atomically: the file is complete or unchanged.
+    """Write a hand's shape as a JSON file, atomically: the file is complete or unchanged.
 
     Raises:
         InputError: it cannot be written there.
@@ -66,7 +66,7 @@ def save_hand_shape(path: Path | str, shape: HandShape) -> None:
 
 
 def load_hand_shape(path: Path | str) -> HandShape:
-    """Read a hand.
+    """Read a hand's shape from a JSON file of `save_hand_shape`.
 
     Raises:
         InputError: the file does not exist, or is not a hand.

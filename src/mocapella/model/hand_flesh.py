@@ -1,6 +1,6 @@
 """A hand's surface at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
-Positions are those of a right hand in the palm's frame, see `mocapella.model.hand`.
+Positions are a right hand's, in the palm's frame, see `mocapella.model.hand`.
 
 **Fingertips.** A fingertip's landmark is that of the hand's model, on the axis of the last bone. With r the radius of
 the fingertip, the surface ends 0.6 r beyond it: the centre of the last limb's round end is 0.4 r before the landmark.
@@ -61,7 +61,8 @@ def digits_at_rest(model: HandModel, hand: HandShape) -> tuple[Float64, Float64]
     """Return the digits' bones and joints in the palm's frame, at `REST_ANGLES`.
 
     Returns:
-        ``T_palm_bone`` (15, 3, 4) of each bone, and positions (20, 3) of joints and tips [m].
+        The upper rows of ``T_palm_bone`` (15, 3, 4) of each bone, thumb first; positions (20, 3) of joints and tips,
+        the landmarks after the wrist [m].
     """
     bones, places = np.empty((15, 3, 4)), np.empty((20, 3))
     for d in range(len(DIGITS)):
@@ -130,7 +131,7 @@ def smooth(x: Float64, start: float, end: float) -> Float64:
 
 
 def hand_weights(vertices: Float64, distance: Float64, bones: Float64, *, hand_length_m: float) -> Float64:
-    """Return the skinning weights (n, 16) of the palm and the 15 bones of the digits for each vertex.
+    """Return the skinning weights (n, 16) of the palm and the 15 bones of the digits for each vertex; their sum is 1.
 
     Along a chain the weight changes from bone to bone within about a radius of the joint; between digits the nearer one
     moves the vertex, with a narrow transition.

@@ -42,12 +42,15 @@ _STUB: Final = ((0.010, 0.0095, 0.0160), (-0.015, 0.0100, 0.0166))
 
 
 def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> RiggedMesh:
-    """Return the mesh of a hand and the end of its forearm.
+    """Return the mesh of a hand and the end of its forearm, made anew at each call; it is deterministic.
+
+    Its tree has 16 parts, `HAND_PARTS`, and 21 joint angles, relative to `REST_ANGLES` (see `hand_mesh_angles`). Its
+    landmarks have the names `mocapella.model.hand.LANDMARKS`.
 
     Args:
         shape: the person's bones.
-        thickness: of the fingers, relative to the average for that length of hand.
-        detail: factor of the number of vertices along a line.
+        thickness: of the fingers, relative to the average for that length of hand; 0.7 to 1.3.
+        detail: factor of the number of vertices along a line; 0.9 to 3.
 
     Raises:
         SettingsError: thickness or detail out of range.
@@ -93,7 +96,10 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
 
 
 def hand_mesh_angles(mesh: RiggedMesh, angles: Float64) -> Float64:
-    """Convert angles (..., 21) in the order of `mocapella.model.hand.ANGLES` to the tree's (..., 21) [rad]."""
+    """Convert angles of a hand (..., 21), in the order of `mocapella.model.hand.ANGLES`, to those of a mesh [rad].
+
+    A mesh of `hand_mesh` has another order, and angles relative to `REST_ANGLES`. Limits are not applied.
+    """
     order = [ANGLES.index(name) for name in mesh.joint_names]
     return np.asarray((np.asarray(angles) - REST_ANGLES)[..., order])
 

@@ -47,7 +47,7 @@ def image_frame(
     sent_ns: int = 0,
     empty_room: bool = False,
 ) -> ImageFrame:
-    """Make an `ImageFrame` of an array, which is not copied, of encoded bytes, or of nothing.
+    """Make an `ImageFrame` of an array, which is not copied, of encoded bytes, or of nothing; nothing is decoded.
 
     Args:
         sensor: the camera's name.

@@ -66,9 +66,20 @@ def marker_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> MarkerFrame:
-    """Make a `MarkerFrame` of array-likes; scalars apply to all visible markers.
+    """Make a `MarkerFrame` of array-likes, which are copied; scalars apply to all visible markers.
 
-    The arguments have the meaning, shapes and units of the fields of `MarkerFrame`.
+    A marker with a coordinate that is not finite is not seen. ``elongations`` and ``candidates`` are None.
+
+    Args:
+        sensor: name of the camera.
+        names: names of all markers that the detector looks for.
+        time_ns: capture time of the first row, mid-exposure, on the camera's own clock.
+        size_px: (width, height) of the image.
+        positions_px: (markers, 2) x, y, with the lens' distortion [px].
+        sd_px: standard deviation of a coordinate [px].
+        areas_px: number of the marker's pixels.
+        confidences: from 0 to 1.
+        node_id, sequence, sent_ns: see `SensorFrame`.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.
@@ -96,6 +107,9 @@ def marker_frame(
 
 def joined(frame: MarkerFrame, *others: MarkerFrame) -> MarkerFrame:
     """Join several detectors' markers of one image, with time, node and sequence number of the first frame.
+
+    The frames are not changed. Elongations are NaN, and candidates 0, for markers of a frame without them, or None if
+    no frame has them.
 
     Raises:
         SettingsError: they are of different cameras or sizes, or two have a marker of one name.

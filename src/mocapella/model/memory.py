@@ -35,6 +35,9 @@ _DTYPE = re.compile(r"[<>|]?[biufcU]\d{1,4}")
 def pack(value: Any, kinds: Sequence[type]) -> bytes:
     """Encode a value as bytes; ``kinds`` are the structs, dataclasses and enumerations that it may contain.
 
+    Besides these, it may contain None, bool, int, float, str, bytes, numpy arrays and scalars, topologies, mappings,
+    deques, tuples, lists, and sets of sortable items, at any depth.
+
     Raises:
         TypeError: it contains another type.
     """
@@ -48,7 +51,7 @@ def recorded_name(kind: type) -> str:
 
 
 def unpack(data: bytes, kinds: Sequence[type]) -> Any:
-    """Decode a value encoded by `pack` with the same ``kinds``; its arrays are writable copies.
+    """Decode a value encoded by `pack` with the same ``kinds``; its arrays, also scalars, are writable copies.
 
     Raises:
         WireError: the bytes are not from `pack`, or contain other types.
@@ -60,7 +63,7 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
 
 
 def set_memory(part: object, memory: Mapping[str, Any]) -> None:
-    """Set attributes of a stateful object, in place.
+    """Set attributes of a stateful object, in place, such as from a snapshot; attributes without a value stay.
 
     Args:
         part: the object.
@@ -78,7 +81,11 @@ def set_memory(part: object, memory: Mapping[str, Any]) -> None:
 
 
 def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
-    """Decorate a tracker's ``restore`` so that an invalid snapshot resets the tracker and raises `WireError`."""
+    """Decorate a tracker's ``restore(self, data)``: an invalid snapshot resets the tracker and raises `WireError`.
+
+    Without it, the tracker would be left with a part of the snapshot's state. Our own errors, such as those of
+    `unpack`, pass unchanged and reset nothing.
+    """
 
     @functools.wraps(restore)
     def guarded(self: _Kept, data: bytes) -> None:

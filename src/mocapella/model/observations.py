@@ -40,11 +40,14 @@ class Edge(IntFlag):
 
 
 def check_sensor_name(name: str, *, recorded: bool = False) -> str:
-    """Return a sensor's name if it is valid in keys, file names and headings.
+    """Return a sensor's name unchanged if it is valid in keys, file names and headings.
+
+    It has 1 to 64 ASCII letters, digits, ``_``, ``-`` or ``.``, and begins with a letter or digit.
 
     Args:
         name: the name.
-        recorded: whether it is from a recorded frame; then names that Windows reserves are valid, as in older takes.
+        recorded: whether it is from a recorded frame; only then names that Windows reserves, or that end with ``.``,
+            are valid, as in older takes.
 
     Raises:
         SettingsError: the name is not valid; states the rule.
@@ -73,7 +76,8 @@ class BodyFrame(SensorFrame, frozen=True, eq=False):
         tracked: (bodies,) bool, whether the sensor tracks the body.
         clipped_edges: (bodies,) uint8, `Edge` bits.
         states: (bodies, joints) uint8, `JointState`.
-        positions: (bodies, joints, 3) float32, camera space [m]; NaN where not tracked.
+        positions: (bodies, joints, 3) float32, camera space: x to the sensor's left, y up, z out of the lens [m]; NaN
+            where not tracked.
         depth_px: (bodies, joints, 2) float32, x, y in the depth image [px]; NaN if unknown; None if all are unknown.
         orientations: (bodies, joints, 4) float32 quaternions (w, x, y, z), from the joint to camera space; NaN if
             unknown; None if all are unknown.
@@ -121,12 +125,29 @@ def body_frame(
     tilt: float = 0.0,
     height: float = 0.0,
 ) -> BodyFrame:
-    """Make a `BodyFrame` of array-likes; missing arrays get defaults, shapes are checked.
+    """Make a `BodyFrame` of array-likes, which are copied; missing arrays get defaults, shapes are checked.
 
-    The arguments have the meaning, shapes and units of the fields of `BodyFrame`.
+    The number of bodies is that of ``positions``, none if it is empty. All values of joints that are not tracked become
+    NaN.
 
-    Without ``states``, joints with finite coordinates are tracked and others are not. Coordinates of joints that are
-    not tracked become NaN.
+    Args:
+        sensor: name of the sensor.
+        topology: names and order of the joints.
+        time_ns: capture time, on the sensor's own clock.
+        positions: (bodies, joints, 3) camera space: x to the sensor's left, y up, z out of the lens [m].
+        states: (bodies, joints) `JointState`; if None, joints with finite coordinates are tracked and others are not.
+        tracking_ids: (bodies,) the sensor's ids; 0, 1, … if None.
+        tracked: (bodies,) whether the sensor tracks the body; all if None.
+        clipped_edges: (bodies,) `Edge` bits; 0 if None.
+        depth_px: (bodies, joints, 2) x, y in the depth image [px].
+        orientations: (bodies, joints, 4) quaternions (w, x, y, z).
+        node_id, sequence, sent_ns: see `SensorFrame`.
+        depth_size_px: (width, height) of the depth image; (0, 0) if there is none.
+        tilt: tilt of the sensor, upwards positive [rad].
+        height: height of the sensor above the floor [m]; 0 if unknown.
+
+    Returns:
+        The frame; ``depth_px`` and ``orientations`` stay None if not given.
 
     Raises:
         SettingsError: a shape that does not fit the number of bodies or the topology.

@@ -62,12 +62,21 @@ def pose_frame(
     sequence: int = 0,
     sent_ns: int = 0,
 ) -> PoseFrame:
-    """Make a `PoseFrame` of array-likes; bodies with values that are not finite are not tracked.
+    """Make a `PoseFrame` of array-likes, which are copied; bodies with values that are not finite are not tracked.
 
-    The arguments have the meaning, shapes and units of the fields of `PoseFrame`. Quaternions are normalised.
+    Args:
+        sensor: name of the sensor.
+        space: name of the other tracker's frame of reference.
+        names: names of the bodies.
+        time_ns: capture time, on the sensor's own clock.
+        positions: (bodies, 3) [m].
+        orientations: (bodies, 4) quaternions w, x, y, z, which are normalised; a body with one of length 0 is not
+            tracked.
+        states: (bodies,) `JointState`; tracked if None.
+        node_id, sequence, sent_ns: see `SensorFrame`.
 
     Raises:
-        SettingsError: names that are empty or not unique, or a shape that does not fit their number.
+        SettingsError: names that are empty or not unique, a shape that does not fit their number, or an unknown state.
     """
     n = len(names)
     if len(set(names)) != n or not all(names):
@@ -91,7 +100,7 @@ def pose_frame(
 
 
 def rotation_of(quaternions: Any) -> Float64:
-    """Return the rotations (..., 3, 3) of unit quaternions (..., 4), w, x, y, z."""
+    """Return the rotations (..., 3, 3) of quaternions (..., 4), w, x, y, z, which are normalised; NaN stays NaN."""
     q = np.asarray(quaternions, dtype=np.float64)
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = (

@@ -100,7 +100,7 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
 
 
 def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any] | None = None) -> RiggedMesh:
-    """Return a rigid object: six degrees of freedom, about the centre of its vertices.
+    """Return a rigid object: a mesh with six degrees of freedom, about the mean of its vertices. Arrays are copied.
 
     Args:
         name: name of the object and of its only part.
@@ -127,7 +127,10 @@ def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any
 
 
 def posed(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return the vertices (..., n, 3) in the world [m], by linear blend skinning; poses may have leading batch axes."""
+    """Return the vertices (..., n, 3) in the world [m], by linear blend skinning; poses may have leading batch axes.
+
+    The mesh is not changed, and joint limits are not applied.
+    """
     T = part_motions(mesh.tree, pose)
     batch, parts = T.shape[:-3], T.shape[-3]
     R = np.ascontiguousarray(T[..., :3, :3]).reshape(-1, parts, 9)
@@ -152,7 +155,7 @@ def carried(points: Float64, bones: Int32, shares: Float64, motions: tuple[Float
 
 
 def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> Float64:
-    """Return the rest positions (n, 3) of points that are moved by one part each; the inverse of `carried` [m].
+    """Return the rest positions (n, 3) [m] of points that are moved by one part each; for these it inverts `carried`.
 
     Args:
         points: (n, 3) in the world, such as vertices of a posed mesh [m].
@@ -165,7 +168,10 @@ def at_rest(points: Float64, part: Int64, motions: tuple[Float64, Float64]) -> F
 
 
 def farthest_apart_m(these: Float64, those: Float64) -> float:
-    """Return the greatest distance between corresponding points (n, 3) [m], such as vertices in two poses."""
+    """Return the greatest distance between corresponding points, (n, 3) each [m], as of vertices in two poses.
+
+    Without points it is 0.
+    """
     return float(_kernels().farthest_apart(these, those))
 
 
@@ -186,7 +192,8 @@ def rest(mesh: RiggedMesh) -> TreePose:
 def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
     """Convert dense skinning weights (n, parts), 0 or more, to ``bones`` and ``shares`` (n, most) of `RiggedMesh`.
 
-    The ``most`` largest weights of a vertex are kept; weights below a thousandth of its largest are dropped.
+    The ``most`` largest weights of a vertex are kept; weights below a thousandth of its largest are dropped, and the
+    rest is scaled to add up to 1. Every vertex must have a weight above 0.
     """
     order = np.argsort(-weights, axis=1, kind="stable")[:, :most]
     kept = np.take_along_axis(weights, order, axis=1)

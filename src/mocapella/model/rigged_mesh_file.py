@@ -76,7 +76,7 @@ class _OfMesh(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def load_rigged_mesh(path: Path | str) -> RiggedMesh:
-    """Read a .glb or .gltf file.
+    """Read the mesh of a .glb or .gltf file, written by `save_rigged_mesh` or another program.
 
     Raises:
         InputError: the file does not exist or is invalid; states the field, its value and a valid one.

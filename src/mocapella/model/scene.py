@@ -24,9 +24,12 @@ class Phase(StrEnum):
     """Phases of the tracker: those of the KinectMultiTrack thesis, and stopped."""
 
     STOPPED = "stopped"
+    """Frames are not tracked: before the start, while the method is prepared, or after a stop."""
     WAITING_FOR_SENSORS = "waiting for sensors"
+    """Fewer sensors send frames than are expected."""
     CALIBRATING = "calibrating"
     NEEDS_RECALIBRATION = "needs recalibration"
+    """All people have left, and the calibration by standing still must be repeated."""
     TRACKING = "tracking"
 
 
@@ -351,5 +354,5 @@ class Scene(msgspec.Struct, frozen=True, eq=False):
         return next(iter(self.of("points")), None)
 
     def with_parts(self, **parts: tuple[Any, ...]) -> Scene:
-        """Return a copy of the scene with the parts of some types replaced, by the name of their type."""
+        """Return a copy of the scene with the parts of some types replaced, by name of the type: ``people=()``."""
         return msgspec.structs.replace(self, parts={**self.parts, **parts})

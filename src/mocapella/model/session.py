@@ -39,7 +39,10 @@ class PersonName:
 
     Attributes:
         person: number of the person.
-        name: empty removes the name.
+        name: at most `LONGEST_NAME` printable characters, without space around them; empty removes the name.
+
+    Raises:
+        SettingsError: an invalid number or name.
     """
 
     person: int
@@ -59,7 +62,7 @@ class SensorPose:
     tilt: float = 0.0
     """Upwards positive [rad]."""
     height: float = 0.0
-    """Over the floor [m]."""
+    """Over the floor [m]; 0 if unknown."""
 
     def __post_init__(self) -> None:
         check(self.tilt in TILT, "tilt", self.tilt, str(TILT))
@@ -77,6 +80,9 @@ class Setup:
         placement: key of `PLACEMENTS`, or empty.
         scenario: key of `SCENARIOS`, or empty.
         sensors: pose by sensor name; overrides the poses in the frames.
+
+    Raises:
+        SettingsError: a value is invalid; states the valid ones. Whether the method exists is not checked.
     """
 
     method: str = "default"
@@ -162,7 +168,7 @@ class SensorHealth:
 class UnknownEnd:
     """A node that never said which frame was its last: nothing is known of frames after number ``after``.
 
-    ``after`` is −1 if not even one frame is known.
+    ``after`` is −1 if not even one frame is known. ``sensor`` and ``node_id`` name the node.
     """
 
     sensor: str
@@ -223,7 +229,7 @@ class ServerHealth:
     log: str = ""
 
     def problems(self) -> tuple[str, ...]:
-        """Return the problems, one line each."""
+        """Return the problems, one line each: ended parts, errors, a full disk, refusals; empty without any."""
         lines = [f"the {part} has ended" for part in self.ended]
         if self.errors:
             lines.append(f"{sum(self.errors.values())} unexpected errors; the first: {next(iter(self.errors))}")

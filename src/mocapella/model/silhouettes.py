@@ -24,7 +24,10 @@ class Silhouette(msgspec.Struct, frozen=True, eq=False):
     phi: Float32
 
     def mask(self, size_px: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return the mask (height, width) in an image of size (width, height); each sample covers its square."""
+        """Return the mask (height, width) in an image of size (width, height), True inside the silhouette.
+
+        Each sample covers the square of ``step_px`` pixels about it. Parts outside the image are cut off.
+        """
         width, height = size_px
         out = np.zeros((height, width), dtype=np.bool_)
         x, y = self.origin_px

@@ -35,6 +35,9 @@ class SpaceAlignment:
         position_sd_m: standard deviation of a point's position where the alignment was made; 0 if unknown [m].
         rotation_sd_rad: standard deviation of the rotation; 0 if unknown [rad].
         clock_sd_s: standard deviation of ``clock_s``; 0 if unknown [s].
+
+    Raises:
+        SettingsError: no rigid motion, a delay beyond ±10 s, or an impossible name or standard deviation.
     """
 
     space: str
@@ -80,13 +83,13 @@ def save_space(path: Path | str, alignment: SpaceAlignment) -> None:
 
 
 def as_settings(alignment: SpaceAlignment) -> dict[str, Any]:
-    """Convert an alignment to plain values by field name; `parse` rebuilds it from them."""
+    """Convert an alignment to plain values by field name; `mocapella.settings.parse` rebuilds it from them."""
     values = dataclasses.asdict(alignment)
     return values | {"rows": [list(row) for row in alignment.rows]}
 
 
 def load_space(path: Path | str) -> SpaceAlignment:
-    """Read an alignment.
+    """Read an alignment from a TOML file of `save_space`.
 
     Raises:
         InputError: the file does not exist, or is not an alignment; states the field, its value and a remedy.

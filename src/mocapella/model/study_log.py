@@ -98,7 +98,7 @@ class StudyLog(msgspec.Struct, frozen=True, eq=False):
         return len(self.positions)
 
     def rows(self) -> Iterator[StudyRow]:
-        """Yield the rows in the file's order."""
+        """Yield the rows in the file's order; their positions are views of the log's array."""
         columns = [getattr(self, name).tolist() for name in TITLES]
         for values, positions in zip(zip(*columns, strict=True), self.positions, strict=True):
             fields: dict[str, Any] = dict(zip(TITLES, values, strict=True))

@@ -56,7 +56,7 @@ class Topology:
 
 
 def topology_from_toml(text: str, name: str) -> Topology:
-    """Read and validate a topology.
+    """Read and validate a topology from the text of its TOML file; ``name`` becomes its name.
 
     Raises:
         SettingsError: a bone or pair names an unknown joint, the bones are not a tree from the root, a joint has two
@@ -99,14 +99,14 @@ def topology_from_toml(text: str, name: str) -> Topology:
 
 @cache
 def topology_names() -> tuple[str, ...]:
-    """Return the names of all topologies."""
+    """Return the names of all topologies of the package, sorted."""
     folder = files("mocapella.model").joinpath("topologies")
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def topology(name: str) -> Topology:
-    """Return the topology of a name.
+    """Return the topology of a name, from a file of the package; the same object at each call.
 
     Raises:
         SettingsError: unknown topology; lists the known ones.

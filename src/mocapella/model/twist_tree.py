@@ -76,7 +76,9 @@ class TwistTree(msgspec.Struct, frozen=True, eq=False):
 def twist_tree(
     parents: Any, joint_parts: Any = (), twists: Any = (), limits: Any = None, root: Any = (0, 0, 0)
 ) -> TwistTree:
-    """Make a `TwistTree` of array-likes; without limits, joints are unbounded.
+    """Make a `TwistTree` of array-likes, which are copied; without limits, joints are unbounded.
+
+    The arguments are the fields of `TwistTree`.
 
     Raises:
         SettingsError: see `TwistTree`.
@@ -93,7 +95,10 @@ def twist_tree(
 
 
 def limbs_of(tree: TwistTree) -> list[tuple[Int64, Int64]]:
-    """Return indices of the joints and of the parts of each chain, which starts at the root or at a branching part."""
+    """Return the joints (j,) and the parts (p,), as indices, of each unbranched chain of parts, such as an arm.
+
+    A chain starts below the root or below a part with several children; the root itself is in none.
+    """
     limbs: dict[int, list[int]] = {}
     of = np.zeros(len(tree.parents), dtype=np.int64)
     for part in range(1, len(tree.parents)):
@@ -117,7 +122,10 @@ class TreePose(msgspec.Struct, frozen=True, eq=False):
 
 
 def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
-    """Return the transforms (..., parts, 4, 4) of the parts from the rest frame to the world."""
+    """Return the transforms (..., parts, 4, 4) of the parts from the rest frame to the world, by forward kinematics.
+
+    Joint limits are not applied. The batch axes of the pose's two arrays broadcast.
+    """
     R, t, _ = _forward(tree, pose)
     T = np.zeros((*R.shape[:-1], 4, 4))
     T[..., :3, :3] = R.reshape(*R.shape[:-1], 3, 3)
@@ -127,7 +135,10 @@ def part_motions(tree: TwistTree, pose: TreePose) -> Float64:
 
 
 def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
-    """Return the parts' transforms from rest to one pose, for kernels: R (parts, 9), row by row; t (parts, 3) [m]."""
+    """Return the parts' transforms from rest to one pose, for kernels: R (parts, 9), row by row; t (parts, 3) [m].
+
+    The pose must have no batch axes; `part_motions` accepts them.
+    """
     parts = len(tree.parents)
     R, t, xi = np.empty((parts, 9)), np.empty((parts, 3)), np.empty((len(tree.joint_parts), 6))
     _kernels().forward(*tree.arrays, pose.T_world_model, pose.angles, np.zeros(3), R, t, xi)
@@ -135,7 +146,10 @@ def motions(tree: TwistTree, pose: TreePose) -> tuple[Float64, Float64]:
 
 
 def joint_twists(tree: TwistTree, pose: TreePose) -> Float64:
-    """Return the joints' twists (..., joints, 6) in the world, about its origin."""
+    """Return the joints' twists (..., joints, 6) in a pose, in the world, about its origin.
+
+    A twist is its translation part [m per radian], then the joint's unit axis.
+    """
     return _forward(tree, pose)[2]
 
 

@@ -12,6 +12,8 @@ from mocapella.errors import InputError
 def write_whole(path: Path | str, data: bytes) -> None:
     """Write a file atomically: readers, also after a crash, see the old or the new contents.
 
+    An existing file is replaced. The folder must exist.
+
     Raises:
         InputError: it cannot be written there.
     """

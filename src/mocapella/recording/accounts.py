@@ -17,6 +17,9 @@ Node = tuple[str, int]
 class Accounts:
     """The ledgers of a take's nodes: which frames were received, stored and lost. One thread writes, others may read.
 
+    Args:
+        nodes: the ledgers so far, such as of an interrupted take; kept and changed in place.
+
     Attributes:
         nodes: ledger of each node.
         pending: number of received frames that are not on the disk yet.

@@ -80,7 +80,7 @@ def frame_of(
         pose: root pose and joint angles of the body model.
         joint_names: names of the joint angles of ``pose``, in their order.
         landmarks: world positions (3,) of landmarks by name [m].
-        overlap: intersection over union of the model's and the image's silhouettes, by camera.
+        overlap: intersection over union of the model's and the image's silhouettes, by camera; rounded to 4 decimals.
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost.
     """

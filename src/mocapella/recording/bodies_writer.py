@@ -71,7 +71,10 @@ class BodiesWriter:
         self.frames += 1
 
     def rows(self, of: type[_Row]) -> Iterator[dict[str, _Row]]:
-        """Read the written frames back: yield each as values by body's name, decoded as the msgspec type ``of``."""
+        """Read the written frames back: yield each as values by body's name, decoded as the msgspec type ``of``.
+
+        Write no frame until all are read: reading and writing share the file's position.
+        """
         for line in self._lines():
             if ALONE in self.bodies:
                 yield {ALONE: decode_json(line, of)}
@@ -102,7 +105,7 @@ class BodiesWriter:
             raise self._as_ours(error) from error
 
     def copy_to(self, out: IO[str]) -> None:
-        """Copy the file's content to a text stream."""
+        """Copy the file's content, as written so far, to a text stream; call it before `close`."""
         self._file.seek(0)
         decoder = codecs.getincrementaldecoder("utf-8")()
         while piece := self._file.read(PIECE):

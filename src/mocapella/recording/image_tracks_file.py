@@ -48,6 +48,9 @@ def read_image_tracks(
         order: OpenPose's pose model, a key of `OPENPOSE_ORDERS`; unused for a CSV.
         progress: receives the name of each file before it is read.
 
+    Returns:
+        As `read_openpose` or `read_csv`.
+
     Raises:
         InputError: a file is missing or invalid; names file, row, field and value.
     """
@@ -76,7 +79,8 @@ def read_openpose(
 ) -> ImageTracks:
     """Read OpenPose JSON, a folder per camera and a file per frame.
 
-    Of several people in a file, the one with the largest sum of confidences is used. Times are NaN.
+    Of several people in a file, the one with the largest sum of confidences is used, with a note in ``notes``. Times
+    are NaN. A frame that a camera lacks, and a point with confidence 0, is NaN with confidence 0.
 
     Args:
         folders: a folder for each camera; the camera gets its name.
@@ -122,6 +126,10 @@ def read_openpose(
 
 def read_csv(path: Path) -> ImageTracks:
     """Read 2D points from Caliscope's CSV or Mocapella's, recognised by the columns.
+
+    Returns:
+        Cameras and points are in natural order (``cam_2`` before ``cam_10``). A point without a row is NaN with
+        confidence 0; confidences are 1 without a column, times NaN.
 
     Raises:
         InputError: the file is invalid; names file, row, field and value.

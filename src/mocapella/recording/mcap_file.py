@@ -47,7 +47,7 @@ class McapFile:
     """Writes an MCAP file to an open descriptor. Errors are `OSError`; earlier flushed data stay intact.
 
     Args:
-        fd: descriptor of an empty file, opened for writing.
+        fd: descriptor of an empty file, opened for writing; the caller closes it.
         library: name and version of the writing program, for the file's header.
     """
 

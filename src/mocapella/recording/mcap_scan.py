@@ -76,7 +76,12 @@ class Damage(msgspec.Struct, frozen=True):
 
 
 class End(msgspec.Struct, frozen=True):
-    """Last event of a scan: whether the file was closed properly, and the size of an incomplete record at its end."""
+    """Last event of a scan.
+
+    Attributes:
+        closed: whether the file was closed properly.
+        torn_bytes: size of an incomplete record at the file's end; 0 without one.
+    """
 
     closed: bool
     torn_bytes: int
@@ -98,7 +103,7 @@ class _Tail(msgspec.Struct, frozen=True):
 
 
 def is_closed(file: BinaryIO, size: int) -> bool:
-    """Whether an MCAP file of ``size`` bytes has a complete end: no process writes it, or was killed while writing."""
+    """Whether an MCAP file of ``size`` bytes has a complete end, which means that its writer has closed it."""
     return _read_tail(file, size) is not None
 
 

@@ -18,6 +18,8 @@ COLUMNS = ("distance_cm", "disparity_px")
 def read_measured_distances(path: Path) -> tuple[Float64, Float64]:
     """Read a CSV with `COLUMNS` in any order; return distances (rows,) [m] and disparities (rows,) [px].
 
+    The rows keep the order of the file; both arrays are empty if it has none.
+
     Raises:
         InputError: the file is invalid, or a distance is not above 0; names file, row, field and value.
     """

@@ -37,7 +37,8 @@ def read_point_recording(path: Path) -> PointRecording:
     `mocapella track points` writes such files.
 
     Raises:
-        InputError: the file is invalid, or has points of two cameras; names file, row, field and value.
+        InputError: the file is invalid, or has points of two cameras; names file, row, field and value. A file without
+            rows gives empty arrays.
     """
     fix = "give a CSV in UTF-8"
     columns, table = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)

@@ -57,7 +57,10 @@ class SequenceRanges:
         return self._lasts[-1]
 
     def gaps(self, begin: int, end: int) -> Iterator[tuple[int, int]]:
-        """Yield the (first, last) missing number of each gap, from ``begin`` to before ``end``."""
+        """Yield the (first, last) missing number of each gap, from ``begin`` to before ``end``.
+
+        Of an empty set, all of these numbers are one gap.
+        """
         i = bisect_right(self._firsts, begin)
         at = begin if i == 0 else max(begin, self._lasts[i - 1] + 1)
         while at < end:

@@ -15,7 +15,11 @@ from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
-    """An `McapFile` with the channels of a take, which writes to an open descriptor."""
+    """An `McapFile` with the channels of a take, which writes to an open descriptor.
+
+    Args:
+        fd: descriptor of an empty file, opened for writing; the caller closes it.
+    """
 
     def __init__(self, fd: int) -> None:
         super().__init__(fd, f"mocapella {__version__}")

@@ -43,7 +43,12 @@ class Ref(msgspec.Struct, frozen=True, gc=False):
 
 
 class FrameRef(msgspec.Struct, frozen=True, gc=False):
-    """Position of a frame in the files of a take, and the frame's identity (`SensorFrame`)."""
+    """Position of a frame in the files of a take, and the frame's identity.
+
+    Attributes:
+        ref: position of the frame's message.
+        sensor, node_id, sequence: sensor, node and sequence number of the frame.
+    """
 
     ref: Ref
     sensor: str
@@ -239,7 +244,8 @@ def index_take(parts: Sequence[Path]) -> TakeIndex:
     """Index a take from its files, in the order of its parts.
 
     Raises:
-        InputError: a file is missing or cannot be read.
+        InputError: a file is missing, cannot be read, or has a compressed chunk.
+        DamagedTakeError: the description of a run is invalid, though its checksum is right.
         SchemaVersionError: the take was made with another message schema.
     """
     index = TakeIndex()

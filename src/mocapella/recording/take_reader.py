@@ -46,7 +46,8 @@ class Take:
     """A take on disk; `read_take` opens it.
 
     A time ``log_ns`` is the log time of an entry, on the server's clock. An argument ``run`` is a run's number, or None
-    for all runs.
+    for all runs. Methods that yield entries read them from the disk one by one; they yield nothing for an unknown run
+    or sensor, and raise `InputError` if a file cannot be read any more, `DamagedTakeError` if an entry is invalid.
 
     Attributes:
         path: path of the take.

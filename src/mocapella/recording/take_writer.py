@@ -29,9 +29,9 @@ from mocapella.recording.take_index import TakeIndex, index_take
 class TakeWriter:
     """Writes a take; made by `create` or `resume_or_create`.
 
-    An argument ``log_ns`` is the time of the entry on the server's monotonic clock. After an error of `flush` or
-    `close`, the take is closed as far as possible, ``report`` describes the stored contents, and further writing raises
-    `RecordingError`.
+    Entries of the ``write_`` methods are on the disk after the next `flush`. An argument ``log_ns`` is the time of the
+    entry on the server's monotonic clock. After an error of `flush` or `close`, the take is closed as far as possible,
+    ``report`` describes the stored contents, and further writing raises `RecordingError`.
 
     Attributes:
         path: path of the take.
@@ -94,9 +94,10 @@ class TakeWriter:
 
     @classmethod
     def resume_or_create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
-        """Resume a take whose recording was killed, or create a new one.
+        """Resume a take whose recording was killed, or create a new one if there is none; arguments as in `create`.
 
-        Frames that are already stored are not stored again. `close` merges the parts.
+        Frames that are already stored are not stored again. `close` merges the parts. The take keeps its identity;
+        ``info`` begins a new run in it.
 
         Raises:
             TakeExistsError: the take was closed properly, is being recorded elsewhere, or is no Mocapella take.
@@ -148,7 +149,10 @@ class TakeWriter:
         self._begin_run(info)
 
     def write_frame(self, data: bytes, *, sensor: str, node_id: int, sequence: int, log_ns: int) -> bool:
-        """Add an encoded frame as received; return False if it is a duplicate, or does not belong to the take."""
+        """Add an encoded frame as received; return False if it is a duplicate, or does not belong to the take.
+
+        The caller has checked that ``data`` is the frame with this sensor, node id and sequence number.
+        """
         self._check_open()
         if not self.accounts.receive((sensor, node_id), sequence):
             return False

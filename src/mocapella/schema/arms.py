@@ -41,7 +41,10 @@ MAX_REASON: Final = 1000
 
 
 def encode_arm_frame(frame: ArmFrame) -> bytes:
-    """Encode a frame of arms as a protobuf message; equal frames give equal bytes."""
+    """Encode a frame of arms as a protobuf message; equal frames give equal bytes.
+
+    A reason longer than `MAX_REASON` is cut.
+    """
     return pb.ArmFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -113,7 +116,7 @@ def _decode_arm(m: pb.SeenArm) -> SeenArm:
 
 
 def encode_arm(arm: TrackedArm) -> pb.Arm:
-    """Encode an arm of a scene as a protobuf message."""
+    """Encode an arm of a scene as a protobuf message; a missing ``T_world_palm`` becomes an empty field."""
     T = arm.T_world_palm
     return pb.Arm(
         id=arm.id,

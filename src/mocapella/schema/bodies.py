@@ -24,7 +24,7 @@ _FARTHEST_RAD: Final = 100.0
 
 
 def encode_body(body: TrackedBody) -> Any:
-    """Encode a fitted body as a protobuf message."""
+    """Encode a fitted body as a protobuf message; a view's reason longer than `MAX_REASON` is cut."""
     return pb.Body(
         id=body.id,
         name=body.name,

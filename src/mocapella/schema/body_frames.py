@@ -82,6 +82,9 @@ def encode_body_frame(frame: BodyFrame) -> bytes:
 def decode_body_frame(data: bytes) -> BodyFrame:
     """Decode and check a frame of skeletons from a protobuf message's bytes.
 
+    Its arrays are read-only views of the bytes where nothing had to be changed. Joints that are not tracked have NaN
+    coordinates; a missing optional field is None.
+
     Raises:
         SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
     """

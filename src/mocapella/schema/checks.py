@@ -122,7 +122,11 @@ def identity_of(m: Any) -> tuple[str, int, int, int, int]:
 
 
 def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str) -> NDArray[Any]:
-    """Return a field's packed values as a read-only array of the given type and shape; check their length."""
+    """Return a field's packed values as a read-only array of the given type and shape; the values are not checked.
+
+    Raises:
+        WireError: the number of bytes does not fit the shape.
+    """
     wanted = dtype.itemsize * math.prod(shape)
     if len(data) != wanted:
         raise WireError(f"{field} has {len(data)} bytes; {shape} {dtype.name} want {wanted}")
@@ -130,7 +134,11 @@ def array(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], field: str)
 
 
 def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.uint8]:
-    """Return a field's bytes as an array (count,) uint8; check that each value is one of ``allowed``."""
+    """Return a field's bytes as a read-only array (count,) uint8.
+
+    Raises:
+        WireError: their number is not ``count``, or a value is none of ``allowed``.
+    """
     values = array(data, U1, (count,), field)
     strange = data.translate(None, allowed)
     if strange:
@@ -139,9 +147,12 @@ def choices(data: bytes, allowed: bytes, count: int, field: str) -> NDArray[np.u
 
 
 def points(data: bytes, shape: tuple[int, ...], field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
-    """Return a field's coordinates as a float64 array of the given shape [m].
+    """Return a field's coordinates as a read-only float64 array of the given shape [m].
 
     Each must be NaN (not seen), or within ``limit``, a range that is symmetric about 0.
+
+    Raises:
+        WireError: the number of bytes does not fit the shape, or a coordinate is beyond ``limit``.
     """
     values = array(data, F8, shape, field)
     far = values[np.abs(values) > limit.high]
@@ -151,7 +162,11 @@ def points(data: bytes, shape: tuple[int, ...], field: str, limit: Range = SCENE
 
 
 def deviations(data: bytes, count: int, field: str) -> NDArray[np.float32]:
-    """Return a field's standard deviations as an array (count,) float32; each must be NaN (unknown), or 0 or more."""
+    """Return a field's standard deviations as a read-only array (count,) float32; NaN is unknown.
+
+    Raises:
+        WireError: the number of bytes does not fit, or a value is negative or infinite.
+    """
     sd = array(data, F4, (count,), field)
     if (sd < 0).any() or np.isinf(sd).any():
         raise WireError(f"{field} has a value that is no standard deviation; 0 or more is wanted, or NaN")
@@ -164,6 +179,9 @@ def names(given: Any, field: str) -> tuple[str, ...]:
     Args:
         given: the names as in the message.
         field: the field's name, for errors.
+
+    Raises:
+        WireError: the names break a rule above.
     """
     if len(given) > MAX_POINTS:
         raise WireError(f"{field} has {len(given)} names; at most {MAX_POINTS} are read")
@@ -177,7 +195,7 @@ def names(given: Any, field: str) -> tuple[str, ...]:
 
 
 def transform(data: bytes, field: str, limit: Range = SCENE_COORDINATE) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) of a rigid motion, translation in metres.
+    """Return the matrix (4, 4) float64 of a rigid motion, translation in metres, as a new array.
 
     Args:
         data: its upper three rows, as 12 packed float64 in row-major order.
@@ -201,7 +219,11 @@ def transform(data: bytes, field: str, limit: Range = SCENE_COORDINATE) -> NDArr
 
 
 def sensor_pose(tilt: float, height: float, message: str) -> None:
-    """Check a sensor's tilt [rad] and height above the floor [m]; ``message`` is the message's name for errors."""
+    """Check a sensor's tilt [rad] and height above the floor [m]; ``message`` is the message's name for errors.
+
+    Raises:
+        WireError: a value is not finite or out of range.
+    """
     if not (tilt in TILT and height in FRAME_HEIGHT):
         raise WireError(
             f"{message}.tilt_rad is {tilt:g} and height_m {height:g}; "

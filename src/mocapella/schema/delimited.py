@@ -12,7 +12,7 @@ _LONGEST_VARINT = 5
 
 
 def delimited(message: bytes) -> bytes:
-    """Return a message's bytes, preceded by their number as a varint."""
+    """Return a message's bytes, preceded by their number as a varint, for writing to a stream."""
     length, prefix = len(message), bytearray()
     while length > 0x7F:
         prefix.append(length & 0x7F | 0x80)
@@ -40,7 +40,9 @@ class DelimitedReader:
         return len(self._buffer)
 
     def feed(self, piece: bytes) -> Iterator[bytes]:
-        """Yield the messages that the stream's next chunk completes, without their lengths.
+        """Yield the messages that the stream's next chunk completes, without their lengths; none if it completes none.
+
+        An incomplete message is kept for the next call. Nothing happens before the result is iterated.
 
         Raises:
             WireError: a length is no varint, or above the limit; the remaining stream is then unusable.

@@ -75,7 +75,7 @@ def pack_depth(depth: UInt16) -> bytes:
 
 
 def unpack_depth(data: bytes, size_px: tuple[int, int], field: str) -> UInt16:
-    """Return the depth image (height, width) uint16 that `pack_depth` compressed.
+    """Return the depth image (height, width) uint16 that `pack_depth` compressed, as a new array.
 
     Args:
         data: the compressed image.

@@ -16,7 +16,10 @@ from mocapella.schema.checks import MAX_MESSAGE_BYTES, MAX_NAME, identity, ident
 
 @cache
 def protobuf_format(message: str) -> MessageFormat:
-    """Return the MCAP format of a protobuf message, such as ``BodyFrame``, with the schema that MCAP tools need."""
+    """Return the MCAP format of a protobuf message, such as ``BodyFrame``, with the schema that MCAP tools need.
+
+    The result is cached by name. The name is not checked.
+    """
     file = FileDescriptorProto()
     pb.DESCRIPTOR.CopyToProto(file)
     schema = FileDescriptorSet(file=[file]).SerializeToString()
@@ -34,6 +37,9 @@ def seal(frame: SensorFrame, kind: str, content: bytes) -> bytes:
         frame: gives the message's sensor, node, sequence number and times.
         kind: name of the frame's type.
         content: the frame's other fields, encoded by the plug-in.
+
+    Returns:
+        The message's bytes, which `unseal` opens.
     """
     return pb.OtherFrame(**identity(frame), kind=kind, content=content).SerializeToString()
 

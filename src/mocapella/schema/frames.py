@@ -17,7 +17,13 @@ from mocapella.schema.envelope import ENVELOPE, kind_of, open_unknown, seal
 
 
 def encode_frame(frame: SensorFrame) -> bytes:
-    """Encode a frame of any type as a protobuf message; equal frames give equal bytes."""
+    """Encode a frame of any registered type as a protobuf message; equal frames give equal bytes.
+
+    An `UnknownFrame` is sealed with its content unchanged.
+
+    Raises:
+        KeyError: no installed package registers the frame's class.
+    """
     if isinstance(frame, UnknownFrame):
         return seal(frame, frame.kind, frame.content)
     return by_class()[type(frame)].encode(frame)
@@ -43,7 +49,7 @@ def decode_frame(data: bytes) -> Any:
 
 
 def format_of(data: bytes) -> MessageFormat:
-    """Return the MCAP format of an encoded frame, for its channel in a take.
+    """Return the MCAP format of an encoded frame, for its channel in a take; plug-ins' frames share `ENVELOPE`.
 
     Raises:
         WireError: the bytes are no frame.

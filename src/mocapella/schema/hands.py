@@ -29,7 +29,7 @@ from mocapella.schema.checks import (
 
 
 def encode_hand(hand: TrackedHand) -> Any:
-    """Encode a hand as a protobuf message."""
+    """Encode a hand as a protobuf message; a missing ``T_world_palm`` becomes an empty field."""
     return pb.Hand(
         id=hand.id,
         left=hand.left,
@@ -65,7 +65,7 @@ def decode_hand(m: Any) -> TrackedHand:
 
 
 def encode_points(found: TrackedPoints) -> Any:
-    """Encode a scene's named points as a protobuf message."""
+    """Encode a scene's named, triangulated points as a protobuf message."""
     return pb.Points(
         names=found.names,
         positions_m=found.positions.astype(F8, copy=False).tobytes(),
@@ -90,7 +90,7 @@ def decode_points(m: Any) -> TrackedPoints:
 
 
 def encode_object(tracked: TrackedObject) -> Any:
-    """Encode a rigid object as a protobuf message."""
+    """Encode a rigid object as a protobuf message; a missing ``T_world_object`` becomes an empty field."""
     return pb.Object(
         name=tracked.name,
         T_world_object=_upper_rows(tracked.T_world_object),

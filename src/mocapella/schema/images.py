@@ -31,6 +31,8 @@ def encode_image_frame(frame: ImageFrame) -> bytes:
 def image_frame_of(m: pb.ImageFrame) -> ImageFrame:
     """Decode an image frame from a parsed protobuf message, and check its fields; a compressed image stays compressed.
 
+    Raw pixels become a read-only (height, width, 3) uint8 array in BGR order.
+
     Raises:
         WireError: a field has the wrong length or an impossible value; names the field and the expected value.
     """

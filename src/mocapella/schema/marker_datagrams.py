@@ -45,13 +45,19 @@ class DatagramProblem(StrEnum):
 
     EMPTY = "empty"
     TOO_LONG = "too long"
+    """More than `MAX_DATAGRAM_BYTES`."""
     NOT_TEXT = "not text"
+    """Not a line of printable ASCII."""
     HEADER = "header"
+    """Begins with ``#``, but has no valid sequence number and time."""
     NOT_A_PAIR = "not a pair of numbers"
     COUNT = "number of markers"
+    """Another number of pairs than markers."""
     ONE_COORDINATE = "one coordinate"
+    """A marker with one coordinate only."""
     NOT_FINITE = "not finite"
     OUTSIDE = "outside the picture"
+    """A position outside the image."""
 
 
 class DatagramError(WireError):
@@ -77,7 +83,15 @@ class MarkerDatagram(msgspec.Struct, frozen=True, eq=False):
 
 
 def encode_marker_datagram(datagram: MarkerDatagram, decimals: int = 2) -> bytes:
-    """Encode a datagram, with this number of decimals; a marker that is not seen becomes a comma without numbers."""
+    """Encode a datagram as a line of ASCII text with a line feed; the inverse of `decode_marker_datagram`.
+
+    A marker with a coordinate that is not finite becomes a comma without numbers. A time without a sequence number is
+    left out. Sizes are not checked.
+
+    Args:
+        datagram: the content.
+        decimals: number of decimals of the coordinates.
+    """
     pairs = [
         f"{x:.{decimals}f},{y:.{decimals}f}" if math.isfinite(x) and math.isfinite(y) else ","
         for x, y in datagram.positions_px.tolist()
@@ -97,10 +111,15 @@ def decode_marker_datagram(
         data: the datagram as received.
         names: the markers' names, in the order of the pairs.
         size_px: (width, height) of the images.
-        zero_is_lost: whether the sending program writes ``0,0`` for a marker that it does not see.
+        zero_is_lost: whether the sending program writes ``0,0`` for a marker that it does not see. ``-1,-1``,
+            ``nan,nan``, a comma alone and an empty pair always mean a marker that is not seen.
+
+    Returns:
+        The content, with NaN for markers that are not seen.
 
     Raises:
-        DatagramError: it is invalid; no other error is raised.
+        DatagramError: it is too long, not text, of another number of markers, or has a position outside the image; its
+            ``problem`` is the reason. No other error is raised.
     """
     if len(data) > MAX_DATAGRAM_BYTES:
         problem = f"{len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read"

@@ -16,7 +16,10 @@ MAX_SIDE_PX: Final = 65_536
 
 
 def encode_marker_frame(frame: MarkerFrame) -> bytes:
-    """Encode a marker frame as a protobuf message; equal frames give equal bytes."""
+    """Encode a marker frame as a protobuf message; equal frames give equal bytes.
+
+    ``elongations`` and ``candidates`` are not part of the message.
+    """
     return pb.MarkerFrame(
         **identity(frame),
         width_px=frame.size_px[0],
@@ -31,6 +34,8 @@ def encode_marker_frame(frame: MarkerFrame) -> bytes:
 
 def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     """Decode a marker frame from a parsed protobuf message, and check its values.
+
+    Without standard deviations, areas or confidences in the message, visible markers have NaN, 0 and 1.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

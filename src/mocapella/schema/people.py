@@ -14,7 +14,7 @@ from mocapella.schema.checks import F4, F8, STATES, choices, deviations, points,
 
 
 def encode_person(person: Person) -> Any:
-    """Encode a person as a protobuf message, with the fused skeleton and the views."""
+    """Encode a person as a protobuf message, with the fused skeleton and the views, as a part of a scene's message."""
     return pb.Person(
         id=person.id,
         positions_m=person.positions.astype(F8, copy=False).tobytes(),

@@ -38,7 +38,7 @@ _SINGLE: Final = frozenset({"points"})
 
 
 def encode_scene(scene: Scene) -> bytes:
-    """Encode a scene as a protobuf message; equal scenes give equal bytes."""
+    """Encode a scene as a protobuf message; equal scenes give equal bytes. Parts of unknown types stay unchanged."""
     state = scene.state
     message = pb.Scene(
         schema_version=SCHEMA_VERSION,
@@ -61,6 +61,8 @@ def encode_scene(scene: Scene) -> bytes:
 
 def decode_scene(data: bytes) -> Scene:
     """Decode and check a scene from a protobuf message's bytes.
+
+    A part whose type no installed package has becomes an `UnknownPart`. Types without a part are not in the result.
 
     Raises:
         SchemaVersionError, WireError: as in `decode_frame`.
@@ -121,7 +123,10 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
 
 
 def count_parts(message: pb.Scene) -> Counter[str]:
-    """Return the number of parts in a parsed scene message by the name of their type, without decoding them."""
+    """Return the number of parts in a parsed scene message by the name of their type, without decoding them.
+
+    Types without a part are left out.
+    """
     counts = Counter[str]()
     for kind in _with_fields():
         single = kind.field in _SINGLE

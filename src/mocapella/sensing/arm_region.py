@@ -26,21 +26,27 @@ class ArmRegionSettings:
     """Limits of the regions that may be arms.
 
     Attributes:
-        near_m, far_m: range of valid depths [m].
-        spacing_m: distance between the grid's points on the arm's surface [m].
-        seed_m: surfaces nearer than this to the predicted hand belong to it [m].
+        near_m: least valid depth [m].
+        far_m: greatest valid depth; larger: arms are found farther away, at more work [m].
+        spacing_m: distance between the grid's points on the arm's surface; larger: less work, and fingers are seen less
+            well [m].
+        seed_m: surfaces nearer than this to the predicted hand belong to it; larger: faster motion is followed, and
+            near things are taken for the hand [m].
         grow_m: surfaces connected to the hand belong to the arm within this distance of the predicted hand [m].
         arm_m: surfaces connected to the hand belong to the arm within this distance of forearm and upper arm [m].
-        jump: neighbours whose depths differ by less than this share of the depth are connected.
+        jump: neighbours whose depths differ by less than this share of the depth are connected; larger: arms are torn
+            apart more rarely, and joined to what is behind them more often [ratio].
         palm_radii_m: smallest and largest radius of the largest circle within a palm or fist [m].
         forearm_m: range of distances from the palm along the surface that only the forearm covers [m].
-        columns: number of columns of the coarse grid on which palms are searched.
-        widest_m: greatest width of a forearm [m].
-        finger_m: greatest width of a finger [m].
-        hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it.
+        columns: number of columns of the coarse grid on which palms are searched; larger: smaller hands are found, at
+            more work [columns].
+        widest_m: greatest width of a forearm; a wider surface is no arm [m].
+        finger_m: greatest width of a finger; a wider branch of the surface may be the forearm [m].
+        hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it; larger: hands that
+            are more hidden are found, also false ones [0 to 1].
         nearer_m: least difference in depth to such a surface [m].
         branch_m: least length of a branch of the surface, such as a finger [m].
-        points: largest number of points of a region.
+        points: largest number of points of a region; larger: more accurate, at more work [points].
     """
 
     near_m: float = 0.2
@@ -137,6 +143,8 @@ class PalmCandidate(NamedTuple):
 def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -> Grid:
     """Subsample a whole depth image.
 
+    A sample is the mean of the surface around its pixel, as of `arm_region_kernels.thinned`.
+
     Args:
         depth: (height, width) [m].
         lens: (4,) fx, fy, cx, cy of the image [px], or (9,) with the distortion, which is not used.
@@ -189,6 +197,9 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
         grid: the depth image, from `grid_about` or `whole_grid`.
         spheres: (k, 5) centre and radius in the camera frame [m], and 1 for the hand or 0 for the arm.
         s: distances of the surfaces from the spheres.
+
+    Returns:
+        The region, in new arrays; it has no points if no surface is near the hand.
     """
     k, shape = kernels(), grid.seen.shape
     low, high, wide_low, wide_high = (np.empty(shape) for _ in range(4))
@@ -206,7 +217,7 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
     Args:
         grid: its lens is used.
-        front: (h, w) as in `Region`.
+        front: (h, w) as in `Region`, which keeps it, not a copy.
         s: largest number of points.
     """
     k = kernels()
@@ -218,7 +229,7 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
 
 def others_edges(front: Float64, s: ArmRegionSettings) -> float:
-    """Return the share of a surface's edges, 0 to 1, that belong to nearer surfaces, which occlude it.
+    """Return the share of a surface's edges, 0 to 1, that belong to nearer surfaces, which occlude it; 0 without edges.
 
     Args:
         front: (h, w) as in `Region`.
@@ -238,11 +249,11 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         lens: (4,) fx, fy, cx, cy [px], or (9,) with the distortion, which is not used.
         s: limits.
         most: greatest number of candidates.
-        near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm are returned.
+        near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
         but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
 
     Returns:
-        Steps whose result is the list of candidates, the likeliest first.
+        Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.
     """
     grid = whole_grid(depth, lens, max(round(depth.shape[1] / s.columns), 1), s)
     k, (height, width) = kernels(), grid.seen.shape
@@ -272,7 +283,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
 
 
 def within(point: Float64, balls: Float64) -> bool:
-    """Return whether a point (3,) is in any of the balls (k, 4) or (k, 5): centre (3), radius [m], unused."""
+    """Return whether a point (3,) is in any of the balls (k, 4 or more): centre (3) and radius [m]; rest unused."""
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 

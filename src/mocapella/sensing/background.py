@@ -42,10 +42,10 @@ SD_OF_MAD: Final = 1.4826
 
 
 class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
-    """A pixel-wise model of the empty scene.
+    """A pixel-wise model of the empty scene, usually of `learn_background`; a `Background` of `region_contour`.
 
     Attributes:
-        usual: (height, width) or (height, width, 3) uint8, the median of every pixel.
+        usual: (height, width) or (height, width, 3) uint8, the median of every pixel; channels as in the images.
         spread: of the same shape, uint8, a pixel's standard deviation in quarters of a grey level, at most 255.
         least_sd: least standard deviation of a density [grey levels].
         darkest: least brightness of a pixel in shadow, as a share of its usual one; 1: there are no shadows.
@@ -67,6 +67,8 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
 
     def costs(self, band: Band, settings: RegionSettings = DEFAULT) -> Float32:
         """Return (blocks, size) the cost −log p of each sample's value under this model [nats]; see `Background.costs`.
+
+        It is never NaN: the model is known everywhere. It is 0 where the band is not ``known``.
 
         Args:
             band: samples of an image of this model's size and channels.
@@ -101,11 +103,12 @@ def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundMo
     """Learn medians and spreads from images without people, or with people who keep moving.
 
     Args:
-        images: at least 3, of one shape, (height, width) or (height, width, 3) uint8.
+        images: at least 3, of one shape, (height, width) or (height, width, 3) uint8. A pixel must show the empty scene
+            in more than half of them.
         settings: values of the fields of `BackgroundModel` besides the images, by name.
 
     Raises:
-        SettingsError: there are too few, or they differ in shape.
+        SettingsError: there are too few, they differ in shape, or a value is out of range.
     """
     check(len(images) >= FEWEST, "images", len(images), f"at least {FEWEST}")
     shape = images[0].shape
@@ -139,6 +142,9 @@ def background_contour(
         ignore: (height, width) bool, True for pixels without information.
         settings: of the densities' settings only the share of outliers and the median are used.
         energies: whether energies are computed, which takes longer.
+
+    Returns:
+        The contour in the window; its phi has no positive values if there is no foreground.
 
     Raises:
         SettingsError: an array of another shape or type.

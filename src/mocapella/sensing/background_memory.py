@@ -35,18 +35,26 @@ class MemorySettings:
     """Parameters of learning and applying a background.
 
     Attributes:
-        guard_steps: samples nearer than this to a person are not learnt [samples].
-        rate: weight of a new image, after the first 1/rate images.
-        least_sd: least standard deviation of a sample [grey levels].
-        window_images: number of images within which all samples near the person are updated once.
-        sweep_images: number of images within which the parts far from people are updated once.
-        cut_sd: a sample farther than this from its mean has changed [standard deviations].
-        strange_sd: likewise, for the foreground score in colour images, a vote of several samples [standard
-            deviations].
+        guard_steps: samples nearer than this to a person are not learnt; larger: people are learnt as background more
+            rarely, and less of the room is known [samples].
+        rate: weight of a new image, after the first 1/rate images; larger: changes of the room are learnt sooner, also
+            people who stand still [0 to 1].
+        least_sd: least standard deviation of a sample; larger: weaker changes are ignored [grey levels].
+        window_images: number of images within which all samples near the person are updated once; larger: less work,
+            slower learning [images].
+        sweep_images: number of images within which the parts far from people are updated once; larger: less work,
+            slower learning [images].
+        cut_sd: a sample farther than this from its mean has changed, for deciding whether an image shows this room;
+            larger: fewer images are rejected [standard deviations].
+        strange_sd: likewise, for the foreground score in colour images, a vote of several samples; larger: less is
+            foreground [standard deviations].
         strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
-        shadow: least brightness of a sample in shadow, as a share of its usual one; 1: no sample is in shadow.
-        shadow_sd: largest distance of such a sample from its darkened colour [grey levels].
-        every: stride between the samples that decide whether an image shows this room.
+        shadow: least brightness of a sample in shadow, as a share of its usual one; smaller: darker shadows are not
+            foreground; 1: no sample is in shadow [0 to 1].
+        shadow_sd: largest distance of such a sample from its darkened colour; larger: more is taken for shadow [grey
+            levels].
+        every: stride between the samples that decide whether an image shows this room; larger: less work, less certain
+            [samples].
     """
 
     guard_steps: float = 6.0
@@ -84,7 +92,17 @@ FIRST_SDS = 1.5
 
 
 class BackgroundMemory:
-    """The learnt background of one camera, in samples of ``step_px`` × ``step_px`` pixels."""
+    """The learnt background of one camera, in samples of the image; a `Background` of `region_contour`.
+
+    The first image given to any method but `costs` sets the images' size and channels.
+
+    Args:
+        step_px: distance between samples, each the mean of a square of pixels about as wide [px].
+        settings: parameters of learning and applying the background.
+
+    Attributes:
+        step_px, settings: as given.
+    """
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
         check(step_px >= 1, "step_px", step_px, "1 or more")
@@ -93,7 +111,7 @@ class BackgroundMemory:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything, also the images' size."""
         self._mean = np.empty((0, 0, 0), np.float32)
         self._variance = np.empty((0, 0), np.float32)
         self._count = np.empty((0, 0), np.uint8)
@@ -102,16 +120,16 @@ class BackgroundMemory:
         self._first_sd = self.settings.least_sd
 
     def memory(self) -> dict[str, Any]:
-        """Return the learnt state for `recall`."""
+        """Return the learnt state for `recall`; its arrays are the memory's own, which `update` changes."""
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state of `memory`, of the same step and settings."""
+        """Restore a state of `memory`, of the same step and settings; its arrays are kept, not copied."""
         set_memory(self, memory)
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Whether the background of each sample of the image is learnt, (rows, columns)."""
+        """Whether the background of each sample of the image is learnt, (rows, columns); (0, 0) before an image."""
         return self._count > 0
 
     def update(
@@ -122,7 +140,8 @@ class BackgroundMemory:
         Args:
             image: (height, width) or (height, width, 3) uint8.
             person: a window with this memory's step, whose origin is a multiple of it; None: no person is in the image.
-            others: (height, width) bool where other people are.
+                Samples inside, and nearer to it than ``guard_steps``, are not learnt.
+            others: (height, width) bool where other people are, which is not learnt either.
             covered: (rows, columns) of the window, not 0 where the person is, too.
 
         Raises:
@@ -150,7 +169,7 @@ class BackgroundMemory:
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.
 
-        It is 1 for an image that is much noisier than the first one.
+        It is 1 for an image that is much noisier than the first one. Nothing is learnt.
 
         Args:
             image, person: as in `update`.
@@ -180,8 +199,8 @@ class BackgroundMemory:
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
         """Return the foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
 
-        It is 0 where the background is unknown or the sample is probably in shadow. Each score is a vote of five
-        samples.
+        It is 0 where the background is unknown, as before any `update`, or the sample is probably in shadow. Each score
+        is a vote of five samples: the sample and its four neighbours.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -202,7 +221,13 @@ class BackgroundMemory:
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """Return the foreground score (n,), as of `strange`, at pixels x, y (n, 2) of an image [px]; 0 outside it."""
+        """Return the foreground score (n,), as of `strange`, at pixels x, y (n, 2) of an image [px]; 0 outside it.
+
+        The sample nearest to a pixel is scored.
+
+        Raises:
+            InputError: an image of another size than the first.
+        """
         image, _, _ = self._door(image, None)
         out = np.zeros(len(pixels), np.float32)
         if self._learnt:
@@ -219,7 +244,11 @@ class BackgroundMemory:
         return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """Return (blocks, size) the costs of `Background.costs`; the window must be aligned as in `update`."""
+        """Return (blocks, size) the costs of `Background.costs`, all NaN before an image.
+
+        Raises:
+            InputError: the band's window is not aligned as `update` requires.
+        """
         prior = band.prior
         left, top = self._place(prior)
         if not self._shape:

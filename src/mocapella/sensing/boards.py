@@ -38,7 +38,15 @@ class BoardReport:
 
 
 class BoardDetector:
-    """Detects one board in images of any camera; ``report`` counts images and corners, see `BoardReport`."""
+    """Detects one board in images of any camera.
+
+    Args:
+        board: the board to detect.
+
+    Attributes:
+        board: as given.
+        report: counts of the images and corners since the detector was made, updated in place.
+    """
 
     def __init__(self, board: Board) -> None:
         self.board = board
@@ -48,8 +56,10 @@ class BoardDetector:
     def update(self, image: UInt8, camera: str, frame: int) -> BoardView | None:
         """Detect the board's corners in an image, and count the image in ``report``.
 
+        A chessboard is detected only as a whole, a ChArUco board also in part.
+
         Args:
-            image: (height, width) gray or (height, width, 3) BGR.
+            image: (height, width) gray or (height, width, 3) BGR, uint8.
             camera: its name, for the result.
             frame: number of the image in its video, from 0, for the result.
 
@@ -114,14 +124,14 @@ def charuco_board(board: Board) -> Any:
 
 
 def draw_board(board: Board, square_px: int) -> UInt8:
-    """Draw the board for printing, with a white margin of half a square.
+    """Draw the board for printing, with a white margin of half a square; black if the board is inverted.
 
     Args:
         board: the board.
         square_px: side of a square [px].
 
     Returns:
-        (height, width) gray.
+        (height, width) uint8 gray.
     """
     margin = square_px // 2
     if board.kind == "charuco":
@@ -135,7 +145,7 @@ def draw_board(board: Board, square_px: int) -> UInt8:
 
 
 def board_png(board: Board, dots_per_inch: int) -> bytes:
-    """Return `draw_board` as a PNG file with its physical size, so that it is printed to scale.
+    """Return the content of a PNG file of `draw_board` with its physical size, so that it is printed to scale.
 
     The squares' sides are rounded to whole dots, so they differ from the board's by up to half a dot.
     """
@@ -197,7 +207,9 @@ def _spacing(ids: NDArray[np.int64], corners: Float64, board: Board) -> Float64:
 def edge_width(gray: UInt8, corners: Float64, spacing: Float64) -> float:
     """Return the width of the edges at the corners: contrast over steepest slope, median over the corners [px].
 
-    A step blurred by a Gaussian of standard deviation s is √(2π) s wide.
+    It shows how blurred an image is. NaN if it can be measured at no corner, because all are too near to their
+    neighbours (below 5 px) or to the image's border. A step blurred by a Gaussian of standard deviation s is √(2π) s
+    wide.
 
     Args:
         gray: (height, width) uint8.
@@ -228,7 +240,7 @@ def why_not_found(images: Sequence[UInt8], board: Board) -> str:
         board: the board that was searched.
 
     Returns:
-        One line that suggests what to change.
+        One line that suggests what to change, by the first image with another board; general if there is none.
     """
     wanted = _describe(board)
     for image in images:

@@ -78,9 +78,10 @@ class BodyLines:
         thinned: (height, width) 255 on its thin lines, else 0.
         distance_m: median depth along the optical axis [m].
         segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first [px].
-        segments: (n, 2, 3) the same ends on the body's surface, in the camera's space [m].
+        segments: (n, 2, 3) the same ends on the body's surface, in the camera's space [m]: at the median depth of the
+            7 × 7 pixels around, or ``distance_m`` if none of them is the body's.
         ends_px: (m, 2) ends of thin lines [px].
-        ends: (m, 3) the same ends on the body's surface, in the camera's space [m].
+        ends: (m, 3) the same ends in the camera's space, as ``segments`` [m].
     """
 
     mask: UInt8
@@ -117,7 +118,10 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
     Args:
         depth: (height, width) [m]; values not above 0 were not measured.
         camera: its size and lens.
-        settings: limits.
+        settings: limits; the defaults if not given.
+
+    Returns:
+        The bodies, or the reason why there is none, with the results of earlier stages.
 
     Raises:
         SettingsError: the image has another size than the camera's.
@@ -151,7 +155,7 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
 
 
 def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
-    """Return the floor's plane in the camera's space; None if it is not visible.
+    """Return the floor's plane in the camera's space; None if it is not visible or hardly anything was measured.
 
     Random sample consensus (M. Fischler and R. Bolles, 1981), with the same samples for the same image; then least
     squares of the inliers.
@@ -198,7 +202,7 @@ def pictures(seen: BodyLinesResult) -> Mapping[str, UInt8]:
     """Draw the result of each stage that was reached, by its name, in the order of processing.
 
     Returns:
-        (height, width) gray or (height, width, 3) BGR images by name.
+        (height, width) gray or (height, width, 3) BGR uint8 images by name; some are arrays of ``seen``, not copies.
     """
     first = seen.separated
     most = max(int(first.millimetres.max()), 1)

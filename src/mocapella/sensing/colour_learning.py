@@ -69,11 +69,11 @@ def learn_colours(
         camera: its name.
         samples: images and clicks; a name may be in several images.
         backgrounds: images without markers.
-        controls: values of the camera's controls, stored in the profile.
+        controls: values of the camera's controls, stored in the profile; all None if not given.
 
     Raises:
         InputError: a click that cannot be learnt from; names it and says where to click.
-        SettingsError: no click, images of different sizes, or no images of the right type.
+        SettingsError: no click on a marker, images of different sizes, or not (height, width, 3) uint8.
     """
     images = [sample.image for sample in samples] + list(backgrounds)
     if not any(name != SKIN for sample in samples for name in sample.clicks):
@@ -109,7 +109,7 @@ def learn_colours(
 
 
 def check_image(image: Any) -> None:
-    """Check for an image of three 8-bit channels.
+    """Check that an image has three 8-bit channels; return nothing.
 
     Raises:
         SettingsError: it is another array or object; states its type and shape.
@@ -124,14 +124,14 @@ def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
 
     Args:
         image: (height, width, 3) uint8 blue, green, red.
-        click: x, y [px].
-        name: the marker's name, used in errors.
+        click: x, y [px]; the strongest colour within 4 px of the same hue is grown from.
+        name: the marker's name, used in errors; for `SKIN` neither colour nor size is checked.
 
     Returns:
-        (height, width) bool.
+        (height, width) bool, with filled holes.
 
     Raises:
-        InputError: the click is outside, on a pixel without colour, or the region is too large.
+        InputError: the click is outside, on a pixel without colour, or the region is empty or too large.
     """
     height, width = image.shape[:2]
     x, y = round(click[0]), round(click[1])
@@ -194,13 +194,19 @@ def _like(at: Float64, middle: Float64) -> Mask:
 
 
 def inside(region: Mask) -> Mask:
-    """Return a region (height, width) without its edge of two pixels, or of one if little would be left."""
+    """Return a region (height, width) without its edge of two pixels, or of one if fewer than `LEAST_PX` would be left.
+
+    The edge's colours mix with the background. The result may be empty.
+    """
     inner = np.asarray(ndimage.binary_erosion(region, iterations=2))
     return inner if inner.sum() >= LEAST_PX else np.asarray(ndimage.binary_erosion(region))
 
 
 def learn(bgr: UInt8) -> Chromaticities:
-    """Return the distribution of pixels (n, 3) blue, green, red of one colour, without reflections and outliers."""
+    """Return the distribution of pixels (n, 3) blue, green, red of one colour, without reflections and outliers.
+
+    Its ``pixels`` is the number of pixels that are kept.
+    """
     at, luma = chromaticity(bgr), brightness(bgr)
     kept = np.ones(len(at), np.bool_)
     centre = np.median(at, axis=0)
@@ -220,9 +226,12 @@ def learn(bgr: UInt8) -> Chromaticities:
 
 
 def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
-    """Return the colours of images in their masks (height, width), which exclude the markers.
+    """Return the colours of images in their masks, which exclude the markers.
 
     Means of 3 × 3 pixels are counted: they keep objects as large as a marker, but not single pixels coloured by noise.
+
+    Args:
+        images: (height, width, 3) uint8 blue, green, red, each with its mask (height, width) bool of the background.
     """
     counts = np.zeros((BINS, BINS))
     for image, mask in images:

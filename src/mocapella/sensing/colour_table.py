@@ -79,7 +79,10 @@ class Separability:
 
 
 def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) -> UInt8:
-    """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour."""
+    """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour.
+
+    A cell is classified by its middle; k counts from 1.
+    """
     values = (np.arange(CELLS) + 0.5) * CELL - 0.5
     red, green, blue = np.meshgrid(values, values, values, indexing="ij")
     return classify(profile, np.stack([blue, green, red], axis=-1).reshape(-1, 3), settings)
@@ -92,7 +95,7 @@ def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
-    """Return (...) labels of pixels (..., 3) blue, green, red, 0 … 255."""
+    """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour."""
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
     at, luma, noise = chromaticity(values), brightness(values), _noise(values, s)
@@ -158,7 +161,7 @@ def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Flo
 
 
 def separability(profile: ColourProfile, settings: TableSettings | None = None) -> Separability:
-    """Return the separability of a profile's colours, and their problems."""
+    """Return the separability of a profile's colours, and their problems, so that users can choose better colours."""
     s = settings or TableSettings()
     count, names = len(profile.colours), profile.names
     distances = np.zeros((count, count))

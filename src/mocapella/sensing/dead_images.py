@@ -21,31 +21,35 @@ _EVERY: Final = 19
 
 
 class DeadImages:
-    """Compares each camera's image with its previous one."""
+    """Detects black, uniform and frozen images by comparing each camera's image with its previous one.
+
+    It keeps every 19th pixel of every 19th row of each camera's last image.
+    """
 
     def __init__(self) -> None:
         self._last: dict[str, UInt8] = {}
         self._same: dict[str, int] = {}
 
     def memory(self) -> list[Any]:
-        """Return the state for `recall`."""
+        """Return the state for `recall`: the object's own, which `update` changes, not a copy."""
         return [self._last, self._same]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore a state of `memory`."""
+        """Restore a state of `memory`, which is kept, not copied."""
         self._last, self._same = memory
 
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:
         """Find images that must not be used because they are black, uniform or frozen.
 
         An image that is repeated while other cameras' images change is stale, whether the camera is broken or slower
-        than the others.
+        than the others. If all images are repeated, as of a single camera, none is reported as frozen.
 
         Args:
-            images: (height, width) or (height, width, 3) uint8 of one instant, by camera.
+            images: (height, width) or (height, width, 3) uint8 of one instant, by camera. An image of another size than
+                the camera's last one is compared with no earlier one.
 
         Returns:
-            The reason by camera; cameras with usable images are left out.
+            The reason, for users, by camera; cameras with usable images are left out.
         """
         measured: dict[str, tuple[float, float]] = {}
         for name, image in images.items():

@@ -20,6 +20,10 @@ class DepthForeground:
 
     Depths that increase update the background at once; nearer ones are foreground until `learn` is called. Unmeasured
     pixels beside a surface lie in its shadow, and take the depth of the shadow's edges.
+
+    Args:
+        lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
+        settings: its range of depths is used; depths out of range count as unmeasured.
     """
 
     def __init__(self, lens: Float64, settings: ArmRegionSettings) -> None:
@@ -33,11 +37,13 @@ class DepthForeground:
         return np.where((seen >= self.settings.near_m) & (seen <= self.settings.far_m), seen, 0.0)
 
     def learn(self, depth: Float32) -> None:
-        """Replace the background by an image (height, width) [m]."""
+        """Replace the background by an image (height, width) [m], foreground included; it is copied."""
         self._before = self._coarse(depth)
 
     def places(self, depth: Float32, arms: Iterable[Float64]) -> Float64:
         """Return points of foreground surfaces that are large enough for a hand, and update the background.
+
+        The first image becomes the background if `learn` was not called, and has no foreground.
 
         Args:
             depth: (height, width) [m].
@@ -45,7 +51,7 @@ class DepthForeground:
                 them are not reported.
 
         Returns:
-            (k, 3) in the camera frame [m].
+            (k, 3) in the camera frame [m]; (0, 3) without foreground.
         """
         seen = self._coarse(depth)
         before = seen if self._before is None else self._before

@@ -37,18 +37,18 @@ class EmptyRoom:
         self._known: dict[str, Bool] = {}
 
     def memory(self) -> list[Any]:
-        """Return the state for `recall`."""
+        """Return the state for `recall`: the object's own arrays, which `learn` changes, not copies."""
         return [self._images, self._known]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore a state of `memory`."""
+        """Restore a state of `memory`, which is kept, not copied."""
         self._images, self._known = memory
 
     def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
-        """Learn the empty room from images, except near people.
+        """Learn the empty room from images, except near people; newer pixels replace older ones.
 
         Args:
-            images: (height, width, 3) uint8 BGR by camera.
+            images: (height, width, 3) uint8 BGR by camera, of the same size each time; they are copied.
             people: silhouettes of the people in the images, by camera.
         """
         for name, image in images.items():
@@ -70,9 +70,12 @@ class EmptyRoom:
 
         Args:
             name: name of the camera.
-            image: (height, width, 3) uint8.
+            image: (height, width, 3) uint8 BGR.
             taken: the segmented body.
             others: (height, width) bool where other people are, whose pixels are left out.
+
+        Returns:
+            The share; NaN, too, for a camera that was never learnt, or if nothing of the body is in the image.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -85,13 +88,17 @@ class EmptyRoom:
         return float(_differ(image[known], empty[known]).mean())
 
     def silhouette(self, name: str, image: UInt8, things: int = 1, others: Bool | None = None) -> Silhouette | None:
-        """Segment the largest foreground objects of an image; None where the empty room is unknown.
+        """Segment the largest foreground objects of an image; None where the empty room is unknown or nothing differs.
 
         Args:
             name: name of the camera.
-            image: (height, width, 3) uint8.
+            image: (height, width, 3) uint8 BGR.
             things: largest number of objects.
             others: (height, width) bool where other people are, who are left out.
+
+        Returns:
+            A silhouette of the whole image, sampled at every second pixel. Its phi is no distance, but 0.5 on the
+            objects and −0.5 elsewhere.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -114,19 +121,21 @@ class MovedSince:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
 
     def memory(self) -> dict[str, tuple[UInt8, Bool]]:
-        """Return the state for `recall`."""
+        """Return the state for `recall`: the object's own, not a copy."""
         return self._first
 
     def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:
-        """Restore a state of `memory`."""
+        """Restore a state of `memory`, which is kept, not copied."""
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
         """Return the share of the changed pixels, 0 to 1, at the body's first or present position; NaN if few changed.
 
+        The first call of a camera keeps a copy of the image and the body's position, and returns NaN.
+
         Args:
             name: name of the camera.
-            image: (height, width, 3) uint8.
+            image: (height, width, 3) uint8 BGR.
             covered: silhouette of the estimated body.
         """
         mask = covered.mask((image.shape[1], image.shape[0]))[::_STEP_PX, ::_STEP_PX]

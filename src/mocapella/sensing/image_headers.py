@@ -35,7 +35,7 @@ def encoded_size(data: bytes) -> tuple[int, int] | None:
 
 
 def png_end(data: bytes) -> int:
-    """Return the offset behind a PNG's last chunk; 0 if a chunk is cut off.
+    """Return the offset behind a PNG's last chunk, IEND; 0 if a chunk is cut off or missing.
 
     Check this before decoding: a decoder allocates as much memory as a chunk's header states.
     """

@@ -75,7 +75,8 @@ def decode_pixels(data: bytes, *, unchanged: bool = False, as_stored: bool = Fal
 
     Args:
         data: PNG, JPEG, TIFF, WebP or BMP.
-        unchanged: whether channels and depth are those of the file, instead of (height, width, 3) uint8 BGR.
+        unchanged: whether channels and depth are those of the file (gray, BGR or BGRA; 8 or 16 bits), instead of
+            (height, width, 3) uint8 BGR.
         as_stored: whether EXIF's orientation is ignored.
     """
     width, height = encoded_size(data) or (0, 0)

@@ -63,7 +63,17 @@ class Looked:
 
 
 class LineSkeleton:
-    """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`."""
+    """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`.
+
+    The arm is always reported as a right one, with certainty 0.5.
+
+    Args:
+        camera: name, size and lens of the depth camera.
+        settings: thresholds; the defaults if not given.
+
+    Attributes:
+        camera, settings: as given.
+    """
 
     name = "line-skeleton"
 
@@ -86,6 +96,10 @@ class LineSkeleton:
         Args:
             depth: (height, width) [m]; values not above 0 were not measured.
             at_s: not used.
+
+        Returns:
+            One arm, whose id changes after images without an arm; or none and the reason. An undetected finger is
+            inferred at the palm. Points other than the eight joints, and angles, are NaN.
 
         Raises:
             SettingsError: the image has another size than the camera's.
@@ -141,7 +155,7 @@ class LineSkeleton:
     def stages(self, depth: Float32) -> Mapping[str, UInt8]:
         """Return an image of each stage by its name, in order: (height, width) gray, or (height, width, 3) BGR.
 
-        Stages that were not reached are omitted.
+        Stages that were not reached are omitted. The detector's state does not change.
 
         Raises:
             SettingsError: as of `look`.

@@ -48,7 +48,7 @@ class HandJoints:
 
     Attributes:
         elbow, palm, wrist: (2,) x and y.
-        inside_px: radius of the inside of the hand about the palm, from the circular region's.
+        inside_px: radius of the largest circle about the palm within the outline; 0 if the palm is outside of it.
         corners: (n, 2) Harris corners on the outline.
         hulls: (n, 2) int32 each; convex hulls that pass the area filter.
         outer: (n, 2) fingertips on the outline.
@@ -106,6 +106,9 @@ def elbow_of(segments: Float64, rotation_degrees: float, centre: Float64) -> Flo
         segments: (n, 4) x and y of both ends of each line, of `Lines`, n > 0 [px].
         rotation_degrees: the arm's rotation, 0 upright, 90 level, of `Lines` [°].
         centre: (2,) centre of the arm's circular region [px].
+
+    Returns:
+        (2,) x and y of the elbow [px].
     """
     ends = segments.reshape(-1, 2)
     first: Float64 = ends[ends[:, 1].argmax()]
@@ -137,7 +140,7 @@ def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: Li
 
     Args:
         of, found, points, s: the arm, its lines, its grid points and the settings.
-        focal_px: focal length [px].
+        focal_px: the depth camera's focal length, to convert the settings' metres to pixels [px].
     """
     elbow = elbow_of(found.segments, found.rotation_degrees, of.centre)
     palm, wrist = palm_and_wrist(of.centre, elbow)
@@ -158,7 +161,7 @@ def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: Li
 
 
 def nearest(points: PointGrid, pixel: Float64) -> int:
-    """Return the index of the grid point nearest to a pixel (2,)."""
+    """Return the index of the grid point nearest to a pixel (2,), of at least one; its depth is used for the pixel."""
     return int(((points.pixels - pixel) ** 2).sum(axis=-1).argmin())
 
 

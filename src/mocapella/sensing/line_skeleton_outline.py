@@ -38,7 +38,7 @@ class Separated:
         median: ``gray`` after the median blur.
         gaussian: ``median`` after the Gaussian blur.
         near: 255 where the blurred image is above the threshold, else 0.
-        mirrored: ``near`` mirrored, if the settings require it.
+        mirrored: ``near`` mirrored, if the settings require it; else the same array.
     """
 
     millimetres: UInt16
@@ -146,7 +146,10 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
 
 
 def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
-    """Detect the straight lines of an arm's skeleton by thinning and the probabilistic Hough transform."""
+    """Detect the straight lines of an arm's skeleton by thinning and the probabilistic Hough transform.
+
+    The segments are (0, 4) if there is no line.
+    """
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)

@@ -13,34 +13,43 @@ class LineSkeletonSettings:
     """Thresholds and sizes of the stages; values that the source document gives are kept.
 
     Attributes:
-        near_m, far_m: the cube region: along the optical axis from near to far, and as far to the sides of the axis as
-            half its depth [m].
-        reach_m: distance of the threshold behind the nearest part of the image. A torso nearer than that to the arm
-            counts as part of it [m].
-        median_px, gaussian_px: sizes of the blurs, odd [px].
-        canny_low, canny_high: thresholds of the edge detector's hysteresis.
-        least_area_px: least area of an outline [px²].
+        near_m: least depth of the cube region, along the optical axis [m].
+        far_m: greatest depth of the cube region; to the sides of the axis it reaches as far as half the difference of
+            ``far_m`` and ``near_m`` [m].
+        reach_m: distance of the threshold behind the nearest part of the image; larger: more of a bent arm is seen. A
+            torso nearer than that to the arm counts as part of it [m].
+        median_px: size of the median blur, odd; 1 for none; larger: less noise, and thin fingers vanish [px].
+        gaussian_px: size of the Gaussian blur, odd; larger: less noise, and thin fingers vanish [px].
+        canny_low: lower threshold of the Canny edge detector's hysteresis, for the Sobel gradient: weaker gradients are
+            no edges [grey levels].
+        canny_high: upper threshold of the Sobel gradient: stronger gradients begin an edge, which weaker ones above
+            ``canny_low`` continue; larger: fewer edges [grey levels].
+        least_area_px: least area of an outline; larger: small or distant arms are ignored [px²].
         mirror: whether the image is mirrored. It decides which end of a level arm is the elbow, and which end of the
             fingers is the thumb.
         noise: replacement for unmeasured pixels in the region: ``far`` uses noise_m, ``median`` the median of the
             measured ones among the eight neighbours.
         noise_m: depth that replaces unmeasured pixels if ``noise`` is ``far`` [m].
         ridge_least: least ridge strength, 0 to 255, of a thin line, see
-            `mocapella.sensing.line_skeleton_thinning.skeleton`.
-        hough_votes, hough_length_px, hough_gap_px: least votes, least length and largest gap of a line in the
-            probabilistic Hough transform.
-        corner_part: least strength of a Harris corner, as a share of the strongest.
-        least_hull_px2: least area of a convex hull [px²].
+            `mocapella.sensing.line_skeleton_thinning.skeleton`; larger: fewer side branches [grey levels].
+        hough_votes: least number of votes of a line in the probabilistic Hough transform; larger: fewer lines [votes].
+        hough_length_px: least length of such a line; larger: fewer lines [px].
+        hough_gap_px: largest gap between pixels of one such line; larger: fewer, longer lines [px].
+        corner_part: least strength of a Harris corner, as a share of the strongest; larger: fewer corners that may be
+            fingertips [0 to 1].
+        least_hull_px2: least area of a convex hull; smaller ones are ignored [px²].
         finger_degrees: greatest angle between a finger and the direction elbow–palm or elbow–wrist [°].
         angle_at: vertex of that angle: palm or wrist.
-        tip_radius_m, tip_fill_most: a corner is a fingertip if the arm covers at most this share of a disc of this
-            radius around it.
-        palm_forward_m: distance of the palm in front of its pixel's surface [m].
-        blob_nearer_m: a part of the hand nearer than the palm by this may be a finger in front of it, a blob [m].
-        blob_least_m2: least area of a blob, at its distance [m²].
-        grid_px: stride of the point grid [px].
-        longest_m: a longer finger is placed at the palm [m].
-        fills_most: greatest share of the image that an arm covers.
+        tip_radius_m: radius of a disc around a corner, see ``tip_fill_most`` [m].
+        tip_fill_most: a corner is a fingertip if the arm covers at most this share of the disc of ``tip_radius_m``
+            around it; larger: blunter corners are fingertips [0 to 1].
+        palm_forward_m: distance by which the reported palm is nearer to the camera than its pixel's surface [m].
+        blob_nearer_m: a part of the hand nearer than the palm by this may be a finger in front of it, a blob; larger:
+            fewer blobs [m].
+        blob_least_m2: least area of a blob, at its distance; larger: fewer blobs [m²].
+        grid_px: stride of the point grid; larger: less work, and small blobs are missed [px].
+        longest_m: largest distance of a fingertip from the palm; one farther away is placed at the palm [m].
+        fills_most: greatest share of the image that an arm covers; more is no arm [0 to 1].
     """
 
     near_m: float = 0.2

@@ -31,7 +31,7 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
     """Draw the result of each stage that was reached, by its name, in the order of processing.
 
     Returns:
-        (height, width) gray or (height, width, 3) BGR images by name.
+        (height, width) gray or (height, width, 3) BGR uint8 images by name; some are arrays of ``looked``, not copies.
     """
     first, second, third, hand = looked.separated, looked.outline, looked.lines, looked.hand
     most = max(int(first.millimetres.max()), 1)
@@ -71,7 +71,12 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
 
 
 def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8:
-    """Draw all images into one, ``columns`` in a row, each under its number and name; return (height, width, 3) BGR."""
+    """Draw all images into one, ``columns`` in a row, each under its number and name; return (height, width, 3) BGR.
+
+    Args:
+        stages: at least one image, (height, width) gray or (height, width, 3) BGR, by name; scaled to 256 px of width.
+        columns: number of images in a row.
+    """
     tiles: list[Any] = []
     for number, (name, picture) in enumerate(stages.items(), start=1):
         image: Any = picture if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
@@ -113,7 +118,10 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
     Args:
         stages: images by name, in order.
         folder: created if missing.
-        prefix: beginning of the files' names; their numbers follow.
+        prefix: beginning of the files' names; their numbers, from 01, and names follow. Such files are replaced.
+
+    Returns:
+        The files, in order.
 
     Raises:
         SettingsError: they cannot be written there.
@@ -130,7 +138,9 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
 
 
 def write_picture(path: Path, picture: UInt8) -> Path:
-    """Write an image, (height, width) gray or (height, width, 3) blue, green, red, as PNG; return the path.
+    """Write an image, (height, width) gray or (height, width, 3) BGR, uint8, as PNG; return the path.
+
+    An existing file is replaced; the folder must exist.
 
     Raises:
         SettingsError: it cannot be written there.

@@ -99,7 +99,8 @@ class MarkerRows(NamedTuple):
         out: (markers, `OUT`) results of the present image.
         sums: (markers, `OUT`) sums of the results over all images; column `CANDIDATES` counts images with more than
             one.
-        reported: (markers, `OUT`) float32, as ``out``; NaN where a marker is not found.
+        reported: (markers, `OUT`) float32, as ``out``, candidates up to 255; for a marker that is not found, position,
+            standard deviation, elongation and `FOUND` are NaN.
     """
 
     memory: Float64

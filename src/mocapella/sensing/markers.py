@@ -57,6 +57,7 @@ class MarkerSettings:
             the scale times the roughness of the marker's edge.
         brighter: the report warns if the brightness differs from the profile's by more than this factor.
         chroma_drift: the report warns if u or v (see `colour_profile`) differs from the profile's by more.
+        table: margins of the classification by colour.
     """
 
     window_px: float = 40.0
@@ -97,6 +98,7 @@ class MarkerReport:
     """Counts since the detector was made or reset; arrays have one element per marker.
 
     Attributes:
+        names: the markers, in the order of the arrays.
         images: number of images processed.
         whole_images: number of images that were searched as a whole.
         overflows: number of images with more than `RUNS` runs, whose last rows were not searched.
@@ -125,7 +127,16 @@ class MarkerReport:
 
 
 class MarkerDetector:
-    """Tracks the markers of a profile through the images of its camera."""
+    """Tracks the markers of a profile through the images of its camera.
+
+    Args:
+        profile: the markers' colours in the images of this camera.
+        settings: parameters; the defaults if not given.
+        node_id: for the frames.
+
+    Attributes:
+        profile, settings, node_id: as given.
+    """
 
     def __init__(self, profile: ColourProfile, settings: MarkerSettings | None = None, *, node_id: int = 0) -> None:
         self.profile, self.settings, self.node_id = profile, settings or MarkerSettings(), node_id
@@ -151,7 +162,7 @@ class MarkerDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all images."""
+        """Forget all images, and restart counts and sequence numbers at 0."""
         self._memory = np.zeros((len(self.profile.colours), at.MEMORY))
         self._memory[:, at.SEEN_S] = -np.inf
         self._memory[:, at.USUAL] = [colour.area_px for colour in self.profile.colours]
@@ -166,6 +177,9 @@ class MarkerDetector:
         Args:
             image: (height, width, 3) uint8 blue, green, red, of the profile's size.
             at_s: the image's capture time [s]; not before the last image's, on the same clock.
+
+        Returns:
+            All markers of the profile, in new arrays; the position of a marker is NaN if it is not found.
 
         Raises:
             SettingsError: the array is not an image, or of another size than the profile's.
@@ -246,13 +260,13 @@ class MarkerDetector:
 
 
 def linear_light() -> Float64:
-    """Return (256,) linear light of 8-bit values by sRGB (IEC 61966-2-1), which approximates other cameras' gamma."""
+    """Return (256,) linear light, 0 to 1, of 8-bit values by sRGB (IEC 61966-2-1), which approximates any camera's."""
     x = np.arange(256) / 255
     return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4))
 
 
 def piece_buffers(width: int, runs: int) -> PieceBuffers:
-    """Return workspace for rows of ``width`` pixels and at most ``runs`` runs.
+    """Return workspace of `marker_piece_kernels.pieces` for rows of ``width`` pixels and at most ``runs`` runs.
 
     A run is a group of neighbouring pixels of one label in a row.
     """

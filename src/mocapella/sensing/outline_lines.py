@@ -23,7 +23,7 @@ _BETWEEN: Final = np.full((1, 2), np.nan, np.float32)
 
 
 def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
-    """Yield (n, 2) the border samples of each part and hole of a silhouette [px], in order."""
+    """Yield (n, 2) x, y of the border samples of each part and hole of a silhouette [px], in order along the border."""
     mask = (silhouette.phi > 0).astype(np.uint8)
     for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
         yield line[:, 0].astype(np.int64) * silhouette.step_px + np.array(silhouette.origin_px)
@@ -32,8 +32,10 @@ def border_samples(silhouette: Silhouette) -> Iterator[Int64]:
 def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
     """Return (k, 2) float32 closed lines [px], separated by rows of NaN; (0, 2) if the silhouette is empty.
 
+    A line's first point is not repeated at its end. Parts of fewer than three border samples are left out.
+
     Args:
-        silhouette: its border is returned.
+        silhouette: its border is returned, in pixels of the whole image.
         most: approximate limit of points; longer borders are thinned out evenly.
     """
     return mask_lines((silhouette.phi > 0).view(np.uint8), silhouette.origin_px, silhouette.step_px, most)
@@ -43,7 +45,7 @@ def mask_lines(mask: UInt8, origin_px: tuple[int, int], step_px: int, most: int 
     """Return the border lines of a mask, as `border_lines` does.
 
     Args:
-        mask: (rows, columns) of a window of an image, not 0 on covered samples.
+        mask: (rows, columns) uint8 of a window of an image, not 0 on covered samples.
         origin_px, step_px: x and y of the window's first sample, and distance between samples [px].
         most: approximate limit of points; longer borders are thinned out evenly.
     """

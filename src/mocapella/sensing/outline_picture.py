@@ -42,12 +42,12 @@ def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = 
     """Draw each model's contour, and the parts of the image's contour outside and inside of it.
 
     Args:
-        image: (height, width, 3) BGR; not modified.
+        image: (height, width, 3) uint8 BGR; not modified.
         bodies: the people in the image.
         width: width of the result [px]; None: the image's.
 
     Returns:
-        (height', width, 3) BGR.
+        (height', width, 3) uint8 BGR, of the image's proportions.
     """
     scale = 1.0 if width is None else width / image.shape[1]
     size = (image.shape[1], image.shape[0]) if width is None else (width, max(1, round(image.shape[0] * scale)))
@@ -75,7 +75,7 @@ def deviations(contour: Silhouette, covered: Silhouette) -> tuple[list[Int64], l
         covered: the model's silhouette.
 
     Returns:
-        Lines (n, 2) of pixels each.
+        Open lines (n, 2), x and y of samples [px]: those outside, and those inside; empty lists without deviations.
     """
     mask = (covered.phi > 0).astype(np.uint8)
     # Samples on the model's own border do not deviate; the erosion removes them.
@@ -110,7 +110,10 @@ def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
 
 
 def side_by_side(pictures: list[UInt8], height: int = 720) -> UInt8:
-    """Scale images (h, w, 3) of any sizes to one height [px] and join them in a row, (height, width, 3)."""
+    """Scale images (h, w, 3) uint8 of any sizes to one height [px] and join them in a row, (height, width, 3).
+
+    At least one image is needed; a last odd column is cut off.
+    """
     row = [cv2.resize(one, (max(1, round(one.shape[1] * height / one.shape[0])), height)) for one in pictures]
     joined = np.concatenate(row, axis=1)
     return np.asarray(joined[:, : joined.shape[1] // 2 * 2])  # video codecs require an even width
@@ -127,7 +130,8 @@ class OverlayWriter:
     Args:
         path: ends with .mp4, or is a folder, which is created.
         rate_hz: frame rate of the MP4 [Hz].
-        sizes: (width, height) of the cameras' images, in the MP4's order; a camera without an image is black.
+        sizes: (width, height) of the cameras' images, in the MP4's order; a camera without an image is black, and
+            images of other cameras are left out. Not used for JPEGs.
 
     Raises:
         InputError: it cannot be written there.
@@ -153,7 +157,15 @@ class OverlayWriter:
             raise InputError("cannot be written", file=path, field="--overlay", fix=fix)
 
     def write(self, frame: int, pictures: dict[str, UInt8]) -> None:
-        """Write the images of frame number ``frame``: ``pictures`` (height, width, 3) BGR by camera."""
+        """Write the images of one frame.
+
+        Args:
+            frame: its number, in the JPEGs' names; an MP4 takes frames in the order of the calls.
+            pictures: (height, width, 3) uint8 BGR by camera.
+
+        Raises:
+            InputError: the MP4 cannot be written.
+        """
         if not self._is_video:
             for name, picture in pictures.items():
                 (self._path / f"{name}_{frame:06d}.jpg").write_bytes(jpeg(picture))
@@ -168,7 +180,7 @@ class OverlayWriter:
         self._video.write(joined)
 
     def close(self) -> None:
-        """Close the file."""
+        """Finish the MP4; JPEGs need no closing. A second call has no effect."""
         if self._video is not None:
             self._video.release()
             self._video = None

@@ -49,17 +49,19 @@ class RegionSettings:
 
     Attributes:
         prior_weight: λ, the cost of a pixel on the other side than the model, divided by its squared distance from the
-            model's contour; relative to the sum of three channels' log-likelihoods. A gray pixel counts as three equal
-            channels [nats/px²].
-        length_weight: ν, the cost of the contour's length [nats/px].
+            model's contour; relative to the sum of three channels' log-likelihoods; larger: the contour stays nearer to
+            the model's. A gray pixel counts as three equal channels [nats/px²].
+        length_weight: ν, the cost of the contour's length; larger: a smoother contour, without thin parts such as
+            fingers [nats/px].
         window_px: distance between the nodes of the densities' lattice, and radius of their neighbourhoods; rounded to
-            a multiple of 8 samples [px].
-        band_px: samples farther from the prior's contour do not change sides [px].
+            a multiple of 8 samples; larger: steadier densities that are less local [px].
+        band_px: samples farther from the prior's contour do not change sides; larger: faster motion is found, at more
+            work and with more false contours [px].
         unsure_px: samples nearer to the prior's contour are not learnt from before the first move; no effect if a start
             contour is given [px].
-        iterations: largest number of moves of the contour.
-        least_sd: least standard deviation of a density [grey levels].
-        outliers: share of pixels whose value fits neither side; it bounds the weight of a single pixel.
+        iterations: largest number of moves of the contour; larger: nearer to the minimum, at more work [iterations].
+        least_sd: least standard deviation of a density; larger: weak edges count less [grey levels].
+        outliers: share of pixels whose value fits neither side; larger: a single pixel weighs less [0 to 1].
         fewest_px2: weight of the density common to both sides in each side's own density, as an area; it dominates a
             side with a smaller area [px²].
         median: whether a 3 × 3 median of the image removes single wrong pixels first.
@@ -138,6 +140,10 @@ def region_contour(
         background: a model that replaces the local density outside, wherever it is known.
         settings: weights and limits.
         energies: whether energies are computed, which takes longer and needs a background known everywhere or nowhere.
+
+    Returns:
+        The contour in the prior's window, in new arrays. Samples farther than ``band_px`` from the prior's contour keep
+        its side.
 
     Raises:
         SettingsError: an array of another shape or type, or energies with a background that is known in part.
@@ -276,6 +282,9 @@ def settle(
         unsure_px: samples nearer to the prior's contour are not learnt from before the first move [px].
         guided: whether the band's silhouette is a shape prior.
         energies: whether energies are computed.
+
+    Returns:
+        The contour, in the window of the band's silhouette.
     """
     step, columns = band.prior.step_px, band.prior.phi.shape[1]
     k = kernels()

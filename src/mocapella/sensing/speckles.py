@@ -28,10 +28,10 @@ FEWEST, MOST = 0.02, 0.6
 
 
 def without_speckles(image: UInt8) -> UInt8:
-    """Return the image, filtered by a 3 × 3 median if many single pixels are wrong.
+    """Return the image, filtered by a 3 × 3 median if many single pixels are wrong: a copy then, else the array itself.
 
     Args:
-        image: (height, width) or (height, width, channels).
+        image: (height, width) or (height, width, channels) uint8, not modified.
 
     Raises:
         InputError: it is of another type or shape.

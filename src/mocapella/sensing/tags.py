@@ -98,8 +98,17 @@ class TagReport(msgspec.Struct, frozen=True):
 class TagDetector:
     """Detects the tags in the images of one camera.
 
+    Args:
+        camera: its name, for the frames.
+        settings: wanted tags and precision; the defaults if not given.
+        node_id: for the frames.
+
     Attributes:
-        report: counts since the detector was made.
+        camera, settings, node_id: as given.
+        report: counts since the detector was made; each `update` replaces it.
+
+    Raises:
+        SettingsError: an invalid name of the camera.
     """
 
     def __init__(self, camera: str, settings: TagSettings | None = None, *, node_id: int = 0) -> None:
@@ -116,6 +125,10 @@ class TagDetector:
         Args:
             image: (height, width) gray or (height, width, 3) BGR, uint8.
             at_s: the image's capture time, for the result [s].
+
+        Returns:
+            The corners of the tags that are seen, by ascending tag number; no markers if none is. A corner outside of
+            the image is NaN.
 
         Raises:
             SettingsError: the array is not an image.
@@ -177,8 +190,8 @@ def refined_corners(
     """Refine the corners of a dark square on light ground.
 
     Args:
-        gray: (height, width).
-        corners: (4, 2) approximate, in order round the square [px].
+        gray: (height, width) uint8.
+        corners: (4, 2) approximate, in order round the square [px]; not modified.
         cells: number of cells along a side of the square; the outermost are dark.
         reach_px: greatest reach across a side [px].
         least_contrast: least difference of dark and light at a side, of 255 [grey levels].
@@ -271,11 +284,16 @@ def _area(corners: Float64) -> float:
 def draw_tag(dictionary: str, number: int, side_px: int) -> UInt8:
     """Draw a tag for printing, with a white margin of two cells.
 
+    Args:
+        dictionary: as of `TagSettings`.
+        number: the tag's number in the dictionary.
+        side_px: side of the tag itself, without the margin [px].
+
     Returns:
-        (height, width) gray; the tag itself is ``side_px`` wide.
+        (height, width) uint8 gray.
 
     Raises:
-        SettingsError: the dictionary or tag does not exist.
+        SettingsError: the dictionary or tag does not exist, or the side is out of range.
     """
     settings = TagSettings(dictionary, (number,))
     tags = _dictionary(settings.opencv_name)

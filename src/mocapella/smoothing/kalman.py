@@ -27,10 +27,12 @@ class KalmanSettings:
     """Process model of moving points, and robustness of the filter.
 
     Attributes:
-        acceleration_density: power spectral density of the white-noise acceleration along an axis; a higher one means
+        acceleration_density: power spectral density of the white-noise acceleration along an axis; a larger one means
             less lag and more jitter [m²/s³].
-        speed_sd: standard deviation of a new point's speed along an axis [m/s].
-        degrees_of_freedom: parameter of the Student-t weight; infinity disables the weight.
+        speed_sd: standard deviation of a new point's speed along an axis; larger: its motion is followed sooner, with
+            more jitter at first [m/s].
+        degrees_of_freedom: parameter of the Student-t weight of a measurement; smaller: one far from the prediction
+            counts less; infinity disables the weight [degrees of freedom].
         forget_after_s: a point that was not seen for longer is no longer predicted [s].
     """
 
@@ -47,13 +49,14 @@ class KalmanSettings:
 
 
 class Points(msgspec.Struct, frozen=True, eq=False):
-    """The filter's state at an instant.
+    """State of the Kalman filters of all points at an instant: the argument and result of `predict` and `correct`.
 
     Attributes:
         at_s: the instant, on the clock of the capture times [s].
         positions: (points, 3) [m]; NaN where the point is not known.
-        velocities: (points, 3) [m/s].
-        variances: (points, 3): of a coordinate [m²], its covariance with its velocity [m²/s], of the velocity [m²/s²].
+        velocities: (points, 3) [m/s]; likewise.
+        variances: (points, 3), the same for each coordinate of a point: variance of the coordinate [m²], its covariance
+            with its velocity [m²/s], variance of that velocity [m²/s²]; NaN likewise.
         seen_s: (points,) capture time of the point's last measurement [s]; −inf where never measured.
     """
 
@@ -71,12 +74,17 @@ def unknown(count: int, at_s: float) -> Points:
 
 
 def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
-    """Predict the points at a later instant, with larger variances; forget points not measured for too long.
+    """Predict the points at a later instant, at constant velocity and with larger variances.
+
+    A point whose last measurement is then more than ``forget_after_s`` old becomes unknown (NaN).
 
     Args:
-        points: the present state.
-        at_s: the later instant, on the clock of the capture times [s].
+        points: the present state; not changed.
+        at_s: the later instant, on the clock of the capture times [s]; not before ``points.at_s``.
         settings: process model, and time after which points are forgotten.
+
+    Returns:
+        A new state, at ``at_s``.
     """
     later = _copy(points, at_s)
     _kernels().predict(
@@ -88,11 +96,16 @@ def predict(points: Points, at_s: float, settings: KalmanSettings) -> Points:
 def correct(points: Points, measured: Float64, variance: Float64, settings: KalmanSettings) -> Points:
     """Update predicted points with measurements at the same instant.
 
+    A point without a measurement stays as predicted. An unknown point begins at its measurement, with velocity 0.
+
     Args:
-        points: the predicted points.
+        points: the points, predicted to the time of the measurements; not changed.
         measured: (points, 3) [m]; NaN where not seen.
         variance: (points,) variance of a measured coordinate [m²].
         settings: the settings that the points were predicted with.
+
+    Returns:
+        A new state, at the same instant.
     """
     after = _copy(points, points.at_s)
     nu = float(settings.degrees_of_freedom)

@@ -26,7 +26,7 @@ def predict(
     Args:
         positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
             `kalman.Points`; the first three are changed.
-        dt: time since their instant [s].
+        dt: time from their present instant to the later one [s].
         at_s: the later instant, on the clock of ``seen_s`` [s].
         density: power spectral density of the acceleration along an axis [m²/s³].
         forget_after_s: points unseen for longer become NaN [s].

@@ -24,13 +24,14 @@ class OneEuroSettings:
     """Parameters of the filter, as in the paper, and the longest gap.
 
     Attributes:
-        min_cutoff_hz: cutoff at rest; a lower one reduces jitter [Hz].
-        beta_per_m: increase of the cutoff with speed, or per px/s for points in pixels; a higher one reduces lag
+        min_cutoff_hz: cutoff at rest; a smaller one reduces jitter, and adds lag to slow motion [Hz].
+        beta_per_m: increase of the cutoff per speed, for points in pixels in Hz/(px/s); a larger one reduces lag
             [Hz/(m/s)].
-        speed_cutoff_hz: cutoff of the low pass of the velocity [Hz].
-        forget_after_s: the filter of a point that was not seen for longer is restarted [s].
+        speed_cutoff_hz: cutoff of the low pass of the velocity that sets the cutoff; a larger one follows changes of
+            speed sooner, but noise raises the cutoff more [Hz].
+        forget_after_s: the filter of a point that was not seen for longer is restarted at its next measurement [s].
         per_component: whether each coordinate is filtered by its own speed, as in the paper, rather than by the
-            point's.
+            point's; without effect on people's joints.
     """
 
     min_cutoff_hz: float = 1.0
@@ -47,7 +48,11 @@ class OneEuroSettings:
 
 
 class OneEuro:
-    """A 1-euro filter of one set of points. The same inputs give the same outputs, to the bit."""
+    """A 1-euro filter of one set of points. The same inputs give the same outputs, to the bit.
+
+    Args:
+        settings: parameters of the filter; the defaults if None.
+    """
 
     def __init__(self, settings: OneEuroSettings | None = None) -> None:
         self.settings = settings or OneEuroSettings()
@@ -60,15 +65,18 @@ class OneEuro:
         self._seen_s: Float64 = np.zeros(0)
 
     def update(self, positions: Float64, at_s: float) -> Float64:
-        """Filter one instant.
+        """Filter the points measured at one instant, and keep them as the filter's state.
+
+        A point seen for the first time, or after a gap longer than ``forget_after_s``, is returned as measured. A
+        second measurement at the same time as the last one is ignored: the last result is returned again.
 
         Args:
-            positions: (..., dimensions) [m], or [px] with settings of that unit, of the same shape every time; NaN
-                where a point is not seen.
+            positions: (..., dimensions) [m], or [px] with settings of that unit, of the same shape every time; a point
+                with a NaN coordinate is not seen, and its state does not change.
             at_s: capture time [s]; not before the last one.
 
         Returns:
-            (..., dimensions), NaN where a point is not seen.
+            (..., dimensions) filtered points, a new array; NaN where a point is not seen.
         """
         measured = np.ascontiguousarray(positions, dtype=np.float64)
         if self._positions is None:

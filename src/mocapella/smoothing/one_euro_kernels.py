@@ -4,7 +4,8 @@ Common arguments::
 
     positions, velocities (points, dimensions)   the filter's state [m], [m/s], or in pixels; changed
     seen_s (points,)                             capture time of each point's last measurement [s], −inf for none;
-    changed measured (points, dimensions)                measurements; NaN where not seen
+                                                 changed
+    measured (points, dimensions)                measurements; NaN where not seen
     out (points, dimensions)                     filtered points, written; NaN where not seen
     at_s                                         capture time of the measurements [s]
 
@@ -26,7 +27,10 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True)
 def gain(cutoff_hz: float, dt: float) -> float:
-    """Return the weight α of a new value in a first-order low pass after ``dt`` [s] (the paper's equations 4 and 5)."""
+    """Return the weight α, 0 to 1, of a new value in a first-order low pass of a cutoff [Hz], after ``dt`` [s].
+
+    Source: the paper's equations 4 and 5.
+    """
     r = 2.0 * math.pi * cutoff_hz * dt
     return r / (r + 1.0)
 
@@ -45,9 +49,14 @@ def smooth(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
     beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state, by the speed of each point; unmeasured points do not change.
+    """Update the filter's state, in place, by the speed of each point; unmeasured points do not change.
 
-    The module describes the arguments: state, measured (points, dimensions), and capture time [s].
+    Args:
+        positions, velocities: (points, dimensions) the filter's state [m], [m/s], or in pixels; updated.
+        seen_s: (points,) capture time of each point's last measurement, −inf for none [s]; updated.
+        measured: (points, dimensions) measurements; a point with a NaN coordinate is not seen.
+        at_s: capture time of the measurements [s].
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
     """
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
@@ -73,9 +82,12 @@ def smooth_points(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state as `smooth` does, and write the filtered points into ``out``, NaN where not seen.
+    """Update the filter's state as `smooth` does, and write the filtered points into ``out``.
 
-    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    Args:
+        positions, velocities, seen_s, measured, at_s: see `smooth`.
+        out: (points, dimensions) written: the filtered points; NaN where not seen.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
     """
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
@@ -89,9 +101,12 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Filter points as `smooth_points` does, but by the speed of each coordinate.
+    """Filter points as `smooth_points` does, but by the speed of each coordinate, as in the paper.
 
-    The module describes the arguments: state, measured and out (points, dimensions), and capture time [s].
+    Args:
+        positions, velocities, seen_s, measured, at_s: see `smooth`; C-contiguous.
+        out: (points, dimensions) written: the filtered points; NaN where not seen.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
     """
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):

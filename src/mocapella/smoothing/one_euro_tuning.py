@@ -36,7 +36,8 @@ class Tuned(msgspec.Struct, frozen=True):
         jitter: its jitter with all chosen settings.
         lag_without_beta_s: lag of the fast recording with beta 0 [s].
         lag_s: its lag with all chosen settings [s].
-        jitter_reached, lag_reached: whether each goal is reached.
+        jitter_reached: whether ``jitter_at_rest`` is within the goal.
+        lag_reached: whether ``lag_s`` is within the goal.
     """
 
     settings: OneEuroSettings
@@ -58,16 +59,19 @@ def tune(
 ) -> Tuned:
     """Choose the minimum cutoff by the still recording, then beta by the fast one.
 
+    A goal that cannot be reached is no error: the nearest settings are chosen, and the result reports it.
+
     Args:
         still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move; NaN: not seen.
         fast: the same of markers in fast motion.
         jitter_goal: largest jitter, see `jitter`, in the unit of the points.
         lag_goal_s: largest lag, see `lag` [s].
-        settings: initial settings; min_cutoff_hz and beta_per_m are replaced.
+        settings: initial settings, the defaults if None; min_cutoff_hz and beta_per_m are replaced.
 
     Raises:
         SettingsError: a goal that is not above 0.
-        InputError: a recording is too short, its times do not rise, or a fast one does not move.
+        InputError: a recording is too short, its times do not rise, it sees no point in most frames, or nothing moves
+            in the fast one.
     """
     check(jitter_goal > 0, "jitter_goal", jitter_goal, "above 0")
     check(lag_goal_s > 0, "lag_goal_s", lag_goal_s, "above 0 s")
@@ -92,12 +96,12 @@ def tune(
 def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettings) -> OneEuroSettings:
     """Step 1: choose the highest minimum cutoff with no more jitter than a goal, on a still recording.
 
-    The lowest cutoff is chosen if none reaches the goal.
+    If none reaches the goal, `LOWEST_HZ` is chosen.
 
     Args:
         still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move.
-        goal: largest jitter, in the unit of the points.
-        settings: the settings to change.
+        goal: largest jitter, see `jitter`, in the unit of the points.
+        settings: the settings; in the result only ``min_cutoff_hz`` is replaced.
     """
     low, high = np.log(LOWEST_HZ), np.log(HIGHEST_HZ)
     if jitter(still, replace(settings, min_cutoff_hz=HIGHEST_HZ)) <= goal:
@@ -112,12 +116,12 @@ def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettin
 def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettings) -> OneEuroSettings:
     """Step 2: choose the lowest beta with no more lag than a goal, on a fast recording.
 
-    The highest beta is chosen if none reaches the goal.
+    The settings are returned unchanged if they reach the goal; the highest beta tried is chosen if none does.
 
     Args:
         fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
-        goal_s: largest lag [s].
-        settings: the settings to change.
+        goal_s: largest lag, see `lag` [s].
+        settings: the settings; in the result only ``beta_per_m`` is replaced.
     """
     if lag(fast, settings) <= goal_s:
         return settings
@@ -134,13 +138,19 @@ def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettin
 
 
 def jitter(still: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """Return the `spread` of a still recording after filtering, in the unit of the points; ``still`` as in `tune`."""
+    """Return the `spread` of a still recording after filtering, in the unit of the points; ``still`` as in `tune`.
+
+    The first `SETTLING_S` seconds are not counted.
+    """
     at_s, points = still
     return spread(filtered(at_s, points, settings)[at_s - at_s[0] >= SETTLING_S])
 
 
 def spread(points: Float64) -> float:
-    """Return the root mean square distance of points (frames, points, dimensions) from their mean positions."""
+    """Return the root mean square distance of points (frames, points, dimensions) from their mean over the frames.
+
+    Points that are NaN are left out.
+    """
     off = points - np.nanmean(points, axis=0)
     return float(np.sqrt(np.nanmean((off**2).sum(axis=-1))))
 
@@ -148,8 +158,11 @@ def spread(points: Float64) -> float:
 def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
     """Return the lag of the filter [s]: the delay at which the raw recording fits the filtered one best.
 
+    Delays from 0 to `LONGEST_LAG_S` are tried, so a longer lag is reported as `LONGEST_LAG_S`. The first `SETTLING_S`
+    seconds are not counted.
+
     Args:
-        fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
+        fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion; NaN: not seen.
         settings: the filter's.
     """
     at_s, points = fast
@@ -176,7 +189,11 @@ def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
 
 
 def filtered(at_s: Float64, points: Float64, settings: OneEuroSettings) -> Float64:
-    """Filter a recording (frames, points, dimensions) with times (frames,) [s] by a new filter."""
+    """Filter a recording (frames, points, dimensions) with times (frames,) [s] by a new filter; NaN stays NaN.
+
+    Returns:
+        (frames, points, dimensions), a new array.
+    """
     one_euro = OneEuro(settings)
     return np.stack([one_euro.update(frame, float(t)) for t, frame in zip(at_s, points, strict=True)])
 

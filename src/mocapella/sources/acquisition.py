@@ -54,7 +54,7 @@ class AcquisitionReport:
 
     Attributes:
         taken: number of images received from the source.
-        dropped: number of these images that a newer one replaced before they were read.
+        dropped: number of these images that a newer one replaced before they were taken.
         lost: number of losses of the camera.
         fps: measured frame rate of the last seconds, by the capture times [Hz]; 0 while unknown.
         asked_fps: requested or stated frame rate [Hz]; None if unknown.
@@ -79,14 +79,20 @@ class AcquisitionReport:
 
 
 class Acquisition:
-    """Reader of one source in a thread. A context manager; leaving it ends the thread.
+    """Reader of one source in a thread. A context manager: entering does not start it (`start` does), leaving ends it.
+
+    A lost camera is reopened until it gives an image again.
 
     Args:
-        source: the source, not opened yet; it is opened at once.
+        source: the source, not opened yet; the constructor opens it.
         settings: the timing.
-        say: receives messages when the source is lost, silent, and available again.
+        say: receives messages when the source is lost, silent, and available again; partly called by the thread.
         changed: notified when an image arrives or the source ends; several acquisitions may share one, to be waited
-            for together.
+            for together. None for one of its own.
+
+    Attributes:
+        source, settings: as given.
+        state: the source's state when it was last opened.
 
     Raises:
         InputError: the source cannot be opened.
@@ -113,24 +119,27 @@ class Acquisition:
         self._thread: threading.Thread | None = None
 
     def start(self, zero_s: float | None = None) -> None:
-        """Start the thread; ``zero_s`` is the source's time 0 on the monotonic clock [s], None for now."""
+        """Start the thread, once; ``zero_s`` is the source's time 0 on the monotonic clock [s], None for now."""
         self.source.begin(time.monotonic() if zero_s is None else zero_s)
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._thread.start()
 
     def keep(self, count: int) -> None:
-        """Set how many of the newest images are kept until they are taken; 1 at first."""
+        """Set how many of the newest images are kept until they are taken; 1 at first. Excess images are dropped."""
         if count != self._slot.maxlen:
             with self._changed:
                 self._dropped += max(0, len(self._slot) - count)
                 self._slot = deque(self._slot, maxlen=count)
 
     def take(self, timeout: float) -> Picture | None:
-        """Take the newest image, once; None if there is none within ``timeout`` seconds.
+        """Take the newest image and drop older ones; None if there is none within ``timeout`` seconds.
+
+        Each image is returned once. The wait is shorter if the source has ended, or if another acquisition notifies a
+        shared ``changed``.
 
         Raises:
-            MocapellaError: the source has failed for good.
+            MocapellaError: the source has failed for good; raised once.
         """
         found = self.take_all(timeout)
         with self._changed:
@@ -138,7 +147,13 @@ class Acquisition:
         return found[-1] if found else None
 
     def take_all(self, timeout: float) -> list[Picture]:
-        """Take all kept images, the oldest first; otherwise as `take`."""
+        """Take all kept images, the oldest first, each once; wait up to ``timeout`` seconds if there is none.
+
+        The list is empty if none arrives in that time. The wait is shorter in the cases that `take` names.
+
+        Raises:
+            MocapellaError: the source has failed for good; raised once.
+        """
         with self._changed:
             if not self._slot and not self._ended:
                 self._changed.wait(timeout)
@@ -172,7 +187,10 @@ class Acquisition:
             return AcquisitionReport(self._taken, self._dropped, self._lost, fps, self.state.fps, self.source.live)
 
     def close(self) -> None:
-        """End the thread; one that hangs in a driver is abandoned after `AcquisitionSettings.close_s`."""
+        """End the thread and close the source.
+
+        A thread that hangs in a driver is abandoned after `AcquisitionSettings.close_s`; its source stays open.
+        """
         self._stop.set()
         if self._thread is not None:
             self._thread.join(self.settings.close_s)

@@ -40,12 +40,15 @@ class BridgeSettings:
     """Address and limits of the bridge."""
 
     host: str = "127.0.0.1"
+    """Name or address of this machine to listen at; the default accepts only programs on this machine."""
     port: int = 7450
     """TCP port; 0 takes any free one."""
     max_connections: int = 32
+    """Largest number of connections at a time; further ones are refused."""
     max_sensors: int = 16
     """Largest number of sensors per connection. Each becomes a node of its own, and opening one delays the others."""
     max_message_bytes: int = MAX_MESSAGE_BYTES
+    """Largest message; a larger one ends the connection."""
     message_timeout: float = 5.0
     """Longest time from a message's first byte to its last [s]."""
     idle_timeout: float = 60.0
@@ -97,10 +100,18 @@ class _Connection:
 
 
 class Bridge:
-    """TCP server that runs from `start` to `stop` in its own thread, which calls the callbacks.
+    """TCP server that runs from `start` to `stop` in its own thread. A context manager that starts and stops it.
 
-    A callback may refuse a frame by raising a `MocapellaError`, such as `NameTakenError`; that ends the connection with
-    the error's message. So does an unexpected error, which is given to ``say``.
+    All callbacks are called by that thread, one at a time. A sensor belongs to the first connection that sends its
+    frames; another connection that sends them is refused.
+
+    Args:
+        on_frame: receives each valid frame. It may refuse a frame by raising a `MocapellaError`, such as
+            `NameTakenError`, which ends the connection with the error's message. An unexpected error ends the
+            connection, too, and is given to ``say``.
+        settings: address and limits.
+        on_gone: called for each sensor of a connection that ended.
+        say: receives unexpected errors.
     """
 
     def __init__(
@@ -134,7 +145,7 @@ class Bridge:
         return replace(self._report, errors=sum(self._errors.counts.values()))
 
     def start(self) -> None:
-        """Begin to listen.
+        """Begin to listen; possible again after `stop`. The counts go on.
 
         Raises:
             AddressInUseError: another program listens there.

@@ -42,7 +42,8 @@ class CameraWishes:
         size_px: (width, height) of the images.
         fps: frame rate [Hz].
         fourcc: pixel format on the cable, such as MJPG, which many cameras need for a high rate.
-        controls: exposure, gain and others, in the driver's own units; automatic modes are always switched off.
+        controls: exposure, gain and others, in the driver's own units, as OpenCV takes them; automatic exposure, white
+            balance and focus are always switched off, also without any request. ``controls.automatic`` is ignored.
     """
 
     size_px: tuple[int, int] | None = None
@@ -60,7 +61,10 @@ class CameraWishes:
 
 
 def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
-    """Apply settings to an open `cv2.VideoCapture`, switch automatic modes off, and read the result back."""
+    """Apply settings to an open `cv2.VideoCapture`, switch automatic modes off, and read the result back.
+
+    Nothing is raised for a setting that the driver refuses: it is one of the state's ``problems``.
+    """
     if wishes.fourcc is not None:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wishes.fourcc))
     if wishes.size_px is not None:

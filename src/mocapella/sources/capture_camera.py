@@ -36,9 +36,12 @@ class CaptureCamera:
     Args:
         target: number of the camera, or address of the stream.
         name: name of the source, as the user wrote it.
-        wishes: requested settings; a stream's controls are not set.
+        wishes: requested settings; of a stream none is set, and ``fps`` is only reported as its rate.
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        name, live, times: as in `PictureSource`; ``times`` changes when the driver's stamps are no longer used.
     """
 
     live = True
@@ -59,7 +62,11 @@ class CaptureCamera:
         self._number, self._last_ns = 0, 0
 
     def open(self) -> SourceState:
-        """Open the source and return its state; see `PictureSource.open`."""
+        """Open the source and return its state, after closing it if it was open; see `PictureSource.open`.
+
+        Raises:
+            InputError: the camera or stream cannot be opened; states a remedy.
+        """
         self.close()
         capture = self._opened()
         if not capture.isOpened():
@@ -82,7 +89,10 @@ class CaptureCamera:
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None if the camera gave no frame. See `PictureSource.read`."""
+        """Wait for the next image; None if the camera gave no frame or is not open. See `PictureSource.read`.
+
+        ``stop`` has no effect: OpenCV's wait for a frame cannot be interrupted. Grey images are converted to BGR.
+        """
         if self._capture is None or not self._capture.grab():
             return None
         came_s = self._clock()
@@ -97,7 +107,7 @@ class CaptureCamera:
         return Picture(np.asarray(image, dtype=np.uint8), self._last_ns, number, ready_s, ready_s - came_s)
 
     def close(self) -> None:
-        """Release the source's resources; see `PictureSource.close`."""
+        """Release the camera or stream: `read` returns None until it is opened again. May be called twice."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None

@@ -42,11 +42,12 @@ class DatagramPort:
 
     Args:
         name: name of the camera.
-        listener: bound UDP socket.
+        listener: bound, non-blocking UDP socket; the port owns and closes it.
         settings: the settings, for all cameras.
         say: receives messages about senders and refused datagrams.
 
     Attributes:
+        name: as given.
         address: host and port of the listener.
         rests_until_ns: time on the monotonic clock before which the port is not read again.
         sender: address of the sender that the port belongs to; None if it belongs to none.
@@ -74,7 +75,7 @@ class DatagramPort:
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """The sockets to wait for."""
+        """The sockets to wait for: the listener, and the present sender's own socket, if there is one."""
         return [self._listener] if self._own is None else [self._own, self._listener]
 
     @property
@@ -105,7 +106,10 @@ class DatagramPort:
         self._let_go()
 
     def turn(self, now_ns: int) -> MarkerFrame | None:
-        """Read the waiting datagrams, and decode the newest readable one into a frame; None if there is none.
+        """Read the waiting datagrams without blocking, and decode the newest readable one into a frame.
+
+        Older waiting datagrams are counted as superseded. None is returned if none is readable, or if the newest one's
+        sequence number does not rise.
 
         Args:
             now_ns: the present time on the monotonic clock [ns].
@@ -238,12 +242,12 @@ class SenderClock:
         """Convert a time of sending.
 
         Args:
-            sent_ns: time of sending, on the sender's clock.
-            arrived_ns: time of arrival, on this machine's clock.
+            sent_ns: time of sending, on the sender's clock [ns].
+            arrived_ns: time of arrival, on this machine's clock [ns].
 
         Returns:
             The time of sending on this machine's clock [ns], never after the arrival; and whether the sender's clock
-            jumped.
+            jumped, by more than 0.2 s. After a jump, as for the first datagram, the time of sending is the arrival.
         """
         delay_ns = arrived_ns - sent_ns
         least_ns = min(self._least_ns, self._least_before_ns)

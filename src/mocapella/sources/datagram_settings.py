@@ -22,10 +22,10 @@ class DatagramSettings:
         delay: time from the middle of an image's exposure to its datagram's arrival [s].
         zero_is_lost: whether ``0,0`` means a marker that is not detected.
         max_rate_hz: highest rate at which a port is read, and so of its frames [Hz].
-        by_host: identify a sender by its address only, for programs that open a socket for each datagram.
+        by_host: identify a sender by its host only, not its port, for programs that open a socket for each datagram.
         source_timeout: time without a datagram from its sender after which a port accepts another sender [s].
-        start_to: address and port of the start command; None sends none.
-        start_text: the start command.
+        start_to: address and port of the start command, for programs that wait for one; None sends none.
+        start_text: the start command, ASCII.
         start_every: interval at which the start command is repeated while a camera is silent [s].
     """
 

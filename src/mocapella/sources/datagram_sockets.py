@@ -32,7 +32,9 @@ def prepare(listener: socket.socket) -> None:
 
 
 def socket_for(listener: socket.socket, sender: Any) -> socket.socket | None:
-    """Open a second socket at the listener's port for this sender's datagrams only; None if the system has none.
+    """Open a second socket at the listener's port for this sender's datagrams only: others cannot fill its buffer.
+
+    None is returned if that fails, or if the system is not Linux. The socket is non-blocking.
 
     Linux delivers a datagram to the socket that is connected to its sender, if one exists. The option by which two
     sockets share a port is on only during this call, so that no other program can share it.
@@ -58,7 +60,7 @@ def socket_for(listener: socket.socket, sender: Any) -> socket.socket | None:
 
 
 def readable(sockets: list[socket.socket], timeout: float) -> list[socket.socket]:
-    """Wait until some of the sockets have a datagram, at most ``timeout`` seconds; return these."""
+    """Wait until some of the sockets have a datagram, at most ``timeout`` seconds; return these sockets, or none."""
     if not sockets:  # select refuses an empty list on some systems
         time.sleep(timeout)
         return []
@@ -68,11 +70,14 @@ def readable(sockets: list[socket.socket], timeout: float) -> list[socket.socket
 def receive(from_socket: socket.socket) -> tuple[bytes, Any, int | None, int | None]:
     """Receive a datagram.
 
-    Returns:
-        The data, the sender's address, the time of arrival on the wall clock [ns], and the number of datagrams dropped
-        before it; the last two are None if the system does not report them.
+    A datagram that is too long is cut off at ``MAX_DATAGRAM_BYTES`` + 1 bytes, so that it is recognised.
 
-    A datagram that is too long is cut off one byte above the limit, so that it is recognised.
+    Returns:
+        The data, the sender's address, the time of arrival on the wall clock [ns], and the number of datagrams that the
+        system has dropped since the socket was opened; the last two are None if the system does not report them.
+
+    Raises:
+        BlockingIOError: the socket is non-blocking and no datagram waits.
     """
     if not _LINUX:
         data, source = from_socket.recvfrom(MAX_DATAGRAM_BYTES + 1)

@@ -37,8 +37,9 @@ class RecordedDepth:
 
     Attributes:
         file: name of its file, or its take and frame number.
-        time_ns: capture time on the recording's clock, rising.
-        depth: (height, width) distance along the optical axis, in the recording's unit; None if unreadable.
+        time_ns: capture time on the recording's clock [ns], rising.
+        depth: (height, width) uint16 distance along the optical axis, in the recording's unit; 0 where nothing was
+            measured. None if the image is unreadable.
         problem: why it is unreadable; empty if it is readable.
     """
 
@@ -68,13 +69,16 @@ class DepthRecording(Protocol):
 
 @dataclass(frozen=True)
 class DepthSidecar:
-    """The camera's parameters in a ``depth.toml``.
+    """The camera's parameters in a ``depth.toml``; None for a parameter that the file does not give.
 
     Attributes:
         unit_m: length of a unit of the images [m].
         raw: ``kinect-raw`` if the images are a Kinect v1's disparities; empty if they are depths.
         lens: F, CX, CY, or FX, FY, CX, CY [px], or these four and the distortion K1, K2, P1, P2, K3.
         fps: frame rate [Hz].
+
+    Raises:
+        SettingsError: a value is invalid.
     """
 
     unit_m: float | None = None
@@ -93,17 +97,22 @@ class DepthSidecar:
 
 
 class DepthFiles:
-    """A sequence of 16-bit PNGs.
+    """A sequence of 16-bit PNGs as a `DepthRecording`.
+
+    The constructor decodes the first readable image for its size. Kinect v1 disparities are converted to depths.
 
     Args:
-        paths: files, in this order, or one folder, whose files are sorted by the numbers in their names.
-        options: the camera's parameters as the user gives them; they take precedence over ``depth.toml``.
+        paths: files, in this order, or one folder, whose PNGs are sorted by the numbers in their names.
+        options: the camera's parameters as the user gives them; they take precedence over a ``depth.toml`` in the
+            folder of the first file.
 
     Attributes:
         name, state, count: as in `DepthRecording`.
+        fps: frame rate [Hz]: the user's, else that of ``depth.toml``, else `USUAL_FPS`.
 
     Raises:
-        InputError: there is no file, none is readable, or they are not 16-bit images.
+        InputError: a file does not exist, none is readable, they are not 16-bit images, or ``depth.toml`` is invalid.
+        SettingsError: ``paths`` is empty.
     """
 
     def __init__(self, paths: Sequence[Path], options: DepthOptions | None = None) -> None:
@@ -122,6 +131,8 @@ class DepthFiles:
 
     def images(self) -> Iterator[RecordedDepth]:
         """Yield all images, from the first; a damaged or truncated file is yielded without an image, with the problem.
+
+        Image k is captured k / ``fps`` seconds plus 1 ns after the recording's time 0.
 
         Raises:
             InputError: a file is not a 16-bit image, has another size than the first, or has values above a Kinect's
@@ -160,7 +171,7 @@ class DamagedImageError(InputError):
 
 
 def read_depth_png(path: Path) -> UInt16:
-    """Read a 16-bit greyscale PNG (height, width).
+    """Read a 16-bit greyscale PNG as an array (height, width) uint16, with the file's own values.
 
     Raises:
         DamagedImageError: it is truncated, or a chunk has a wrong checksum.
@@ -209,7 +220,7 @@ def _check_header(header: bytes, path: Path) -> None:
 
 
 def read_sidecar(path: Path) -> DepthSidecar:
-    """Read a ``depth.toml``.
+    """Read a ``depth.toml``, which has the camera's parameters of the depth images in its folder.
 
     Raises:
         InputError: it cannot be read, or has unknown keys or invalid values.
@@ -223,7 +234,7 @@ def read_sidecar(path: Path) -> DepthSidecar:
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """Return the key for sorting names by their numbers, so that 9 comes before 10."""
+    """Return the key for sorting names by the numbers in them, ignoring case, so that ``a9`` comes before ``A10``."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name.lower()) if part]
 
 

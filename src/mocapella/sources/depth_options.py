@@ -66,6 +66,8 @@ class DepthOptions:
         lens: the nine numbers of `mocapella.geometry.lens`.
         fps: frame rate to assume for files, or to request from a camera [Hz].
         size_px: (width, height) to request from a camera.
+
+    None keeps the file's or camera's own value.
     """
 
     unit_m: float | None = None
@@ -76,7 +78,9 @@ class DepthOptions:
 
 
 def parse_unit(text: str | None) -> tuple[float | None, bool]:
-    """Parse ``0.001`` to (0.001, False), ``kinect-raw`` to (None, True), and None to (None, False).
+    """Parse the option ``--unit`` to ``unit_m`` and ``kinect_raw`` of `DepthOptions`.
+
+    ``0.001`` gives (0.001, False), ``kinect-raw`` (None, True), and None (None, False).
 
     Raises:
         SettingsError: the text is neither.
@@ -96,7 +100,11 @@ def parse_unit(text: str | None) -> tuple[float | None, bool]:
 
 
 def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
-    """Complete F,CX,CY or FX,FY,CX,CY [px] to the nine numbers of a lens, with distortion; None if they are no lens."""
+    """Complete 3, 4 or 9 numbers to the nine of a lens, see `mocapella.geometry.lens`.
+
+    F,CX,CY is short for F,F,CX,CY [px]; without distortion coefficients they are 0. None is returned for another count,
+    a number that is not finite, or a focal length of 0 or less.
+    """
     values = tuple(map(float, numbers))
     if len(values) == 3:
         values = (values[0], *values)
@@ -106,7 +114,7 @@ def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
 
 
 def parse_lens(text: str | None) -> tuple[float, ...] | None:
-    """Parse ``476,313.7,242.8`` to the nine numbers of a lens; None gives None.
+    """Parse the option ``--intrinsics``, such as ``476,313.7,242.8``, as `lens_of` does; None gives None.
 
     Raises:
         SettingsError: the text is no lens.
@@ -161,7 +169,9 @@ def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) 
 
 
 def complete(state: SourceState, source: object) -> Camera:
-    """Return the camera of a depth source whose size, lens and unit are known; errors name ``source``.
+    """Return the camera, named ``depth``, of an opened depth source whose size, lens and unit are known.
+
+    ``source`` is named in errors.
 
     Raises:
         InputError: one of these is missing or implausible; states how to give it.
@@ -177,7 +187,7 @@ def complete(state: SourceState, source: object) -> Camera:
 
 
 class UnitCheck:
-    """Check of the unit on the first image with enough measured pixels.
+    """Check of the unit on the first image with enough measured pixels; later images are only counted.
 
     Args:
         unit_m: length of a unit of the images [m].
@@ -194,7 +204,7 @@ class UnitCheck:
         self._median: float | None = None
 
     def update(self, depth: UInt16) -> None:
-        """Check the next image (height, width).
+        """Check the next image (height, width), in units; 0 is not measured.
 
         Raises:
             InputError: its median distance is implausible; suggests a unit.
@@ -213,7 +223,9 @@ class UnitCheck:
             raise InputError(words, file=self.source, field="unit", value=self.unit_m, fix=fix)
 
     def doubt(self, camera: Camera) -> str:
-        """Suggest a unit and a lens after no arm was detected in any image; empty if too little was measured.
+        """Return a text that suggests a unit and a lens, for use when no arm was detected in any image.
+
+        It is empty if no image had enough measured pixels.
 
         A unit or lens that is wrong by a small factor gives a plausible room, but an implausible arm.
         """
@@ -231,7 +243,7 @@ class UnitCheck:
 
 
 def check_disparities(raw: UInt16, source: object) -> None:
-    """Check that an image (height, width) can be a Kinect v1's disparities, which have 11 bits.
+    """Check that an image ``raw`` (height, width) can be a Kinect v1's disparities, which have 11 bits.
 
     Raises:
         InputError: it has more than 11 bits; names ``source`` and suggests a unit.
@@ -244,10 +256,10 @@ def check_disparities(raw: UInt16, source: object) -> None:
 
 
 def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
-    """Return the problem with a unit, and a suggestion; None if the unit is plausible.
+    """Return the problem with a unit, and a suggestion; None if the image's median distance is plausible.
 
     Args:
-        there: (pixels,) the measured depths of an image, in units.
+        there: (pixels,) the measured depths of an image, in units; at least one.
         unit_m: length of a unit [m].
     """
     units = float(np.median(there))
@@ -280,7 +292,10 @@ class HandSizeCheck:
         self._straight_m: deque[float] = deque(maxlen=_HANDS_KEPT)
 
     def update(self, arms: Sequence[SeenArm]) -> None:
-        """Add the arms of the next image; an arm without all joints of the middle finger is ignored."""
+        """Add the arms of the next image; an arm whose middle finger has a NaN joint is ignored.
+
+        The last 300 hands count.
+        """
         for arm in arms:
             joints = arm.points[list(_MIDDLE)]
             length_m = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
@@ -293,7 +308,7 @@ class HandSizeCheck:
 
     @property
     def problem(self) -> str:
-        """Likely error and suggestion; empty if the sizes are plausible, or the hands too few."""
+        """Text with the likely error and a suggestion; empty if the median size is plausible, or with too few hands."""
         lengths_m, shortest_m = self._straight_m, SHORTEST_HAND_M
         if len(lengths_m) < _HANDS_WANTED:
             lengths_m, shortest_m = self._lengths_m, _SHORTEST_BENT_M

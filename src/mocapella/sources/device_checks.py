@@ -11,7 +11,10 @@ from mocapella.sources.source import Finding
 
 
 def depth_cameras() -> Iterator[Finding]:
-    """Report the installed driver packages of depth cameras; they come from the makers and are no extras."""
+    """Report for each kind of depth camera whether its driver package is installed; connected cameras are not sought.
+
+    The packages come from the cameras' makers and are no extras of Mocapella.
+    """
     for kind in CAMERAS:
         device = camera_class(kind)
         found = next(filter(_is_installed, device.packages), None)
@@ -25,7 +28,7 @@ def depth_cameras() -> Iterator[Finding]:
 
 
 def cameras() -> Iterator[Finding]:
-    """Report the cameras that the system lists."""
+    """Report the cameras that Linux lists as ``/dev/video*``; on other systems none is found."""
     found = sorted(str(path) for path in Path("/dev").glob("video*"))
     if found:
         yield Finding("cameras", "ok", ", ".join(found))

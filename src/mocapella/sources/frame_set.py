@@ -31,9 +31,9 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
     """One frame: an image of each camera.
 
     Attributes:
-        frame: number of the frame.
-        time_ns: capture time since the first frame of the video, or of the live run.
-        images: (height, width, 3) uint8 BGR, by camera; a camera without an image is missing.
+        frame: number of the frame: of a video its own, from 0; of live cameras counted from 0 in each run.
+        time_ns: capture time since the first frame of the video, or of the live run [ns].
+        images: (height, width, 3) uint8 BGR, by the rig's camera names; a camera without an image is missing.
     """
 
     frame: int
@@ -42,12 +42,12 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def at_rate(cls, frame: int, rate_hz: float, images: Mapping[str, UInt8]) -> FrameSet:
-        """Return the frame with this number of videos with a constant frame rate [Hz]."""
+        """Make the frame with this number of videos with a constant frame rate [Hz]; its time follows from both."""
         return cls(frame, time_of_frame(frame, rate_hz), images)
 
 
 class FrameSource(Protocol):
-    """A source of frames of all cameras of a rig."""
+    """A source of synchronised images of a rig's cameras: `VideoSet` or `LiveSet`. Iteration yields its frames."""
 
     rig: CameraRig
     """The cameras that have images, with intrinsics for the images' sizes."""
@@ -62,18 +62,18 @@ class FrameSource(Protocol):
         ...
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Source and image size by camera, for ``--json``."""
+        """Return source and image size by camera, as JSON types, for ``--json``."""
         ...
 
     def summary(self) -> dict[str, Any]:
-        """Summary of the run, for ``--json``."""
+        """Return facts of the run so far, such as dropped images, as JSON types, for ``--json``; may be empty."""
         ...
 
     def __iter__(self) -> Iterator[FrameSet]: ...
 
 
 def time_of_frame(frame: int, rate_hz: float) -> int:
-    """Return the capture time of a video's frame since its first frame [ns]."""
+    """Return the time from a video's frame 0 to its frame of this number, at a constant frame rate ``rate_hz`` [ns]."""
     return round(frame * NS_PER_S / rate_hz)
 
 
@@ -90,7 +90,10 @@ def check_other_size(other_size: str | None) -> None:
 def fitted(
     placed: PlacedCamera, size: tuple[int, int], other_size: str | None, *, source: object
 ) -> tuple[PlacedCamera, str]:
-    """Adapt a calibrated camera to images of another size; return it and a note for the user.
+    """Adapt a calibrated camera to images of another size; return the new camera and a note for the user.
+
+    With equal sizes, the camera itself and an empty note are returned. With ``crop``, only the size changes; with
+    ``scale``, also focal lengths and principal point. The extrinsics stay.
 
     Args:
         placed: the calibrated camera.

@@ -46,14 +46,16 @@ UNUSED: Final = 60
 class LiveSet:
     """The cameras of a rig, each read in its own thread. A context manager; leaving it ends the threads.
 
-    Videos and folders may stand in for cameras, in real time, if all sources are such.
+    Videos and folders may stand in for cameras, in real time, if all sources are such. The constructor waits for the
+    cameras' first images, up to `FIRST_S` seconds, to measure their sizes and frame rates.
 
     Args:
         sources: the sources, not opened yet, by any camera name that `match_cameras` knows; they are opened at once.
         rig: calibrated cameras; not all need a source.
         other_size: how the images' size may differ from the calibration's, one of `OTHER_SIZES`; None refuses another
             size.
-        late_s: known latency of cameras without capture times, by the names of ``sources`` [s].
+        late_s: known latency of cameras without capture times, by the names of ``sources``; subtracted from their
+            images' times [s].
         settings: timing of the threads.
         clock: the monotonic clock, in seconds.
 
@@ -132,23 +134,23 @@ class LiveSet:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Number of images of this run that were dropped unread, by camera."""
+        """Number of images that no frame used since `until` began, by camera."""
         now = self._all_dropped()
         return {name: count - self._dropped_before.get(name, 0) for name, count in now.items()}
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Source and image size by camera, for ``--json``."""
+        """Return source and image size by camera, as JSON types, for ``--json``."""
         return {
             name: {"source": camera.source.name, "size_px": list(self._sizes[name])}
             for name, camera in self._cameras.items()
         }
 
     def summary(self) -> dict[str, Any]:
-        """Summary of the run, for ``--json``."""
+        """Return the dropped images by camera, as JSON types, for ``--json``."""
         return {"dropped": self.dropped}
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """Yield frames as `until`, without an end."""
+        """Yield frames as `until` does, without a stop or messages, until all sources have ended."""
         return self.until(threading.Event())
 
     def until(
@@ -156,12 +158,13 @@ class LiveSet:
     ) -> Iterator[FrameSet]:
         """Yield frames from now on, numbered from 0: the newest images each time the caller asks.
 
-        It ends when ``stop`` is set, after ``seconds``, or when all sources have ended.
+        The iteration ends when ``stop`` is set, after ``seconds``, or when all sources have ended; the failure of one
+        camera does not end it. `until` may be called again: cameras' images in between are dropped, and videos go on.
 
         Args:
-            stop: ends it within `POLL_S`.
+            stop: ends the iteration within `POLL_S`.
             seconds: duration [s]; None for no limit.
-            say: receives messages when cameras are lost, silent, late or available again.
+            say: receives messages when cameras are lost, silent, late or available again; None for no messages.
         """
         begin_s = self._begin()
         number, zero_ns = 0, 0
@@ -182,7 +185,7 @@ class LiveSet:
                 self._wait()
 
     def close(self) -> None:
-        """End the threads and close the cameras."""
+        """End the threads and close the cameras; may be called twice."""
         self._opened.close()
 
     def __enter__(self) -> LiveSet:

@@ -25,6 +25,8 @@ from mocapella.sources.datagram_sockets import address_text, readable
 class MarkerDatagrams:
     """Receiver of marker datagrams, from `start` to `stop`. It needs no thread: `poll` waits and returns the frames.
 
+    A context manager that starts and stops it. It cannot be started again.
+
     Args:
         settings: cameras and ports.
         say: receives messages about senders and problems, each kind once per camera and sender.
@@ -74,12 +76,12 @@ class MarkerDatagrams:
 
     @property
     def addresses(self) -> dict[str, tuple[str, int]]:
-        """Host and port of each camera, after `start`."""
+        """Host and port of each camera, after `start`; empty before."""
         return {port.name: port.address for port in self._ports}
 
     @property
     def report(self) -> dict[str, PortReport]:
-        """The counts of each camera so far."""
+        """The counts of each camera so far; empty before `start`."""
         return {port.name: port.report for port in self._ports}
 
     @property
@@ -88,9 +90,12 @@ class MarkerDatagrams:
         return 0 if self._starter is None else self._starter.sent
 
     def poll(self, timeout: float = 0.0) -> list[MarkerFrame]:
-        """Return the frames that have arrived, in the order of the cameras; wait for one at most ``timeout`` seconds.
+        """Return the frames that have arrived; wait for one at most ``timeout`` seconds.
 
-        A frame's ``time_ns`` is on the monotonic clock; the publisher sets node and sequence number.
+        Returns:
+            At most one frame per camera, the newest, in no fixed order; empty if none has arrived. A frame's
+            ``time_ns`` is on the monotonic clock, the settings' ``delay`` before the arrival; node and sequence number
+            are 0, and the publisher sets them.
         """
         until_ns = self._clock() + round(timeout * NS_PER_S)
         while True:

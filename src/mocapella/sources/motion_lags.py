@@ -49,14 +49,27 @@ _NOISE: Final = 10
 
 
 class MotionLags:
-    """Record of the amount of change in each camera's last images."""
+    """Estimator of the cameras' lags, from the amount of change in each camera's images of the last `OVER_S` seconds.
+
+    Args:
+        cameras: names of the cameras.
+    """
 
     def __init__(self, cameras: Iterable[str]) -> None:
         self._last: dict[str, tuple[float, NDArray[np.int16]]] = {}
         self._courses: dict[str, deque[tuple[float, float]]] = {name: deque() for name in cameras}
 
     def add(self, camera: str, time_ns: int, image: UInt8) -> None:
-        """Add a camera's next image (height, width, 3) uint8, and its capture or arrival time, on one clock for all."""
+        """Add a camera's next image and its capture or arrival time.
+
+        A gap of more than `GAP_S`, or another image size, clears the camera's record.
+
+        Args:
+            camera: name of the camera.
+            time_ns: capture or arrival time, on one clock for all cameras [ns]; an image that is not newer than the
+                last one adds nothing.
+            image: (height, width, 3) uint8 BGR; only green is used. It is not kept.
+        """
         at_s, step = time_ns / NS_PER_S, max(1, image.shape[1] // _WIDE_PX)
         small = image[::step, ::step, 1].astype(np.int16)
         before_s, before = self._last.get(camera, (at_s, small))
@@ -71,7 +84,11 @@ class MotionLags:
                 course.popleft()
 
     def measure(self) -> dict[str, float]:
-        """Estimate each camera's lag behind the camera with the least latency [s]; omit cameras without an estimate."""
+        """Estimate each camera's lag behind the camera with the least latency, which has 0 [s].
+
+        Cameras without an estimate are omitted. The result is empty without distinct shared motion, or if the shifts of
+        pairs contradict each other.
+        """
         names = list(self._courses)
         courses = {name: np.array(course) for name, course in self._courses.items()}
         shifts = {

@@ -43,8 +43,9 @@ class PictureSet(msgspec.Struct, frozen=True, eq=False):
     """Images of one instant.
 
     Attributes:
-        time_ns: midpoint of the earliest and the latest capture time, on the clock of the images.
-        pictures: the images, by camera, each within half a period of ``time_ns``.
+        time_ns: midpoint of the earliest and the latest capture time, on the clock of the images [ns].
+        pictures: the images, by camera, each within half a period of ``time_ns``; cameras without such an image are
+            missing.
     """
 
     time_ns: int
@@ -109,11 +110,11 @@ class _Camera:
 
 
 class NewestInstant:
-    """Synchroniser of the newest images of several cameras.
+    """Synchroniser of the newest images of several cameras: `add` images as they arrive, `take` frames.
 
     Args:
         cameras: names of the cameras.
-        period_ns: frame period that is assumed until a camera's images show it.
+        period_ns: frame period that is assumed until a camera's images show it [ns].
     """
 
     def __init__(self, cameras: Iterable[str], period_ns: float) -> None:
@@ -126,18 +127,18 @@ class NewestInstant:
 
     @property
     def period_ns(self) -> float:
-        """The median of the cameras' known frame periods [ns]."""
+        """The median of the cameras' known frame periods; the assumed period while none is known [ns]."""
         known = sorted(one.period_ns for one in self._cameras.values() if one.period_ns)
         return known[len(known) // 2] if known else self._first_ns
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Number of images that newer ones replaced unread, by camera."""
+        """Number of images that newer ones replaced before `take`, or that `drop_rest` dropped, by camera."""
         return {name: camera.dropped for name, camera in self._cameras.items()}
 
     @property
     def pending(self) -> bool:
-        """Whether there is an unread image."""
+        """Whether there is an image that `take` has not returned yet, also one that is held back."""
         return any(camera.fresh is not None or camera.held for camera in self._cameras.values())
 
     @property
@@ -153,7 +154,10 @@ class NewestInstant:
         return {name: late - least for name, late in known.items()}
 
     def add(self, name: str, picture: Picture) -> None:
-        """Add a camera's next image."""
+        """Add a camera's next image, in the order of capture; it replaces an earlier one that was not taken.
+
+        While images are held back for a late camera, it is queued instead.
+        """
         camera = self._cameras[name]
         camera.came(picture)
         if self._out_ns is None:
@@ -162,7 +166,7 @@ class NewestInstant:
             camera.held.append(picture)
 
     def begin(self) -> None:
-        """Discard all images so far."""
+        """Begin a new run: discard all images and the counts of dropped ones, but keep periods and latencies."""
         for camera in self._cameras.values():
             camera.fresh, camera.dropped = None, 0
             camera.held.clear()
@@ -179,7 +183,7 @@ class NewestInstant:
         """Take the newest images, each once; None if there is none, or a better one is about to arrive.
 
         Times of successive frames differ by at least half a period, so that jitter of the cameras' clocks does not
-        appear as speed.
+        appear as speed. An image more than a period older than the newest one is not taken.
 
         Args:
             now_s: the present time on the monotonic clock, as the images' ``ready_s`` [s]; infinite if no more images

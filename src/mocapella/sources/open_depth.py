@@ -28,13 +28,14 @@ def open_depth(
     loop: bool = False,
     recorded: Callable[[str], DepthRecording | None] = lambda text: None,
 ) -> PictureSource:
-    """Return the source of depth images of a name, without opening it.
+    """Return the source of depth images of a name, without opening it; of files, the first is read.
 
     Args:
         text: the name, in one of the forms of `KINDS`.
         options: the camera's parameters as the user gives them.
         loop: whether recordings repeat.
-        recorded: opens other recordings (takes); returns None if the name is not such a recording.
+        recorded: opens other recordings (takes) by their name; returns None if the name is not such a recording. It is
+            asked before the name is taken for a file.
 
     Raises:
         SettingsError: the name has none of these forms, there is no such scene, or the options ask for disparities of a

@@ -26,7 +26,7 @@ KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folde
 def open_pictures(
     text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
 ) -> PictureSource:
-    """Return the image source of a name, without opening it.
+    """Return the image source of a name, without opening it; a name that is no camera, stream or scene is a path.
 
     Args:
         text: the name, in one of the forms of `KINDS`.
@@ -36,7 +36,8 @@ def open_pictures(
         rate_option: the command's option for the frame rate, named in the note on a video that states none.
 
     Raises:
-        SettingsError: the name has none of these forms, or there is no such scene or camera.
+        SettingsError: the name is empty, a camera's number is none, or there is no such scene or camera of a scene. A
+            missing file or device is noticed only by `PictureSource.open`.
     """
     wishes = wishes or CameraWishes()
     if text.startswith(LIVE):
@@ -62,18 +63,25 @@ def open_pictures(
 
 
 def is_live(text: str) -> bool:
-    """Whether a name means a source of live images instead of a file or folder."""
+    """Whether a name means a camera, a stream or a rendered scene instead of a file or folder."""
     return text.startswith((LIVE, RENDERED, *STREAMS)) or camera_number(text) is not None
 
 
 def one_picture(
     text: str, frame: int | None = None, wishes: CameraWishes | None = None, *, seed: int = 0
 ) -> tuple[NDArray[np.uint8], SourceState]:
-    """Read one image of a source without waiting for real time; return it and the source's state.
+    """Read one image of a source and close the source, such as to learn colours from it.
+
+    A file's or scene's image is read at once; a camera's earlier images are awaited and discarded.
 
     Args:
-        text, wishes, seed: as in `open_pictures`.
-        frame: number of the image, from 0; None is the first of a video and the `SETTLED`-th of a camera.
+        text: name of the source, in one of the forms of `KINDS`.
+        wishes: requested camera settings; None for the camera's present ones.
+        seed: random seed of a rendered scene.
+        frame: number of the image, from 0; None is number 0 of a video or scene and number `SETTLED` of a camera.
+
+    Returns:
+        The image (height, width, 3) uint8 BGR, and the source's state; of a file only its size is known.
 
     Raises:
         SettingsError: as in `open_pictures`.

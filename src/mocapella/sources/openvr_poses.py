@@ -19,18 +19,24 @@ _NOT_FOLLOWED: Final = 4
 
 
 class OpenVrPoses:
-    """The devices of a running OpenVR. A context manager.
+    """The devices of a running OpenVR (headset, controllers, trackers; not base stations). A context manager.
+
+    The constructor connects to OpenVR; leaving the context disconnects.
+
+    Args:
+        sensor: name of the sensor, for the frames.
+        space: name of the tracking system's coordinate system, for the frames.
+        openvr: the package ``openvr``; imported if None.
 
     Attributes:
+        sensor, space: as given.
         invalid: number of poses that OpenVR marked as invalid so far.
+
+    Raises:
+        SettingsError: the package is not installed, or OpenVR is not running; states a remedy.
     """
 
     def __init__(self, sensor: str, space: str, *, openvr: Any = None) -> None:
-        """Connect to OpenVR; ``openvr`` is the package, imported if None.
-
-        Raises:
-            SettingsError: the package is not installed, or OpenVR is not running; states a remedy.
-        """
         self.sensor, self.space, self.invalid = sensor, space, 0
         self._openvr = openvr if openvr is not None else _package()
         try:
@@ -41,7 +47,14 @@ class OpenVrPoses:
         self._serials: dict[int, str] = {}
 
     def poll(self, at_ns: int) -> PoseFrame:
-        """Read the newest poses of all devices, without prediction, as a frame with the capture time ``at_ns``."""
+        """Read the newest poses of all connected devices, without prediction.
+
+        A device with an invalid pose is in the frame as not tracked, with NaN; one that OpenVR does not report as
+        running well is inferred. The frame has no bodies if no device is connected.
+
+        Args:
+            at_ns: the present time, which becomes the frame's capture time [ns].
+        """
         vr = self._openvr
         poses = self._system.getDeviceToAbsoluteTrackingPose(
             vr.TrackingUniverseStanding, 0.0, vr.k_unMaxTrackedDeviceCount

@@ -54,10 +54,15 @@ class OscMessage(NamedTuple):
 
 
 def messages(data: bytes, depth: int = 0) -> Iterator[OscMessage]:
-    """Decode a datagram's messages, including nested bundles; ``depth`` is the present nesting.
+    """Decode a datagram's messages one by one, also in nested bundles; bundles' time tags are ignored.
+
+    Args:
+        data: the datagram.
+        depth: the present nesting; leave it at 0.
 
     Raises:
-        BadOscError: the datagram is not valid OSC, or is nested too deeply.
+        BadOscError: the datagram is not valid OSC, or its bundles are nested more than four deep. Messages before the
+            invalid one have been yielded.
     """
     if data[:8] != b"#bundle\0":
         yield _message(data)
@@ -135,7 +140,7 @@ class OscReport:
         bad: number of datagrams that are not valid OSC.
         unknown: number of messages with unsupported addresses.
         refused: number of messages with a supported address and unusable arguments, by reason.
-        too_soon: number of datagrams above the highest rate.
+        too_soon: number of datagrams above the highest rate, which were ignored.
         addresses: the first few of the unsupported addresses.
     """
 
@@ -149,10 +154,19 @@ class OscReport:
 
 
 class OscPoses:
-    """Decoder of one tracker's datagrams into frames.
+    """Decoder of one tracking program's datagrams into frames of poses, in the axes that the module describes.
+
+    A VMC device's poses without ``/Local`` are ignored after its first one with it. VRChat sends rotations separately:
+    a position is joined with the tracker's last rotation, or with none.
+
+    Args:
+        sensor: name of the sensor, for the frames.
+        space: name of the tracking program's coordinate system, for the frames.
+        most_hz: highest rate of datagrams, averaged over a second; those above it are ignored [Hz].
 
     Attributes:
-        report: counts of the datagrams.
+        sensor, space: as given.
+        report: counts of the datagrams; updated in place.
     """
 
     def __init__(self, sensor: str, space: str, *, most_hz: float = 2000.0) -> None:
@@ -165,11 +179,15 @@ class OscPoses:
         self._rotations: dict[str, Float64] = {}
 
     def update(self, data: bytes, at_ns: int) -> PoseFrame | None:
-        """Decode a datagram into a frame of bodies; None if it has no pose.
+        """Decode a datagram into a frame of the bodies in it; nothing is raised for an invalid one.
 
         Args:
             data: the datagram.
-            at_ns: its time of arrival, which becomes the frame's capture time; OSC's own times are not reliable.
+            at_ns: its time of arrival, which becomes the frame's capture time [ns]; OSC's own times are not reliable.
+
+        Returns:
+            The frame; None if the datagram has no usable pose, is not valid OSC, exceeds the highest rate, or is not
+            later than the last frame.
         """
         report = self.report
         report.datagrams += 1
@@ -268,7 +286,10 @@ _TRACKERS: Final = frozenset(["head", *map(str, range(1, 9))])
 
 
 def unity_quaternion(degrees: Float64) -> Float64:
-    """Convert Unity's Euler angles x, y, z [°] to a quaternion (4,) w, x, y, z in right-handed axes."""
+    """Convert Unity's Euler angles (3,) x, y, z [°] to a unit quaternion (4,) w, x, y, z in right-handed axes.
+
+    The right-handed axes are Unity's with z reversed.
+    """
     x, y, z = np.radians(degrees)
     c, s = math.cos(z), math.sin(z)
     about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -277,7 +298,7 @@ def unity_quaternion(degrees: Float64) -> Float64:
 
 
 def encode(address: str, *arguments: Any) -> bytes:
-    """Encode a message: floats as float32, ints as int32, and strings."""
+    """Encode an OSC message, such as for a test: floats as float32, ints (and bools) as int32, and strings."""
 
     def padded(data: bytes) -> bytes:
         return data + b"\0" * (4 - len(data) % 4)
@@ -299,5 +320,5 @@ def bundle(*parts: bytes) -> bytes:
 
 
 def as_json(report: OscReport) -> Mapping[str, Any]:
-    """Return the counts for ``--json``."""
+    """Return the counts of a report by name, as JSON types, for ``--json``."""
     return {**vars(report), "refused": dict(report.refused)}

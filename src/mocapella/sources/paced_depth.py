@@ -12,7 +12,9 @@ from mocapella.sources.picture_source import Picture, SourceState
 
 
 class PacedDepth:
-    """A recording of depth images as an image source. Unreadable images are skipped.
+    """A recording of depth images as an image source (`PictureSource`). Unreadable images are skipped.
+
+    Images are never dropped: if they are read too slowly, they come late. `open` begins from the first image again.
 
     Args:
         recording: the recording; its first image is due at `begin`.
@@ -20,7 +22,9 @@ class PacedDepth:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        damaged: number of unreadable images so far.
+        name, live, times: as in `PictureSource`.
+        recording: as given.
+        damaged: number of unreadable images since `open`.
     """
 
     live = False
@@ -35,17 +39,17 @@ class PacedDepth:
         self._images: Iterator[tuple[int, RecordedDepth]] = iter(())
 
     def open(self) -> SourceState:
-        """Open the source and return its state; see `PictureSource.open`."""
+        """Begin with the recording's first image, and return the recording's state: size, rate, unit and lens."""
         self._number = self._last_ns = self.damaged = 0
         self._images = self._timed()
         return self.recording.state
 
     def begin(self, zero_s: float) -> None:
-        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
+        """Set the time on the monotonic clock at which the first image is due [s]."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
+        """Wait until the next image is due; None at the end, or if ``stop`` is set. See `PictureSource.read`."""
         begin_s = self._clock()
         for due_ns, image in self._images:
             if image.depth is None:
@@ -60,7 +64,7 @@ class PacedDepth:
         return None
 
     def close(self) -> None:
-        """Release the source's resources; see `PictureSource.close`."""
+        """End the images: `read` returns None until the source is opened again."""
         self._images = iter(())
 
     def _timed(self) -> Iterator[tuple[int, RecordedDepth]]:

@@ -25,10 +25,11 @@ USUAL_FPS: Final = 30.0
 
 
 class PacedPictures:
-    """A video, an image, or a folder's images by name.
+    """A video, an image, or a folder's images in the order of their names, as an image source (`PictureSource`).
 
-    The first image is due at `begin`. Frames of a video have the container's times (``CAP_PROP_POS_MSEC``) as long as
-    these rise; otherwise a frame follows the last one after one period of the frame rate.
+    The first image is due at `begin`. Images are never dropped: if they are read too slowly, they come late. Frames of
+    a video have the container's times (``CAP_PROP_POS_MSEC``) as long as these rise; otherwise a frame follows the last
+    one after one period of the frame rate.
 
     Args:
         path: path of the video, image or folder.
@@ -36,6 +37,9 @@ class PacedPictures:
         loop: whether it repeats.
         rate_option: the command's option for ``fps``, named in the note on a video that states no rate.
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        name, live, times: as in `PictureSource`.
     """
 
     live = False
@@ -58,7 +62,11 @@ class PacedPictures:
         self._capture: cv2.VideoCapture | None = None
 
     def open(self) -> SourceState:
-        """Open the source and return its state; see `PictureSource.open`."""
+        """Open the source from its first image and return its state; see `PictureSource.open`.
+
+        Raises:
+            InputError: the path does not exist, is no video or image, or is a folder without images.
+        """
         self.close()
         self._number, self._next_s = 0, 0.0
         path = self._path
@@ -85,11 +93,11 @@ class PacedPictures:
         return SourceState((size[0], size[1]), self._fps, problems=problems)
 
     def begin(self, zero_s: float) -> None:
-        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
+        """Set the time on the monotonic clock at which the first image is due [s]."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
+        """Wait until the next image is due; None at the end, or if ``stop`` is set. See `PictureSource.read`."""
         found = next(self._frames, None)
         if found is None:
             return None
@@ -101,7 +109,7 @@ class PacedPictures:
         return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), retrieval_s)
 
     def close(self) -> None:
-        """Release the source's resources; see `PictureSource.close`."""
+        """Close the file: `read` returns None until the source is opened again. May be called twice."""
         self._frames = iter(())
         if self._capture is not None:
             self._capture.release()

@@ -30,7 +30,7 @@ class Picture:
         image: (height, width, 3) uint8 BGR; of a depth camera, (height, width) uint16 distances along the optical axis,
             in the unit of the source's state.
         time_ns: capture time on the source's own clock, above 0 and rising.
-        number: index of the image among those of the source, from 0.
+        number: number of images that the source has given before this one.
         ready_s: time at which the decoded image was available, on this machine's monotonic clock [s].
         retrieval_s: duration of the decoding, without the wait for the image [s].
     """
@@ -55,7 +55,8 @@ class SourceState:
         size_px: (width, height) that the source states; None if unknown before the first image.
         fps: requested frame rate, or the rate that the source states [Hz]; None if unknown.
         controls: exposure, gain and others, as read back from the camera.
-        problems: requested settings that the source did not accept, each a sentence with a remedy.
+        problems: requested settings that the source did not accept, or values that it had to assume, each a sentence
+            with a remedy.
         unit_m: length of a unit of a depth camera's image [m]; None if unknown, or no depth camera.
         lens: (9,) intrinsics of a depth camera, see `mocapella.geometry.lens`; None if unknown, or no depth camera.
     """
@@ -87,13 +88,16 @@ class PictureSource(Protocol):
         ...
 
     def begin(self, zero_s: float) -> None:
-        """Set the source's time 0, on the monotonic clock [s]; cameras ignore this, since they have their own clock."""
+        """Set the source's time 0, on the monotonic clock [s], after `open` and before the first `read`.
+
+        Recordings are played from then on in real time; cameras ignore this, since they have their own clock.
+        """
         ...
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None when there are no more."""
+        """Wait for the next image; None if a recording has ended, a camera is lost, or ``stop`` is set."""
         ...
 
     def close(self) -> None:
-        """Release the source's resources."""
+        """Release the source's resources; may be called twice, or before `open`."""
         ...

@@ -30,9 +30,9 @@ class ImageReference(msgspec.Struct, frozen=True):
     """A reference that a frame has instead of pixels.
 
     Attributes:
-        path: path of the video, image or folder of images.
+        path: absolute path of the video, image or folder of images.
         sha256: hash of its content, see `checksum`.
-        frame: number of the frame, from 0.
+        frame: number of the frame, from 0; in a folder, the image's index in the order of names.
     """
 
     path: str
@@ -41,7 +41,7 @@ class ImageReference(msgspec.Struct, frozen=True):
 
 
 def checksum(path: Path) -> str:
-    """Return the SHA-256 of a file, or of a folder's images in the order of their names, in hexadecimal digits.
+    """Return the SHA-256 of a file, or of a folder's images and their names in order, in hexadecimal digits.
 
     Raises:
         InputError: it cannot be read.
@@ -61,10 +61,10 @@ def checksum(path: Path) -> str:
 
 
 def referred(frame: ImageFrame, path: Path, sha256: str, number: int) -> ImageFrame:
-    """Return a frame with a reference instead of its pixels.
+    """Return a copy of a frame with a reference instead of its pixels; `ReferencedImages.resolve` is the inverse.
 
     Args:
-        frame: the frame.
+        frame: the frame; not changed.
         path: path of the video, image or folder of images.
         sha256: hash of its content, see `checksum`.
         number: number of the video's frame, from 0.
@@ -74,13 +74,19 @@ def referred(frame: ImageFrame, path: Path, sha256: str, number: int) -> ImageFr
 
 
 class ReferencedImages:
-    """Reader of referenced videos; reading a video's frames in rising order is fast, going back is slow."""
+    """Reader of the images that `referred` replaced by references, for the replay of a take.
+
+    A video's content is compared with its checksum once, at its first frame. Reading its frames in rising order is
+    fast; going back reads it from the beginning.
+    """
 
     def __init__(self) -> None:
         self._videos: dict[str, _Video] = {}
 
     def resolve(self, frame: ImageFrame) -> ImageFrame:
-        """Replace a frame's reference by the pixels; a frame with pixels is returned unchanged.
+        """Return a copy of a frame with the pixels (height, width, 3) uint8 BGR, format ``raw``, for its reference.
+
+        A frame without a reference is returned itself. Do not change the pixels: a repeated frame shares them.
 
         Raises:
             InputError: the video does not exist, has changed, or has no such frame.

@@ -10,7 +10,7 @@ from mocapella.registry import Table
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of `mocapella doctor`.
+    """One line of the report of `mocapella doctor`, which checks the installation.
 
     Attributes:
         what: the subject, such as a device or package.
@@ -27,7 +27,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Source:
-    """A source of frames.
+    """The descriptor of a source of frames, which a package registers as an entry point of ``mocapella.sources``.
 
     Attributes:
         interface: version of the descriptor's interface, see `mocapella.registry`.

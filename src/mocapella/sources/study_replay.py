@@ -102,7 +102,13 @@ class _Track(msgspec.Struct, frozen=True, eq=False):
 
 
 class StudyReplay:
-    """A study log as one or two sensors.
+    """A study log as one or two sensors. The constructor sorts the rows into frames.
+
+    Args:
+        log: the study log.
+        sensors: the end of a ``Kinect_Id`` → the sensor's name; see `mocapella.sources.study_sensors.sensor_names`.
+        placement: the placement to replay, or None for the file's only one. A file that states −9999 is assumed to have
+            the one given.
 
     Attributes:
         log: the file.
@@ -114,24 +120,16 @@ class StudyReplay:
             ``T_reference_second``; the others' differ from it as the thesis' calibrations for the two people differ, so
             that the replayed sensor has one camera frame.
         report: counts of rows and frames.
+
+    Raises:
+        SettingsError: there is no such placement, or a sensor's name is invalid or shared by two Kinects.
+        InputError: the file does not have or state that placement, has more than two Kinects, no constant reference
+            sensor, an invalid person or time, or times that go back by more than `MAX_STEP_BACK`.
     """
 
     def __init__(
         self, log: StudyLog, *, sensors: Mapping[str, str] = STUDY_SENSORS, placement: str | None = None
     ) -> None:
-        """Sort the rows into frames.
-
-        Args:
-            log: the study log.
-            sensors: the end of a ``Kinect_Id`` → the sensor's name; see `mocapella.sources.study_sensors.sensor_names`.
-            placement: the placement to replay, or None for the file's only one. A file that states −9999 is assumed
-                to have the one given.
-
-        Raises:
-            SettingsError: there is no such placement, or a sensor's name is invalid or shared by two Kinects.
-            InputError: the file does not have or state that placement, has more than two Kinects, no constant reference
-                sensor, an invalid person or time, or times that go back by more than `MAX_STEP_BACK`.
-        """
         self.log = log
         rows, self.placement = rows_of_placement(log, placement)
         names = sensor_names(log, rows, sensors)
@@ -157,13 +155,15 @@ class StudyReplay:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first frame to the last."""
+        """Time from the first frame of any sensor to the last [s]."""
         return (max(int(track.at_ns[-1]) for track in self._tracks.values()) - self._zero_ns) / NS_PER_S
 
     def frames(self, sensor: str) -> Iterator[tuple[float, BodyFrame]]:
-        """Yield one sensor's frames in the order of capture, each with its due time.
+        """Yield one sensor's frames in the order of capture, each with its due time, for a replay in real time.
 
-        Returns:
+        Positions are in the sensor's own camera frame. ``node_id`` and ``sent_ns`` are 0: the publisher sets them.
+
+        Yields:
             (due_s, frame): time since the first frame of the *file* [s], so that nodes started together stay in step.
 
         Raises:
@@ -176,7 +176,9 @@ class StudyReplay:
         return ((due, track.frame(number)) for number, due in enumerate(due_s))
 
     def arrivals(self) -> Iterator[Arrival]:
-        """Yield all sensors' frames in the order of ``at_ns``; at the same instant, the reference sensor's comes first.
+        """Yield all sensors' frames in the order of ``at_ns``, for tracking without a network.
+
+        At the same instant, the reference sensor's comes first.
 
         ``at_ns`` is Unix time. The offset of a sensor's clock is the least difference between ``Tracker_Time`` and
         ``Skeleton_Time`` in the file: the program wrote a row after drawing it, so every other difference includes a

@@ -47,8 +47,10 @@ def refuse(log: StudyLog, rows: NDArray[np.intp], name: str, problem: str, fix: 
 def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.intp], str]:
     """Select the rows of the placement ``wanted``, or of the file's only one.
 
+    A file that states no placement (−9999 in every row) has the wanted one in all rows.
+
     Returns:
-        Indices (k,) of the rows, and the placement's name; empty if the file does not state one.
+        Indices (k,) of the rows, and the placement's name; empty if the file does not state one and none is wanted.
 
     Raises:
         SettingsError: there is no such placement; lists the known ones.
@@ -85,6 +87,11 @@ def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, st
     An id that ends in none of ``sensors`` is itself the name, with ``-`` in place of invalid characters, and
     ``kinect-`` before a bare number.
 
+    Args:
+        log: the file.
+        rows: (k,) indices of the rows to use.
+        sensors: the end of a ``Kinect_Id`` → the sensor's name, such as `STUDY_SENSORS`.
+
     Raises:
         InputError: there are more than two sensors.
         SettingsError: a name is invalid, or shared by two Kinects.
@@ -110,6 +117,11 @@ def _safe_name(kinect: str) -> str:
 
 def reference_kinect(log: StudyLog, rows: NDArray[np.intp], names: dict[str, str]) -> str:
     """Return the Kinect_Id of the reference sensor: all its rows, and no others, have Skeleton_Id 0.
+
+    Args:
+        log: the file.
+        rows: (k,) indices of the rows to use.
+        names: name of each sensor by its Kinect_Id, for errors.
 
     Raises:
         InputError: there is none, or it changes within the file.
@@ -174,8 +186,13 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
     The placement gives the angle, but not its sign, because either sensor can be the reference. The sign is that of the
     difference of a person's two stand-still angles, since θ grows by a sensor's rotation.
 
+    Args:
+        log: the file.
+        rows: (k,) indices of the rows to use.
+        placement: key of `mocapella.model.session.PLACEMENTS`.
+
     Raises:
-        InputError: the file does not state the sensors' placement.
+        InputError: ``placement`` is empty: the file does not state it.
     """
     if not placement:
         raise InputError(

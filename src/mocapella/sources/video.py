@@ -25,7 +25,10 @@ LIVE: Final = "camera:"
 
 @dataclass(frozen=True)
 class Frames:
-    """A selection of a video's frames: every ``step``-th from ``first`` up to, but not including, ``end``."""
+    """A selection of a video's frames: every ``step``-th from ``first`` up to, but not including, ``end``.
+
+    Frames are numbered from 0. With ``end`` None, the selection goes to the video's end.
+    """
 
     first: int = 0
     end: int | None = None
@@ -60,11 +63,14 @@ def parse_frames(text: str | None) -> Frames:
 def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int, UInt8]]:
     """Read the selected frames of a video, an image, or a folder's images in the order of their names.
 
+    A video is read one image at a time; it ends without an error at a frame that cannot be decoded. The only image of
+    an image file has number 0, and is read whatever the selection.
+
     Yields:
-        Number of the frame, from 0, and image (height, width, 3) uint8 BGR.
+        Number of the frame in the video, from 0, and image (height, width, 3) uint8 BGR, a new array each time.
 
     Raises:
-        InputError: the path cannot be read, or has no image.
+        InputError: the path cannot be read, or has no image; raised when the first image is asked for.
     """
     path = Path(path)
     if path.is_dir():
@@ -79,7 +85,7 @@ def pictures(path: Path | str, frames: Frames = Frames()) -> Generator[tuple[int
 
 
 def read_image(path: Path) -> UInt8:
-    """Read an image file as an array (height, width, 3) uint8 BGR.
+    """Read an image file as an array (height, width, 3) uint8 BGR, turned as its EXIF orientation says.
 
     Raises:
         InputError: the file does not exist, or is not an image.
@@ -95,7 +101,7 @@ def read_image(path: Path) -> UInt8:
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Open a video's file.
+    """Open a video's file with OpenCV; the caller releases the capture.
 
     Raises:
         InputError: it is no video, or its images have more than `MOST_PX` pixels.
@@ -136,12 +142,15 @@ def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
 
 
 class LiveCameras:
-    """Local cameras, read together: all grab a frame before any image is decoded.
+    """Local cameras, read together: all grab a frame before any image is decoded. The constructor opens them.
 
     Args:
         numbers: the system's numbers of the cameras, by name.
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the clock of the capture times, for all cameras [s].
+
+    Raises:
+        InputError: a camera cannot be opened; the others are closed.
     """
 
     def __init__(
@@ -167,10 +176,10 @@ class LiveCameras:
                 )
 
     def read(self) -> dict[str, tuple[float, UInt8]]:
-        """Read an image from each camera; missing images are counted in ``lost``.
+        """Wait for an image of each camera; a camera that gives none is counted in ``lost`` and omitted.
 
         Returns:
-            Time of the grab on ``clock`` [s], and image (height, width, 3) uint8 BGR, by camera.
+            Time at which the grab began on ``clock`` [s], and image (height, width, 3) uint8 BGR, by camera.
         """
         grabbed = {name: (self._clock(), capture.grab()) for name, capture in self._captures.items()}
         found: dict[str, tuple[float, UInt8]] = {}
@@ -193,10 +202,15 @@ def read_timestamps(path: Path | str, cameras: Sequence[str]) -> dict[str, list[
 
     The file is CSV with a column ``camera`` (or ``cam_id``, ``port``), a column ``time_s`` (or ``frame_time``) and, if
     rows are missing or out of order, a column ``frame`` (or ``frame_index``). Without the latter, a camera's rows in
-    the order of their times are its frames. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig.
+    the order of their times are its frames. A camera ``1`` of the file is ``1`` or ``cam_1`` of the rig. Rows of other
+    cameras, and rows without a time, are ignored.
+
+    Args:
+        path: the file.
+        cameras: names of the cameras to read.
 
     Returns:
-        Capture times by camera, on the file's clock [s]; NaN for a frame without a row.
+        Capture times by camera, indexed by frame number, on the file's clock [s]; NaN for a frame without a row.
 
     Raises:
         InputError: a column or a camera is missing, or a value is not a number.

@@ -33,8 +33,8 @@ class Video(msgspec.Struct, frozen=True):
     Attributes:
         path: path of the video, image or folder.
         size_px: (width, height) of the images.
-        rate_hz: frame rate [Hz]; None if unknown, as for a folder of images.
-        count: number of frames according to the header; None if it states none.
+        rate_hz: frame rate [Hz]; None if unknown, as for an image or a folder of images.
+        count: number of frames according to the header, or number of images; None if the header states none.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class Video(msgspec.Struct, frozen=True):
 
 
 def probe(path: Path) -> Video:
-    """Open a video, an image or a folder of images, and read its properties.
+    """Read the properties of a video, an image or a folder of images; its first image is decoded for the size.
 
     Raises:
         InputError: it cannot be read, or has no image.
@@ -69,7 +69,7 @@ def probe(path: Path) -> Video:
 
 
 class VideoSet:
-    """The videos of a rig's cameras.
+    """The videos of a rig's cameras, as synchronised images. Each iteration reads them from the beginning.
 
     Args:
         paths: a video, an image or a folder of images for each camera, by any name that `match_cameras` knows.
@@ -83,12 +83,13 @@ class VideoSet:
         rig: the cameras that have videos, with intrinsics for the videos' image sizes.
         videos: properties of the videos, by the rig's camera names.
         rate_hz: frame rate before the selection [Hz].
-        count: number of selected frames; None if unknown.
-        notes: choices and omissions to report, one line each.
+        count: number of selected frames, by the headers; None if unknown.
+        notes: choices and omissions to report, one line each; the iteration adds videos that end early.
 
     Raises:
-        InputError: there is no video, or one cannot be read, is of a camera that the rig does not have, or has another
-            frame rate than the others or another size than the calibration's.
+        InputError: there is no video, none of the selected frames, or no known frame rate; or a video cannot be read,
+            is of a camera that the rig does not have, or has another frame rate than the others (unless ``rate_hz`` is
+            given) or another size than the calibration's.
         SettingsError: unknown ``other_size``.
     """
 
@@ -119,21 +120,21 @@ class VideoSet:
         self.count = self._count()
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Video and image size by camera, for ``--json``."""
+        """Return video and image size by camera, as JSON types, for ``--json``."""
         return {
             name: {"video": str(self.videos[name].path), "size_px": list(self.videos[name].size_px)}
             for name in self.rig.cameras
         }
 
     def summary(self) -> dict[str, Any]:
-        """Summary of the run, for ``--json``: empty."""
+        """Return an empty summary: `FrameSource.summary` has nothing to report of videos."""
         return {}
 
     def __iter__(self) -> Iterator[FrameSet]:
         """Yield the selected frames, each with an image of every camera, to the end of the shortest video.
 
         Raises:
-            InputError: the images of a folder differ in size.
+            InputError: the images of a folder or video differ in size, or a file cannot be read any more.
         """
         with ExitStack() as stack:
             shown = {

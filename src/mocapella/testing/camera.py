@@ -20,16 +20,18 @@ class FakeCamera:
     """A live camera with synthetic images, which can be disconnected.
 
     Args:
-        state: state that `open` returns. With ``unit_m``, it is a depth camera. Images come at ``fps``, or as fast as
-            they are read if that is None; their times are exact multiples of 1 / fps (of 1/30 s) above 0.
-        image: function of an image's number, from 0, that returns the image, of the state's size. By default, every
-            pixel is the number modulo 256 (of a depth camera, 700 plus the number modulo 256).
-        name: as a user would write it.
+        state: state that `open` returns; by default, a colour camera of 64 x 48 px at 30 Hz. With ``unit_m``, it is a
+            depth camera. Images come at ``fps``, or at once when read if that is None; their capture times are
+            exact multiples of 1 / fps (of 1/30 s) above 0.
+        image: function of an image's number, from 0, that returns the image, of the state's size: (height, width, 3)
+            uint8 BGR, or of a depth camera (height, width) uint16. By default, every pixel is the number modulo 256 (of
+            a depth camera, 700 plus the number modulo 256).
+        name: name of the source, as a user would write it.
 
     Attributes:
-        plugged: set it to False to pull the plug: reading returns None, and opening raises `InputError`.
+        plugged: set it to False to disconnect the camera: `read` returns None, and `open` raises `InputError`.
         opened, closed: number of times that it was opened and closed.
-        count: number of images so far, over all openings.
+        count: number of images so far, over all openings; the next image's number.
     """
 
     live = True
@@ -50,7 +52,7 @@ class FakeCamera:
         """Open the camera and return its state.
 
         Raises:
-            InputError: the plug is pulled.
+            InputError: ``plugged`` is False.
         """
         if not self.plugged:
             raise InputError("cannot be opened", file=self.name, fix="set its attribute plugged to True")
@@ -61,7 +63,10 @@ class FakeCamera:
         """Do nothing: a camera has a clock of its own."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None if ``stop`` is set or the plug is pulled meanwhile."""
+        """Wait for the next image; return None if ``stop`` is set or ``plugged`` is False, before or meanwhile.
+
+        The image comes one frame interval after the call, also before `open` and after `close`.
+        """
         due_s = time.monotonic() + (1 / self._state.fps if self._state.fps else 0.0)
         while self.plugged and not stop.is_set():
             left_s = due_s - time.monotonic()
@@ -73,7 +78,7 @@ class FakeCamera:
         return None
 
     def close(self) -> None:
-        """Count the call."""
+        """Count the call in ``closed``; nothing else changes."""
         self.closed += 1
 
     def _numbered(self, number: int) -> Image:

@@ -26,9 +26,14 @@ _PNG = bytes.fromhex(
 def example_frames(
     sensor: str = "front", *, node_id: int = 1, sequence: int = 0, time_ns: int = 1
 ) -> list[SensorFrame]:
-    """Return one frame of each type that Mocapella ships, with the same sensor, node id, sequence number and time.
+    """Return one small frame of each type that Mocapella ships: bodies, markers, poses, depth, arms and an image.
 
-    ``time_ns`` is the capture time, on the sensor's own clock.
+    Their contents are arbitrary but valid. They serve to test codecs and programs that must handle every type.
+
+    Args:
+        sensor: name of the sensor, the same for all frames.
+        node_id, sequence: id of the node and number of the frame, the same for all.
+        time_ns: capture time, on the sensor's own clock.
     """
     kinect = topology("kinect_v2")
     points = np.linspace(0.0, 1.0, 3 * len(ARM_POINTS)).reshape(-1, 3)

@@ -26,18 +26,22 @@ Obey = Callable[[str, dict[str, Any]], CommandReply]
 class FakeServer:
     """A server without tracker and recorder, which a test directs. A context manager; leaving it leaves the bus.
 
-    Nodes join it and send frames; readers receive the scenes and statuses that the test publishes; commands are kept
-    and answered.
+    It listens from its construction. Nodes join it and send frames; readers receive the scenes and statuses that the
+    test publishes; commands are kept and answered. Every node is admitted.
 
     Args:
-        address: to listen at; a free port of the loopback if empty.
-        obey: answers a command, given its verb and arguments; by default every command succeeds.
+        address: address to listen at, such as ``tls/127.0.0.1:40123``; a free port of the loopback if empty.
+        obey: function that answers a command, given its verb and arguments, in a thread of the bus; by default every
+            command succeeds.
 
     Attributes:
-        address: such as ``tls/127.0.0.1:40123``: what nodes and readers connect to.
-        frames: frames received so far, in order.
+        address: address that nodes and readers connect to.
+        frames: frames received so far, in order of arrival.
         commands: commands received so far, as (verb, arguments).
-        problems: messages that could not be read.
+        problems: descriptions of messages that could not be read.
+
+    Raises:
+        AddressInUseError, BusError, KeyFileError: the server cannot listen.
     """
 
     def __init__(self, address: str = "", obey: Obey = lambda verb, arguments: CommandReply(True)) -> None:
@@ -57,15 +61,15 @@ class FakeServer:
         )
 
     def publish(self, scene: Scene) -> None:
-        """Send a scene to all readers."""
+        """Send a scene to the readers that are connected now; slow readers may miss it."""
         self._link.publish_scene(encode_scene(scene))
 
     def publish_status(self, status: SessionStatus) -> None:
-        """Send a status to all readers, such as `session_status` makes."""
+        """Send a status, such as `session_status` makes, to the readers that are connected now."""
         self._link.publish_status(msgspec.json.encode(status))
 
     def wait_for(self, frames: int = 0, commands: int = 0, timeout_s: float = 30.0) -> None:
-        """Wait until at least so many frames and commands have arrived.
+        """Wait until at least so many frames and commands have arrived since the server was made.
 
         Raises:
             AssertionError: fewer have arrived after ``timeout_s`` seconds; says how many.
@@ -111,7 +115,12 @@ def _accept(_node: NodeKey, _arguments: dict[str, Any], answer: Callable[[bytes]
 
 
 def sensor_health(name: str, **changes: Any) -> SensorHealth:
-    """Return the health of a connected sensor at 30 frames a second; ``changes`` replaces fields."""
+    """Return the health of a connected sensor at 30 frames a second, for tests of status displays.
+
+    Args:
+        name: name of the sensor.
+        changes: values of fields of `SensorHealth` that differ.
+    """
     health = SensorHealth(
         name, node_id=7, connected=True, silent=False, local=False, bodies=2, rate_hz=30.0, latency=0.0021,
         frames=900, dropped=0, rejected=0, clock_offset=0.0123, clock_bound=0.0004, stored=0, lost=0, tilt=0.0,
@@ -121,7 +130,11 @@ def sensor_health(name: str, **changes: Any) -> SensorHealth:
 
 
 def session_status(**changes: Any) -> SessionStatus:
-    """Return the status of a session that tracks two people with three sensors; ``changes`` replaces fields."""
+    """Return the status of a session that tracks two people with three sensors, for tests of status displays.
+
+    Args:
+        changes: values of fields of `SessionStatus` that differ.
+    """
     status = SessionStatus(
         revision=3, running=True, phase="tracking", sensors_missing=0, frames_remaining=0, frames_wanted=120,
         reason="", counts={"people": 2}, scenes=900, scenes_hz=90.0, setup=Setup(sensors_expected=3),

@@ -21,8 +21,11 @@ def check_tracker(make: Callable[[], Tracker], arrivals: Sequence[Arrival]) -> l
     - The report counts each frame once, as kept or rejected.
 
     Args:
-        make: function that creates a new tracker, always with the same settings.
+        make: function that creates a new tracker, always with the same settings; it is called several times.
         arrivals: frames in the order of their arrival; enough to track something.
+
+    Returns:
+        The scenes of the first tracker, one for each arrival.
 
     Raises:
         AssertionError: a promise is broken; says which, and at which step.

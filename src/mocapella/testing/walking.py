@@ -37,14 +37,14 @@ _SIDE = {  # across, height, forward, and amplitude of the swing [m]
 
 @dataclass(frozen=True)
 class Walker:
-    """A person who walks a figure of eight, or stands if ``speed`` is 0.
+    """A person who walks a figure of eight, or stands and faces -z, towards `FRONT`, if ``speed`` is 0.
 
     Attributes:
         centre: centre of the figure of eight, (x, z) in the world [m].
-        speed: speed along the figure [m/s].
-        phase: phase on the figure at time 0 [rad].
-        stature: height of the person [m].
-        size: half the figure's width [m].
+        speed: approximate speed along the figure [m/s].
+        phase: phase on the figure at time 0 [rad]; 0 and π are at its centre.
+        stature: height of the person; all proportions are scaled to it [m].
+        size: half the figure's extent in x [m]; its extent in z is half as large.
     """
 
     centre: tuple[float, float] = (0.0, 2.8)
@@ -54,7 +54,14 @@ class Walker:
     size: float = 0.8
 
     def at(self, t: float) -> Float64:
-        """Return the joints (25, 3) of the topology ``kinect_v2`` at a true time [s], world, y up, floor at 0 [m]."""
+        """Return the exact joint positions at a time.
+
+        Args:
+            t: true time [s].
+
+        Returns:
+            (25, 3) joints of the topology ``kinect_v2`` in the world, y up, floor at 0 [m].
+        """
         a = self.phase + self.speed / self.size * t / 1.5
         x, z = self.size * np.sin(a), self.size * np.sin(2 * a) / 2
         heading = np.arctan2(np.cos(a), np.cos(2 * a)) if self.speed else np.pi
@@ -75,15 +82,18 @@ class Walker:
 class WalkerSensor:
     """A sensor that sees every walker, with noise and without occlusion.
 
+    Each call of `see` or `frame` draws new noise, so equal sensors agree only if they are called in the same order.
+
     Attributes:
         name: name of the sensor.
         T_world_sensor: (4, 4) from the sensor's camera space to the world.
         noise: standard deviation of every coordinate [m].
         clock: clock offset: the sensor's times minus the true times [s].
-        phase: true time of its first frame [s].
+        phase: delay of its frames, which `walking_arrivals` adds to their times [s]; `see` and `frame` ignore it.
         mirrored: whether it swaps left and right.
-        outliers: fraction of the joints that are displaced by about a metre.
+        outliers: fraction of the joints that are displaced, by 1 m standard deviation in each coordinate.
         seed: random seed of the noise, together with the name.
+        rng: the generator of the noise.
     """
 
     name: str
@@ -100,7 +110,15 @@ class WalkerSensor:
         self.rng = np.random.default_rng([self.seed, *self.name.encode()])
 
     def see(self, walkers: Mapping[int, Walker], t: float) -> Bodies:
-        """Return the skeletons of the walkers at a true time [s], in the sensor's camera space."""
+        """Return the skeletons of the walkers with noise, every joint tracked.
+
+        Args:
+            walkers: the people, by tracking id.
+            t: true time [s].
+
+        Returns:
+            Skeletons in the sensor's camera space, by ascending id.
+        """
         seen = []
         for body in sorted(walkers):
             p = apply(inverse(self.T_world_sensor), walkers[body].at(t))
@@ -121,13 +139,13 @@ class WalkerSensor:
 
 
 def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int] | None = None) -> BodyFrame:
-    """Return skeletons as a frame.
+    """Return skeletons of the topology ``kinect_v2`` as a frame.
 
     Args:
         bodies: the skeletons.
         time_ns: capture time, on the sensor's own clock.
         sequence: number of the frame.
-        ids: new tracking id by old one; None keeps the ids.
+        ids: new tracking id by old one; other ids are kept.
     """
     return body_frame(
         bodies.sensor,
@@ -141,9 +159,13 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
 
 
 def standing_at(x: float, z: float, yaw_deg: float = 0.0, height: float = 1.0, tilt_deg: float = 0.0) -> Float64:
-    """Return the pose ``T_world_sensor`` (4, 4) of a sensor at (x, z), ``height`` above the floor [m].
+    """Return the pose ``T_world_sensor`` (4, 4) of a sensor on a stand.
 
-    ``yaw_deg`` is its rotation about the vertical, ``tilt_deg`` its upward tilt [deg].
+    Args:
+        x, z: its position in the world [m].
+        yaw_deg: rotation about the vertical [deg]; 0 looks along +z, positive turns it towards +x.
+        height: its height above the floor [m].
+        tilt_deg: upward tilt [deg].
     """
     turn = rotation_about_y(np.radians(yaw_deg)) @ rotation_about_x(-np.radians(tilt_deg))
     return rigid(turn, (x, height, z))
@@ -166,12 +188,14 @@ def walking_arrivals(
 ) -> list[Arrival]:
     """Return the frames of sensors that see the walkers, at 30 Hz each, in the order of capture.
 
+    The sensors' clocks have no offset, and a frame arrives at its capture time. Equal calls give equal frames.
+
     Args:
         walkers: the people, by tracking id.
         seconds: duration [s].
         sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
             are evenly staggered.
-        begin_s: true time of the first frame [s].
+        begin_s: true time of the first frame [s], rounded to 1/30 s; frames are numbered from ``30 * begin_s``.
         noise, outliers: as in `WalkerSensor`.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors

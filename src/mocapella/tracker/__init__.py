@@ -26,13 +26,13 @@ def make_tracker(
     settings: Mapping[str, Any] | None = None,
     sensors: Mapping[str, SensorPose] | None = None,
 ) -> Tracker:
-    """Create a tracker.
+    """Create a tracker of a method, without any frame yet.
 
     Args:
         method: key of `METHODS`.
         sensors_expected: number of sensors to wait for before calibrating; more may join.
-        settings: the method's settings, by name; the others have their defaults.
-        sensors: pose by sensor name; overrides the frames'.
+        settings: the method's settings, by name, nested as in its settings class; the others have their defaults.
+        sensors: tilt and height by sensor name; they override those in the sensor's frames.
 
     Raises:
         SettingsError: unknown method or setting, or a value out of range; names valid ones.

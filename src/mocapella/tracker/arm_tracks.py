@@ -51,16 +51,21 @@ class ArmTracksSettings:
     Attributes:
         match: association of arms with tracks.
         fusion: fusion of views.
-        fresh_s: age of the oldest view that is used [s].
-        velocity_s: time constant of the velocity filter of a hand as a rigid whole [s].
-        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand [s].
-        acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2 [m/s²].
-        shown_for_s: an unseen arm is reported, as inferred, for this long [s].
-        keep_s: an unseen arm keeps its id if it reappears within this time [s].
-        coast_s: the motion of an unseen arm is extrapolated for this long [s].
-        one_m: two arms that no camera sees together are merged if their palms stay nearer than this [m].
-        one_s: time for which the palms must stay so near [s].
-        gesture_margin: another gesture replaces the present one if its confidence is higher by this, 0 to 1.
+        fresh_s: age of the oldest view that is used; larger: a camera's gaps are bridged for longer, by extrapolation
+            [s].
+        velocity_s: time constant of the velocity filter of a hand as a rigid whole; larger: less jitter of extrapolated
+            views, but more error when the hand turns back [s].
+        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand; larger: likewise
+            [s].
+        acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2;
+            larger: older views count less [m/s²].
+        shown_for_s: time for which an unseen arm is reported, as inferred [s].
+        keep_s: time within which an unseen arm that reappears keeps its id [s].
+        coast_s: time for which the motion of an unseen arm is extrapolated [s].
+        one_m: two arms that no camera sees together are merged if their palms stay nearer than this for ``one_s`` [m].
+        one_s: time for which the palms of two arms must stay within ``one_m`` before they are merged [s].
+        gesture_margin: another gesture replaces the present one if its confidence, summed over the views, is higher by
+            this; larger: gestures change more rarely [0 to 1].
     """
 
     match: ArmMatchSettings = field(default_factory=ArmMatchSettings)
@@ -101,7 +106,7 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass
 class ArmTrack:
-    """A tracked arm: its views by camera, and the fused result in the world.
+    """A tracked arm: its views by camera, and the fused result in the world. `ArmTracks` changes it in place.
 
     Attributes:
         id: constant while the arm is tracked.
@@ -110,9 +115,9 @@ class ArmTrack:
         seen_s: capture time of the newest image that shows it, on the common clock [s].
         at_s: time of the fused values, on the same clock [s].
         points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) `JointState` and (23,) standard deviation of a
-            coordinate [m], in the order of `mocapella.model.arms.ARM_POINTS`.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
-        T_world_palm: (4, 4); None if unknown.
+            coordinate [m], in the order of `mocapella.model.arms.ARM_POINTS`; NaN for an unknown point.
+        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where unknown.
+        T_world_palm: (4, 4) pose of the palm; None if unknown.
         gesture, gesture_sure: recognised gesture, and its confidence from 0 to 1.
         grabbing: whether the hand holds on to something.
         near_since_s: time since which another arm has been at the same position, by that arm's id [s].
@@ -149,7 +154,7 @@ class ArmTrack:
 
         Args:
             at_s: the time to predict to, on the common clock [s].
-            coast_s: the motion is extrapolated for at most this long [s].
+            coast_s: the motion is extrapolated for at most this long, forwards or backwards [s].
         """
         i = _middle(self.points)
         dt = min(max(at_s - self.at_s, -coast_s), coast_s)
@@ -157,11 +162,15 @@ class ArmTrack:
 
 
 class ArmTracks:
-    """Tracks of all arms. The same frames in the same order give the same result.
+    """Tracks arms through the frames of depth cameras. The same frames in the same order give the same result.
+
+    Args:
+        settings: how arms are tracked and reported; the defaults if None.
 
     Attributes:
         tracks: the tracks, in the order of their ids.
         now_s: newest capture time so far, on the common clock [s].
+        next_id: id of the next new track; ids are not reused.
         away: for each camera the smoothed distance of its palms from the mean of all cameras [m], and the time of the
             last update of that distance [s].
         disputed: number of measured points that other views contradicted.
@@ -180,13 +189,18 @@ class ArmTracks:
         self.disputed = 0
 
     def update(self, camera: str, arms: Iterable[SeenArm], at_s: float, places: Mapping[str, Float64]) -> None:
-        """Assign the arms of a camera's frame to tracks, and fuse the views.
+        """Assign the arms of a camera's frame to tracks, and fuse the views; `tracked_arms` returns the result.
+
+        An arm that matches no track begins one. A track that this camera does not see any more loses its view.
 
         Args:
             camera: name of the camera.
-            arms: the arms in this frame, in the camera frame.
-            at_s: capture time on the common clock [s].
-            places: pose ``T_world_camera`` (4, 4) of each calibrated camera, including this one, by name.
+            arms: the arms in this frame, in the camera frame; those without wrist and palm are ignored.
+            at_s: capture time on the common clock [s]; frames may come in any order.
+            places: pose ``T_world_camera`` (4, 4) of each calibrated camera, by name.
+
+        Raises:
+            KeyError: this camera is not in ``places``.
         """
         s, T = self.settings, places[camera]
         self.now_s = max(self.now_s, at_s)
@@ -211,17 +225,21 @@ class ArmTracks:
         self._join()
 
     def advance(self, now_s: float) -> None:
-        """Advance the time to ``now_s`` on the common clock [s], without a new frame."""
+        """Advance the time to ``now_s`` on the common clock [s], without a new frame; an earlier time is ignored."""
         self.now_s = max(self.now_s, now_s)
 
     def forget(self, camera: str) -> None:
-        """Drop a camera's views."""
+        """Drop a camera's views, because its pose is not valid any more; the tracks stay."""
         self.away.pop(camera, None)
         for track in self.tracks:
             track.views.pop(camera, None)
 
     def tracked_arms(self) -> tuple[TrackedArm, ...]:
-        """Return the present arms, in the order of their ids."""
+        """Return the present arms, predicted to `now_s`, in the world and in the order of their ids, without persons.
+
+        An arm that no camera has seen within ``fresh_s`` is inferred, and one unseen for longer than ``shown_for_s`` is
+        missing.
+        """
         return tuple(
             self._tracked_arm(track) for track in self.tracks if self.now_s - track.seen_s <= self.settings.shown_for_s
         )

@@ -47,7 +47,8 @@ class ArmsSettings:
         tracks: tracking and fusion of arms.
         places: calibration of cameras without a rig.
         silent_after_s: a camera without a frame for this long is not waited for [s].
-        moved_m: a camera whose palms are farther than this from the mean of all cameras is reported as moved [m].
+        moved_m: a camera whose palms are on average farther than this from the mean of all cameras is reported as
+            moved; larger: only larger moves are noticed [m].
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)
@@ -61,7 +62,17 @@ class ArmsSettings:
 
 
 class ArmsTracker:
-    """Tracker of the method ``arms``."""
+    """Tracker of the method ``arms``.
+
+    Args:
+        settings: the settings of every stage; the defaults if None.
+        rig: known poses of cameras; if None, the first camera defines the world and arms calibrate the others.
+        sensors_expected: number of cameras to wait for; the scene's phase is WAITING_FOR_SENSORS before.
+        sensors: tilt and height by camera name, for a first camera without a rig.
+
+    Attributes:
+        camera_rig: the rig.
+    """
 
     def __init__(
         self,
@@ -94,7 +105,10 @@ class ArmsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Recalibrate the cameras placed by an arm; cameras of a camera rig keep their poses."""
+        """Recalibrate the cameras placed by an arm or a layout; cameras of a camera rig keep their poses.
+
+        ``reason``, a text for the user, is the state's reason until the next usable frame updates the state.
+        """
         self._restarts += 1
         self._kept = {}
         self._begin_places()
@@ -133,7 +147,7 @@ class ArmsTracker:
         return SensorLayout(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes, for `restore`; see `Tracker`."""
+        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._tracks).items() if name != "settings"},
@@ -143,7 +157,11 @@ class ArmsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot`; see `Tracker`."""
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
         own, tracks, calibration = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._tracks, tracks)
@@ -166,7 +184,10 @@ class ArmsTracker:
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process a depth camera's frame of arms, and return the scene: all tracked arms, and the cameras' poses.
+
+        A frame that cannot be used is counted in `report` and changes nothing: its scene repeats the last results.
+        """
         frame: Any = arrival.frame
         if type(frame) is not ArmFrame:
             problem = not_taken(frame, "arms")

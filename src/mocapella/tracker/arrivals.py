@@ -27,7 +27,7 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest frame, its capture time on the common clock [ns], and the bodies tracked in it."""
+    """A sensor's newest frame, its capture time ``at_ns`` on the common clock [ns], and the bodies tracked in it."""
 
     frame: BodyFrame
     at_ns: int
@@ -41,7 +41,8 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
         problem: why the frame cannot be used; empty if it can.
         sensor: name of the sensor.
         node_changed: whether another process serves this sensor now, so that old tracking ids are invalid.
-        newest: newest frames of all sensors that are not silent, by name, in the order of names.
+        newest: newest frames of all sensors that are not silent, by name, in the order of names; with this frame. Empty
+            if there is a problem.
     """
 
     problem: str
@@ -51,7 +52,15 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
 
 
 class Arrivals:
-    """Keeps each sensor's newest frame until it is silent, and rejects frames that cannot follow it."""
+    """Keeps each body sensor's newest frame, leaves out silent sensors, and rejects frames that cannot be used.
+
+    Args:
+        silent_after_s: a sensor without a frame for longer is silent [s].
+        needed_parts: names of the parts, such as ``root``, that the topology of the frames must have.
+
+    Attributes:
+        topology: topology of the first usable frame, which all frames must have; None before it.
+    """
 
     def __init__(self, silent_after_s: float, needed_parts: Sequence[str]) -> None:
         self._silent_after_ns = round(silent_after_s * NS_PER_S)
@@ -65,7 +74,11 @@ class Arrivals:
         self._now_ns: int | None = None
 
     def update(self, arrival: Arrival) -> Heard:
-        """Store a frame of bodies as its sensor's newest, unless it cannot follow the last one."""
+        """Store a frame of bodies as its sensor's newest, and return the newest frames of all active sensors.
+
+        A frame is rejected, with the reason and without effect, if its topology is another one or lacks a needed part,
+        if its time does not rise, or if two bodies have one tracking id. ``arrival.frame`` must be a `BodyFrame`.
+        """
         frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
         last = self._last.get(frame.sensor)

@@ -29,9 +29,15 @@ GROWN_PX = 4
 class BodiesFitter:
     """The fitters of all bodies, by name; a body is tracked once `start` has set its pose.
 
+    Args:
+        meshes: mesh of each body, by the body's name.
+        rig: the cameras' intrinsics and poses.
+        settings: the settings of every stage; the defaults if None.
+
     Attributes:
         fitters: the fitter of each body, by the body's name.
-        others: (height, width) masks, by body and camera: pixels that the other bodies covered in the last frame.
+        others: (height, width) masks, by body and camera: pixels that the other bodies were expected to cover in the
+            last frame.
     """
 
     def __init__(
@@ -42,7 +48,7 @@ class BodiesFitter:
         self._followed: set[str] = set()
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """Begin to track a body from an approximate pose, without motion.
+        """Begin to track a body from an approximate pose, without motion, or restart it there with its backgrounds.
 
         Args:
             name: name of the body.
@@ -58,11 +64,14 @@ class BodiesFitter:
         self._followed.add(name)
 
     def stop(self, name: str) -> None:
-        """Stop tracking a body."""
+        """Stop tracking a body until its next `start`; an unknown name is ignored."""
         self._followed.discard(name)
 
     def memory(self) -> list[Any]:
-        """Return all state between two frames, for `recall`; after `start` of all."""
+        """Return all state between two frames, for `recall` and a tracker's snapshot; after `start` of all.
+
+        Its mutable values are shared, not copied.
+        """
         return [{name: fitter.memory() for name, fitter in self.fitters.items()}, self._followed]
 
     def recall(self, memory: Sequence[Any]) -> None:
@@ -78,7 +87,7 @@ class BodiesFitter:
             fitter.reset()
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Learn the background from images of the empty room, see `BodyFitter`."""
+        """Learn the background from images of the empty room, by camera; see `BodyFitter.learn_background`."""
         for fitter in self.fitters.values():
             fitter.learn_background(images)
 
@@ -86,12 +95,12 @@ class BodiesFitter:
         """Fit every tracked body to the next frame.
 
         Args:
-            images: simultaneous images (height, width) or (height, width, 3), by camera.
+            images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
             time_ns: capture time, on the common clock.
             waiting: names of lost bodies; they are searched at their last pose and cover nothing there.
 
         Returns:
-            The fitted bodies, by name.
+            The fitted bodies, by name; a body that was not started, or was stopped, is missing.
         """
         present = {name: fitter for name, fitter in self.fitters.items() if name in self._followed}
         covered = {

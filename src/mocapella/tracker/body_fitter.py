@@ -58,8 +58,9 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
         time_ns: capture time, on the common clock.
         pose: position and orientation of the body in the world, and its joint angles.
         landmarks: (n, 3) in the world [m], in the order of the mesh's landmarks.
-        seen: contour and model outline, by camera whose image was used.
-        left_out: the reason why an image was not used, by camera.
+        seen: contour and model outline, by camera whose image was used. Empty: the pose is the predicted one.
+        left_out: the reason why an image was rejected, by camera. A camera may be in neither, because it gave no image
+            or the body is outside.
     """
 
     time_ns: int
@@ -70,7 +71,12 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
 
 
 class BodyFitter:
-    """Fits one body to images, starting from a rough pose.
+    """Fits one body to images, starting from a rough pose: call `start`, then `update` for each frame.
+
+    Args:
+        mesh: the body's mesh.
+        rig: the cameras' intrinsics and poses.
+        settings: the settings of every stage; the defaults if None.
 
     Attributes:
         settings: the settings of every stage.
@@ -89,7 +95,7 @@ class BodyFitter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the pose and the backgrounds."""
+        """Forget the pose and the backgrounds; `start` must follow."""
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
@@ -99,7 +105,10 @@ class BodyFitter:
             self._limb_recovery.reset()
 
     def memory(self) -> list[Any]:
-        """Return all state between two frames, for `recall`; after `start`."""
+        """Return all state between two frames, for `recall` and a tracker's snapshot; after `start`.
+
+        Its mutable values are shared, not copied.
+        """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
         state = [self._past, self._missed, self._as_expected]
@@ -122,12 +131,14 @@ class BodyFitter:
     def start(self, pose: TreePose, time_ns: int) -> None:
         """Begin to track from an approximate pose, without motion.
 
+        Called again, for a lost body, it restarts there and keeps the cameras' sampling and backgrounds.
+
         Args:
             pose: the approximate pose.
-            time_ns: time of the pose, on the common clock.
+            time_ns: time of the pose, on the common clock; before that of the next frame.
 
         Raises:
-            SettingsError: no camera sees the body there.
+            SettingsError: no camera sees the body there, at the first start.
         """
         self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
@@ -147,7 +158,9 @@ class BodyFitter:
         }
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Learn the background from images of the empty room, by camera; after `start`. Moving cameras learn nothing.
+        """Learn the background from images of the empty room; after `start`. Moving cameras learn nothing.
+
+        ``images`` are (height, width) or (height, width, 3) uint8 BGR, by camera; unknown cameras are ignored.
 
         Raises:
             InputError: an image of another size than before.
@@ -158,7 +171,10 @@ class BodyFitter:
                 background.update(without_speckles(image), None)
 
     def expected(self, time_ns: int) -> TreePose:
-        """Predict the pose at the time ``time_ns`` on the common clock, by extrapolating the motion."""
+        """Predict the pose at the time ``time_ns`` on the common clock, by extrapolating the motion; after `start`.
+
+        Until the second frame with the body, the prediction is the last pose. The joint angles are within their limits.
+        """
         (last_ns, last) = self._past[-1]
         if len(self._past) < 2:
             return last
@@ -175,9 +191,12 @@ class BodyFitter:
         """Fit the body to the next frame.
 
         Args:
-            images: simultaneous images, by camera: (height, width) or (height, width, 3) uint8.
-            time_ns: capture time, on the common clock.
+            images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
+            time_ns: capture time, on the common clock; after that of the last frame.
             others: (height, width) masks, by camera: pixels of other people, which are no evidence for this body.
+
+        Returns:
+            The fitted body; if no image shows it, its pose is the predicted one, and ``seen`` is empty.
         """
         others = others or {}
         s = self.settings
@@ -296,7 +315,10 @@ class BodyFitter:
         return farthest_apart_m(these, those) <= steps * nearest_m
 
     def covered(self, pose: TreePose, grown_px: int = 0) -> dict[str, Bool]:
-        """Return the mask (height, width) of the posed body in each camera, by name, dilated by ``grown_px``."""
+        """Return the mask (height, width) of the posed body in each camera, by name, dilated by ``grown_px`` [px].
+
+        Where the body is outside the image, the mask is all False. The state does not change.
+        """
         vertices, out = posed(self.mesh, pose), {}
         for name, by in self.eyes.items():
             step = self._cameras[name].step_px if name in self._cameras else USUAL_STEP_PX

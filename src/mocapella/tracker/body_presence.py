@@ -56,7 +56,7 @@ class BodyPresence(msgspec.Struct, eq=False):
         initial: the pose that was given.
         pose: the last one that enough cameras saw completely and clearly; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
-        seen_ns: when the body was last seen.
+        seen_ns: capture time of the last frame that showed the body, on the common clock.
         whole_in: number of images that showed the whole body then.
         lost: whether the body is lost.
         came: whether the body has been seen at all.
@@ -73,7 +73,10 @@ class BodyPresence(msgspec.Struct, eq=False):
     placed: bool = True
 
     def away(self, time_ns: int) -> bool:
-        """Whether the body has been unseen for so long that it is absent."""
+        """Return whether the body is absent at a time on the common clock, because it has been unseen for too long.
+
+        A lost body is absent until it is seen again; another one after `LOST_AFTER_S`.
+        """
         return (self.lost and time_ns > self.seen_ns) or time_ns - self.seen_ns >= LOST_AFTER_S * NS_PER_S
 
 
@@ -81,11 +84,11 @@ class SilhouettePresence:
     """Decides for each frame which of the fitted bodies are present, and where the fitter searches for the others.
 
     Args:
-        fitters: of the bodies.
-        rig: of the cameras.
+        fitters: the fitters of all bodies; `update` restarts a lost body's.
+        rig: the cameras' intrinsics and poses.
 
     Attributes:
-        empty: the background of each camera, as far as known.
+        empty: image of the empty room of each camera, as far as known.
     """
 
     def __init__(self, fitters: BodiesFitter, rig: CameraRig) -> None:
@@ -101,7 +104,7 @@ class SilhouettePresence:
         self.empty = EmptyRoom()
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return [self._bodies, self.empty.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
@@ -116,7 +119,10 @@ class SilhouettePresence:
         return tuple(name for name, body in self._bodies.items() if body.lost)
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """Set a body's pose, as given to the fitter."""
+        """Set a body's initial pose, as given to the fitter; the body counts as present.
+
+        ``time_ns`` is the time of the pose, on the common clock.
+        """
         landmarks = landmarks_at(self._fitters.fitters[name].mesh, pose)
         self._bodies[name] = BodyPresence(pose, pose, landmarks, time_ns, self._whole_in(landmarks, self._rig.cameras))
 
@@ -129,7 +135,7 @@ class SilhouettePresence:
             body.lost, body.came = True, False
 
     def waiting(self, name: str) -> SeenBody:
-        """Return a body at its waiting pose, before any search."""
+        """Return a body as lost, at its waiting pose, without a search; after `start`."""
         body = self._bodies[name]
         fit = FittedBody(body.seen_ns, body.pose, body.landmarks, {}, {})
         return SeenBody(fit, True, self._covers(name, body.pose))
@@ -137,13 +143,15 @@ class SilhouettePresence:
     def update(
         self, number: int, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]
     ) -> tuple[dict[str, SeenBody], list[str]]:
-        """Return the bodies of one frame, with lost ones at their waiting pose, and messages about departures and
-        arrivals.
+        """Decide which fitted bodies are present in a frame, and restart the fitters of the others.
 
         Args:
-            number: of the frame, for the messages.
-            found: results of the fitter, by name.
-            images: (height, width, 3) by camera.
+            number: number of the frame, for the messages.
+            found: results of the fitters for this frame, by name; after `start` of each.
+            images: (height, width, 3) uint8 BGR, by camera.
+
+        Returns:
+            All of ``found`` by name, lost ones at their waiting pose; and messages about departures and arrivals.
         """
         for name, fit in found.items():
             self._look_for(name, fit, images)

@@ -43,13 +43,15 @@ BETTER_TURNED: Final = 0.02
 def reacquire(
     seen: Mapping[str, Silhouette], body: SilhouetteBody, before: Sequence[TreePose], eyes: Mapping[str, Eye]
 ) -> TreePose | None:
-    """Return one of the poses ``before``, moved and rotated to the foreground; None if no two cameras see one body.
+    """Return one of the poses ``before``, moved and rotated to the foreground, to restart a lost body's tracking there.
+
+    None is returned if no two cameras see one object, or if no posture covers enough of it (`COVERED`).
 
     Args:
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
-        before: poses, upright, whose postures are tried in this order until one is good enough.
-        eyes: of the cameras.
+        before: poses, upright, whose postures are tried in this order until one is good enough; not changed.
+        eyes: the cameras of ``seen``, by name.
     """
     masks = {name: _coarse(one, eyes[name].size_px) for name, one in seen.items()}
     masks = {name: mask for name, mask in masks.items() if np.count_nonzero(mask) >= FEWEST}

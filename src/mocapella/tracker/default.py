@@ -72,7 +72,12 @@ _NEEDED_PARTS: Final = ("root",)
 
 
 class DefaultTracker:
-    """Tracker of the method ``default``.
+    """Tracker of the method ``default``: people, their arms and fitted bodies. See the module for its steps.
+
+    Args:
+        settings: the settings of every stage; the defaults if None.
+        sensors_expected: number of sensors to wait for; the scene's phase is WAITING_FOR_SENSORS before.
+        sensors: tilt and height by sensor name; they override those in the sensor's frames.
 
     Attributes:
         joint_bias: bias that is subtracted from the views of sensors with the model's topology; None subtracts none. It
@@ -131,14 +136,17 @@ class DefaultTracker:
         self._conditions = ""
 
     def recalibrate(self, reason: str) -> None:
-        """Begin the calibration again; the next scene says why."""
+        """Restart the calibration of the sensors, without a layout; people keep their ids.
+
+        ``reason``, a text for the user, is the state's reason until the next frame of bodies updates the state.
+        """
         self._calibration.layout = None
         self._calibration.reset()
         self._T_root_sensor, self._known, self._outvoted_s = {}, None, None
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes, for `restore`; see `Tracker`."""
+        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.state())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
@@ -146,7 +154,11 @@ class DefaultTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot`; see `Tracker`."""
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._arrivals, arrivals)
@@ -162,11 +174,11 @@ class DefaultTracker:
         self._known = self._calibration.state
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
-        """Begin with known poses (4, 4), by sensor; each is used until the tracker has a better estimate."""
+        """Start from known poses ``T_world_sensor`` (4, 4), by sensor; each is used until a better one is estimated."""
         self._calibration.start_from(T_world_sensor)
 
     def use_layout(self, layout: SensorLayout) -> None:
-        """Restart from a layout of an earlier session; see `KeepsLayout`."""
+        """Forget everything, and start from a layout of an earlier session, until people contradict its poses."""
         self.reset()
         self._calibration.layout = layout
 
@@ -175,7 +187,7 @@ class DefaultTracker:
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
-        """Return the present poses, clock offsets and swapped views of the sensors."""
+        """Return the present poses, clock offsets and swapped views of the sensors; unknown ones are missing."""
         layout = self._calibration.layout
         given = {name: np.array(sensor.T_world_sensor) for name, sensor in layout.sensors.items()} if layout else {}
         if self._people is None:
@@ -193,11 +205,14 @@ class DefaultTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of all frames so far; calibrations and restarts are not counted and always 0."""
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process a frame of bodies, arms or an image, and return the scene: all people, their arms, fitted bodies.
+
+        A frame that cannot be used is counted in `report` and changes nothing: its scene repeats the last results.
+        """
         see = self._see.get(type(arrival.frame))
         problem = not_taken(arrival.frame, "default") if see is None else see(arrival)
         if problem:
@@ -249,7 +264,11 @@ class DefaultTracker:
         return sighting if there.all() else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
     def leave_out(self, participant: int) -> None:
-        """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring."""
+        """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring.
+
+        Raises:
+            SettingsError: there is no such model.
+        """
         if self.joint_bias is not None:
             self.joint_bias = self.joint_bias.without(participant)
 

@@ -135,7 +135,7 @@ class FrameSync:
 
     Args:
         cameras: names of the cameras to wait for.
-        settings: the settings.
+        settings: assumptions before the first frame; the defaults if None.
 
     Attributes:
         used: number of frames that became part of a set.
@@ -180,7 +180,9 @@ class FrameSync:
         )
 
     def update(self, arrival: Arrival) -> list[SyncedFrames]:
-        """Process a frame; return the sets that it completes, in the order of their times.
+        """Process a frame; return the sets that it completes, in the order of their times; often none.
+
+        A frame whose time does not rise, or whose set is closed, is counted in `dropped`.
 
         Raises:
             KeyError: its sensor is none of the cameras.
@@ -199,7 +201,7 @@ class FrameSync:
         return list(self._closed())
 
     def flush(self) -> list[SyncedFrames]:
-        """Close the sets of all waiting frames, after the last frame."""
+        """Close the sets of all waiting frames, after the last frame; return them in the order of their times."""
         return list(self._closed(ended=True))
 
     def memory(self) -> list[Any]:
@@ -208,7 +210,7 @@ class FrameSync:
         return [cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned; for the same cameras."""
         cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped = memory
         for name, camera in self._cameras.items():
             camera.recall(cameras[name])

@@ -61,15 +61,21 @@ class HandsSettings:
         base: names of the markers on the hand's base.
         base_places_m: (base, 3) positions of the base markers in the palm frame of a right hand; empty for the default
             positions on the palm [m].
-        middle_sd_px: standard deviation of a partly visible marker's centre, in addition to the camera's own [px].
-        constraints: ``thesis`` or ``full``: which angles are free.
+        middle_sd_px: standard deviation of a marker's centre because it may be partly visible, in addition to the
+            camera's own; larger: the prediction counts more, with less jitter and more lag [px].
+        constraints: ``full``: 21 joint angles are free; ``thesis``: 15, as each finger's last joint follows the one
+            before, and the middle finger and the thumb's second joint do not spread.
         rays: tracking of markers.
         fit: fit of the hand.
-        smoothing_2d: filter of each camera's pixels, before triangulation, with speeds in px/s; None for none.
-        smoothing: filter of the 3D points, before the hand is fitted; None for none.
-        objects: objects to track.
+        smoothing_2d: 1-euro filter of each camera's pixels, before triangulation, with speeds in px/s; None for none.
+            Keys: min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s, per_component.
+        smoothing: 1-euro filter of the 3D points, before the hand is fitted; None for none. Keys as of
+            ``smoothing_2d``.
+        objects: rigid objects to track, a mapping for each with the keys of `mocapella.tracker.objects.ObjectSettings`:
+            its name, and markers, tags or another tracker's body; docs/hands.md has examples.
         poses: tracking of objects.
-        tag_sd_px: standard deviation of a tag's corner by lens and mounting, in addition to the camera's own [px].
+        tag_sd_px: standard deviation of a tag's corner by lens and mounting, in addition to the camera's own; larger:
+            the prediction counts more [px].
         spaces: frames of reference of other trackers, as estimated by `mocapella calibrate space`.
         grasp: detection of held objects.
         rig_fit: thresholds for reporting swapped cameras, or a rig that does not fit.
@@ -126,7 +132,18 @@ class _Taken(NamedTuple):
 
 
 class HandsTracker:
-    """Tracker of the method ``hands``. Cameras that are not in the rig are rejected."""
+    """Tracker of the method ``hands``: one hand with markers, and objects. Cameras outside of the rig are rejected.
+
+    Args:
+        rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
+        settings: markers, and the settings of every stage; the defaults if None.
+        shape: measured lengths of the hand; the model's right hand if None.
+        sensors_expected: number of cameras to wait for, limited to the number in the rig.
+
+    Attributes:
+        rig: the rig, without clock offsets.
+        shape: lengths of the hand.
+    """
 
     def __init__(
         self,
@@ -179,14 +196,17 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Detect markers and hand again; the cameras' poses are the rig's, from `mocapella calibrate cameras`."""
+        """Forget markers, hand and objects, and detect them again; the rig's poses of the cameras stay.
+
+        The state gives ``reason``, a text for the user, while it waits for cameras.
+        """
         rejected, steps, hand_id = self._rejected, self._steps, self._hand_id
         self.reset()
         self._rejected, self._steps, self._hand_id = rejected, steps, hand_id
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes, for `restore`; see `Tracker`."""
+        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._rays).items() if name not in _RAYS_MADE_OF},
@@ -200,7 +220,11 @@ class HandsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot`; see `Tracker`."""
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         set_memory(self, own)
         set_memory(self._rays, rays)
@@ -214,11 +238,14 @@ class HandsTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of all frames so far; calibrations and restarts are not counted and always 0."""
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process a frame of markers, or of another tracker's poses, and return the scene: hand, markers and objects.
+
+        A frame that cannot be used is counted in `report` and changes nothing: its scene repeats the last results.
+        """
         frame = arrival.frame
         takes = self._takes.get(type(frame))
         if takes is None:

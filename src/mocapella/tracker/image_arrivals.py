@@ -21,10 +21,10 @@ def arrivals_of(
     number: int = 0,
     empty_room: bool = False,
 ) -> list[Arrival]:
-    """Return the arrivals of simultaneous images, without copying them.
+    """Return the arrivals of simultaneous images, without copying them, for the tracking of files.
 
     Args:
-        images: (height, width, 3) uint8 BGR by camera.
+        images: (height, width, 3) uint8 BGR, by camera.
         time_ns: capture time, on the common clock.
         cameras: names of the rig's cameras; a camera without an image gets an arrival with an empty image. None: the
             keys of ``images``.

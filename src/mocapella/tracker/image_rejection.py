@@ -27,14 +27,15 @@ def shows_another_scene(
     settings: SilhouetteSettings,
     time_ns: int,
 ) -> dict[str, str]:
-    """Return cameras whose background has changed, with the reasons.
+    """Return cameras whose background has changed, with the reasons; empty if none has.
 
     One camera must differ much, because a person may pass; if half of them differ at the same time, a significant
-    change is enough.
+    change is enough. The other cameras learn their usual change. After ``something_else_s`` a camera is accepted again,
+    and its background is forgotten.
 
     Args:
         cameras: the cameras in whose images the body is expected, by name, after `SilhouetteCamera.look`.
-        images: (height, width, 3) uint8, by camera.
+        images: (height, width) or (height, width, 3) uint8 BGR, of each of these cameras, by name.
         left_out: reasons for the cameras whose images were rejected before, by name.
         settings: settings of the tracker.
         time_ns: capture time, on the common clock.
@@ -60,7 +61,8 @@ def hides_the_body(
 ) -> dict[str, str]:
     """Return cameras whose outline suddenly is not that of the body at its predicted pose, with the reasons.
 
-    If the outlines differ in all cameras, and no image is rejected otherwise, the body moved: the result is empty.
+    If the outlines differ in all cameras, and no image is rejected otherwise, the body moved: the result is empty. The
+    accepted cameras learn their usual overlap; a camera is accepted again after ``something_else_s``.
 
     Args:
         cameras: the cameras whose images were segmented, by name.

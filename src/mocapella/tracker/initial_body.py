@@ -26,13 +26,14 @@ class InitialBody(msgspec.Struct, frozen=True, eq=False):
 
 
 def build_of(model: str, height_m: float | None, proportions: Mapping[str, float], sha256: str = "") -> str:
-    """Return the JSON description from which a reader rebuilds a body's mesh; see `TrackedBody.build`.
+    """Return the JSON description of a body's mesh, for a reader to rebuild it; see `TrackedBody.build`.
 
     Args:
         model: male, female, legs, or the name of a mesh file.
-        height_m: subject height, if given.
-        proportions: known lengths of segments [m], by name.
-        sha256: of the mesh file, in hexadecimal digits; empty without one.
+        height_m: subject height; None if not given [m].
+        proportions: known lengths of segments, by name [m].
+        sha256: hash of the mesh file, in hexadecimal digits; empty without one. With it, only model and hash are
+            stored.
     """
     if sha256:
         return json.dumps({"model": model, "sha256": sha256})

@@ -45,7 +45,7 @@ STRETCHED = 1.1
 
 
 class LimbRecovery:
-    """Recovers misplaced limbs of one body.
+    """Finds and corrects misplaced limbs of one body, such as an arm fitted to the wrong place; one call per frame.
 
     Args:
         body: the body whose limbs are checked.
@@ -70,7 +70,7 @@ class LimbRecovery:
         self._evidence: dict[str, Evidence] = {}
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         # The generator's integers exceed the range of most formats.
         chance = json.dumps(self._rng.bit_generator.state)
         return [chance, self._frame, self._asked, self._evidence]
@@ -91,11 +91,12 @@ class LimbRecovery:
 
         Args:
             pose: fitted pose of the body in this frame.
-            images, others: see `BodyFitter.update`.
+            images: (height, width) or (height, width, 3) uint8 BGR, of each camera of ``cameras``, by name.
+            others: (height, width) masks of other people, by camera, where nothing is known of this body.
             cameras: the cameras in whose images the body was segmented, by name.
 
         Returns:
-            Indices (k,) of the joint angles that changed, and the pose; None if no limb was moved.
+            Indices (k,) of the joint angles that changed, and the new pose; None if no limb was moved.
         """
         self._frame += 1
         stands = self._body.standing(pose)
@@ -162,7 +163,7 @@ class LimbRecovery:
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
-    """Return the pose with the angles of the joints with indices ``joints`` (k,) taken from ``angles`` (all,) [rad]."""
+    """Return a copy of a pose where the joints of index ``joints`` (k,) have their ``angles`` (all joints,) [rad]."""
     changed = pose.angles.copy()
     changed[joints] = angles[joints]
     return TreePose(pose.T_world_model, changed)

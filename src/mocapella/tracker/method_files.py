@@ -15,11 +15,13 @@ from mocapella.model.space import as_settings, load_space
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read a camera rig file into the setting ``rig``: its text.
+    """Read a camera rig file into the setting ``rig``: its text, as encoded again after decoding.
+
+    ``paths`` is the list of the files given with the option; it must have one.
 
     Raises:
         InputError: the file cannot be used; for a sensor layout, the message names the setting ``layout``.
-        SettingsError: more than one is given.
+        SettingsError: none or several are given.
     """
     path = _one(paths, "--rig")
     try:
@@ -31,26 +33,31 @@ def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def bodies_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read a camera rig file into the settings of bodies that are fitted beside body sensors.
+    """Read a camera rig file into the settings of bodies that are fitted beside body sensors: ``rig``, nested.
+
+    ``paths`` must have one file. The result merges with the other settings of the method ``default``.
 
     Raises:
-        InputError, SettingsError: see `camera_rig`.
+        InputError: the file cannot be used.
+        SettingsError: none or several are given.
     """
     return {"bodies": {"silhouettes": camera_rig(paths)}}
 
 
 def hand_shape(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read a hand file into the setting ``hand``.
+    """Read a hand file into the setting ``hand``: its text. ``paths`` must have one file.
 
     Raises:
         InputError: the file cannot be used.
-        SettingsError: more than one is given.
+        SettingsError: none or several are given.
     """
     return {"hand": encode_hand_shape(load_hand_shape(_one(paths, "--file hand"))).decode()}
 
 
 def spaces(paths: Sequence[Path]) -> dict[str, Any]:
     """Read files of `mocapella calibrate space`, the poses of other trackers' frames, into the setting ``spaces``.
+
+    ``paths`` may have any number of files, one for each space.
 
     Raises:
         InputError: a file cannot be used.

@@ -1,6 +1,6 @@
 """Track rigid objects beside a hand, from markers, tags or another tracker's poses, and detect whether it holds them.
 
-objects.add_markers(frame, at_s)         pixels of markers and tags
+objects.add_markers(frame, at_s, …)      pixels of markers and tags
 objects.add_poses(frame, T, at_s)        poses of another tracker, in an aligned space
 tracked = objects.track(hand, at_s)      poses at a time; updates which object is held
 """
@@ -254,7 +254,14 @@ class _Observed(NamedTuple):
 
 
 class RigidObjects:
-    """All objects of a session."""
+    """Tracker of all objects of a session; it detects which object the hand holds.
+
+    Args:
+        rig: the cameras of the markers and tags.
+        items: the objects.
+        poses: settings of their tracking.
+        grasp: settings of the detection of held objects.
+    """
 
     def __init__(
         self,
@@ -271,7 +278,7 @@ class RigidObjects:
             item.reset()
 
     def add_markers(self, frame: MarkerFrame, at_s: float, *, marker_sd_px: float, tag_sd_px: float) -> None:
-        """Process a camera's markers.
+        """Process a camera's markers; names that no object has are ignored.
 
         Args:
             frame: frame of a camera of the rig.
@@ -294,7 +301,7 @@ class RigidObjects:
             item.poses.update(frame.sensor, pixels, np.hypot(sd, more), at_s)
 
     def add_poses(self, frame: PoseFrame, T_world_space: Float64, at_s: float) -> None:
-        """Process another tracker's poses.
+        """Process another tracker's poses; those of other spaces, and of bodies that no object names, are ignored.
 
         Args:
             frame: the poses.
@@ -309,7 +316,10 @@ class RigidObjects:
                 item.add_pose(T_world_space @ T, int(frame.states[frame.names.index(item.settings.body)]), at_s)
 
     def track(self, hand: TrackedHand | None, at_s: float) -> tuple[TrackedObject, ...]:
-        """Return all objects at a time, and update which one is held.
+        """Return all objects at a time, in the order of ``items``, and update which one is held.
+
+        An object is returned at its observed pose; while hidden, in the palm that holds it (inferred), or else at its
+        last pose (inferred). Its pose is None before the first observation.
 
         Args:
             hand: the hand at that time; None without one.
@@ -323,7 +333,7 @@ class RigidObjects:
         return next((item.settings.name for item in self._items if item.grasp.held), "")
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return [
             [
                 {name: getattr(item, name) for name in _OBJECT},
@@ -334,7 +344,7 @@ class RigidObjects:
         ]
 
     def recall(self, memory: list[Any]) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned; for the same objects."""
         for item, (own, poses, grasp) in zip(self._items, memory, strict=True):
             set_memory(item, own)
             if item.poses is not None:

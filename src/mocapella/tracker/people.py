@@ -57,20 +57,28 @@ class PeopleSettings:
         motion: Kalman filter of the joints.
         one_euro: 1-euro filter.
         body: articulated body.
-        smoothing: one of `SMOOTHING`.
-        view_age_s: age of the oldest view that is used [s].
-        speed_memory_s: time constant of the decay of an unseen joint's predicted velocity [s].
+        smoothing: ``articulated`` reports a body fitted with the settings ``people.body``; ``kalman`` reports the
+            Kalman filter of ``people.motion``, which predicts joints in any case; ``one-euro`` filters joints with the
+            settings ``people.one_euro``.
+        view_age_s: age of the oldest view that is used; larger: a sensor's gaps are bridged for longer [s].
+        speed_memory_s: time constant of the decay of an unseen joint's predicted velocity; larger: it is extrapolated
+            farther [s].
         facing: estimation of people's facing, which repairs mirrored labels; None uses the labels on which the sensors
             agree.
-        noise_gain: factor of a joint's learnt noise in its variance.
-        noise_memory_s: time constant of learning the noise [s].
-        turn_s: time constant of turning a view's shoulders and hips to the facing [s].
-        still_m_s: a slower person stands still [m/s].
+        noise_gain: factor of a joint's learnt noise variance, which is added to its variance in a view; larger:
+            restless joints count less [ratio].
+        noise_memory_s: time constant of learning a joint's noise [s].
+        turn_s: time constant of turning a view's shoulders and hips to the facing; larger: smoother, and later after a
+            change [s].
+        still_m_s: a person slower than this stands still: if the labels then change, the old ones were wrong, and the
+            view restarts at the person's position [m/s].
         sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
-            views are turned in part [rad].
-        least_worth: weight of a view along the shoulders, relative to a frontal one.
-        swap_m: left and right are swapped where the view then is nearer to the person by this [m].
-        swap_s: time constant of that comparison [s].
+            views are turned in part; larger: uncertain facings are used, too [rad].
+        least_worth: weight of a view along the shoulders, relative to a frontal one; larger: such views count more [0
+            to 1].
+        swap_m: left and right are swapped, for the joint bias and without ``people.facing``, where the view then is
+            nearer to the other views by this; larger: labels change more rarely [m].
+        swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
     """
 
     fusion: FusionSettings = field(default_factory=FusionSettings)
@@ -101,12 +109,23 @@ class PeopleSettings:
 
 
 class People:
-    """All tracked people's bodies.
+    """Fuses and smooths the views of all tracked people, whom `mocapella.association.tracks.Tracks` identifies.
+
+    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `update`, then `results`. The *space
+    of the people*, the frame of reference of all state, is chosen by the caller.
+
+    Args:
+        settings: how views are fused and smoothed.
+        topology: names and order of the joints.
 
     Attributes:
         numbers: (people,) person numbers, by row.
         sensors: names, by column.
-        memory: state of all people.
+        memory: state of all people; changed in place, and replaced if rows or columns change.
+        mirror: (joints,) index of each joint's counterpart on the other side.
+        middle: (middle,) indices of the joints on the body's middle line.
+        R_level, up: (3, 3) rotation from the space of the people to one with y up, and (3,) the vector upwards; see
+            `level`.
     """
 
     def __init__(self, settings: PeopleSettings, topology: Topology) -> None:
@@ -123,7 +142,7 @@ class People:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all people."""
+        """Forget all people and sensors, and the upward direction, which is y again."""
         self.R_level, self.up = np.eye(3), np.array([0.0, 1.0, 0.0])
         self.numbers: list[int] = []
         self.sensors: list[str] = []
@@ -132,7 +151,7 @@ class People:
             self._facing.reset()
 
     def state(self) -> tuple[Any, ...]:
-        """Return all state, for `restore`."""
+        """Return all state, for `restore`; not a copy: it changes with the next update."""
         facing = None if self._facing is None else self._facing.memory
         return self.numbers, self.sensors, self.memory, facing, self.R_level
 
@@ -144,10 +163,10 @@ class People:
             self._facing.memory = facing
 
     def prepare(self, bodies: Bodies, T: Float64, at_s: float) -> Prepared:
-        """Compute the inputs of association for a frame.
+        """Compute the inputs of association for a frame, without changing the state.
 
         Args:
-            bodies: the sensor's bodies.
+            bodies: the sensor's bodies, in its camera space.
             T: (4, 4) from the sensor's camera space to the space of the people.
             at_s: time for which people are predicted, on the common clock [s].
         """
@@ -176,7 +195,8 @@ class People:
             at_s: the newest capture time so far, on the common clock [s].
 
         Returns:
-            (bodies, joints, 3) to add in its camera space, with its labels [m]; 0 for bodies without a person.
+            (bodies, joints, 3) to add in the sensor's camera space, with its labels [m]; 0 for bodies without a person,
+            for a person whose position, velocity or direction is unknown, and before the sensor's first `update`.
         """
         m, out = self.memory, np.zeros(bodies.positions.shape)
         if bodies.sensor not in self.sensors or not bodies.ids:
@@ -189,10 +209,10 @@ class People:
         return out
 
     def update(self, frame: AssignedBodies, at_s: float) -> None:
-        """Process one frame.
+        """Process one frame: predict all people, then fuse and smooth those in the frame. `results` returns them.
 
         Args:
-            frame: the frame's bodies, each assigned to a person.
+            frame: the frame's bodies, each assigned to a person; may be empty. An unknown sensor gets a new column.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
         """
         s, kernels, rows, column = self.settings, _kernels(), frame.rows, self._column(frame.sensor)
@@ -226,7 +246,7 @@ class People:
             )  # fmt: skip
 
     def results(self, T: Float64, at_s: float) -> PeopleResults:
-        """Return all people and the views in use.
+        """Return all people and the views in use, in new arrays; the state does not change.
 
         Args:
             T: (4, 4) from the space of the people to the space of the results.
@@ -239,13 +259,13 @@ class People:
         return PeopleResults(*results)
 
     def swapped(self) -> frozenset[BodyKey]:
-        """Return the views whose left and right must be swapped so that the sensors agree."""
+        """Return (sensor, tracking id) of the views whose left and right must be swapped so that the sensors agree."""
         m = self.memory
         rows, columns = np.nonzero(m.view_swapped & np.isfinite(m.view_at))
         return frozenset((self.sensors[c], int(m.view_id[r, c])) for r, c in zip(rows, columns, strict=True))
 
     def move(self, T_new_old: Float64) -> None:
-        """Transform all state by ``T_new_old`` (4, 4) into another frame of reference."""
+        """Transform all state by ``T_new_old`` (4, 4) into another frame of reference, the new space of the people."""
         m, R = self.memory, np.ascontiguousarray(T_new_old[:3, :3])
         self.R_level = self.R_level @ R.T
         self.up = np.ascontiguousarray(self.R_level[1])
@@ -257,7 +277,10 @@ class People:
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
     def move_sensor(self, sensor: str, T_new_old: Float64) -> None:
-        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people glide to the new place."""
+        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people glide to the new position.
+
+        An unknown sensor is ignored.
+        """
         if sensor not in self.sensors:
             return
         column = self.sensors.index(sensor)
@@ -285,7 +308,11 @@ class People:
     def join(self, stays: int, gone: int) -> None:
         """Merge two tracks of one person under the number ``stays``.
 
-        The state is kept from the track that was seen last, the views from both; the number ``gone`` is dropped.
+        The state is kept from the track that was seen last, each sensor's view from the one with the newer; the number
+        ``gone`` is dropped.
+
+        Raises:
+            ValueError: one of the numbers is unknown.
         """
         one, other = self.numbers.index(stays), self.numbers.index(gone)
         seen_s = self.memory.view_at
@@ -335,10 +362,10 @@ class Prepared(msgspec.Struct, frozen=True, eq=False):
     """Inputs of association for a frame.
 
     Attributes:
-        positions: (bodies, joints, 3) in the space of the people [m].
+        positions: (bodies, joints, 3) in the space of the people [m]; NaN where not tracked.
         middles: (bodies, middle joints, 3) the joints on the body's middle line, which have no left and right, in the
             same space [m].
-        lengths: (bodies, lengths) body lengths, see `mocapella.association.proportions` [m].
+        lengths: (bodies, lengths) body lengths, see `mocapella.association.proportions` [m]; NaN where not known.
         expected: (people, middle joints, 3) predicted for all people [m]; NaN where not known.
     """
 
@@ -352,9 +379,10 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
     """All people, by row.
 
     Attributes:
-        positions: (people, joints, 3) smoothed positions [m].
-        sd: (people, joints) float32, standard deviation of a coordinate [m].
-        views: (people, sensors, joints, 3) each sensor's view [m]; only where it is in use.
+        positions: (people, joints, 3) smoothed positions [m]; NaN where not known.
+        sd: (people, joints) float32, standard deviation of a coordinate [m]; NaN where not known.
+        views: (people, sensors, joints, 3) each sensor's view, with its own labels [m]; arbitrary where ``fresh`` is
+            False.
         fresh: (people, sensors) whether the view is in use.
     """
 

@@ -57,7 +57,11 @@ class PeopleArmsSettings:
 
 
 class PeopleArms:
-    """Tracker of the arms seen by depth cameras, each assigned to a tracked person."""
+    """Tracker of the arms seen by depth cameras, each assigned to a tracked person. It is a part of `DefaultTracker`.
+
+    Args:
+        settings: poses of the cameras, and tracking; the defaults, without any camera, if None.
+    """
 
     def __init__(self, settings: PeopleArmsSettings | None = None) -> None:
         self.settings = s = settings or PeopleArmsSettings()
@@ -78,12 +82,12 @@ class PeopleArms:
         self._newest: dict[str, tuple[int, int]] = {}
 
     def memory(self) -> Any:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         tracks = {name: value for name, value in vars(self._tracks).items() if name != "settings"}
         return [tracks, self._owners.limbs, self._newest]
 
     def recall(self, memory: Any) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned; with the same settings."""
         tracks, self._owners.limbs, self._newest = memory
         set_memory(self._tracks, tracks)
 
@@ -102,7 +106,7 @@ class PeopleArms:
         return time_problem(frame, self._newest.get(frame.sensor))
 
     def update(self, frame: ArmFrame, at_s: float, sensors: Mapping[str, Float64]) -> None:
-        """Process a frame without a `problem`.
+        """Process a frame without a `problem`; `tracked_arms` returns the result.
 
         Args:
             frame: the arms of a depth camera.
@@ -119,12 +123,15 @@ class PeopleArms:
         return bool(self._tracks.tracks)
 
     def tracked_arms(self, people: Sequence[Person], topology: Topology | None, now_s: float) -> tuple[TrackedArm, ...]:
-        """Return the present arms, each with the id of its person.
+        """Predict the arms to a time, assign them to people, and return the present ones with their persons' ids.
 
         Args:
             people: the tracked people.
             topology: topology of the people's skeletons; without one the arms have no persons.
-            now_s: the scene's time on the server's clock [s].
+            now_s: the scene's time on the server's clock [s]; it never decreases, an earlier one counts as the last.
+
+        Returns:
+            The arms seen lately, in the order of their ids, in the world; ``person`` is −1 for none.
         """
         self._tracks.advance(now_s)
         arms = self._tracks.tracked_arms()

@@ -48,8 +48,8 @@ class PeopleBodiesSettings:
     Attributes:
         silhouettes: the settings of the method ``silhouettes``; if empty, images are rejected.
         alignment: estimation of the rig's pose in the world.
-        take_m: a body is assigned to a person if the mean distance of their joints is at most this [m].
-        keep_m: a body stays assigned while that distance is at most this [m].
+        take_m: largest mean distance of their joints for a body to be assigned to a person [m].
+        keep_m: largest such distance for a body to stay assigned [m].
     """
 
     silhouettes: dict[str, Any] = field(default_factory=dict)
@@ -63,7 +63,10 @@ class PeopleBodiesSettings:
 
 
 class PeopleBodies:
-    """Tracker that fits body meshes to silhouettes and assigns them to tracked people.
+    """Tracker that fits body meshes to silhouettes and assigns them to tracked people; a part of `DefaultTracker`.
+
+    Args:
+        settings: the bodies, and their assignment; the defaults, without any body, if None.
 
     Raises:
         SettingsError, InputError: the settings of ``silhouettes`` cannot be used.
@@ -92,12 +95,12 @@ class PeopleBodies:
         self._owner: dict[int, int] = {}
 
     def memory(self) -> Any:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         inner = b"" if self._tracker is None else self._tracker.snapshot()
         return [inner, self._alignment.memory(), {name: getattr(self, name) for name in _OWN}]
 
     def recall(self, memory: Any) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned; with the same settings."""
         inner, alignment, own = memory
         if self._tracker is not None:
             self._tracker.restore(inner)
@@ -105,12 +108,12 @@ class PeopleBodies:
         set_memory(self, own)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
-        """Process an image; return why it cannot be used, empty if it can.
+        """Process an image; return why it cannot be used, empty if it can. `tracked_bodies` returns the result.
 
         Args:
             arrival: a camera's frame with an image.
-            people: the tracked people, for the pose of the rig.
-            topology: topology of the people's skeletons.
+            people: the tracked people, in the world, for the pose of the rig.
+            topology: topology of the people's skeletons; None, before the first body frame, keeps the pose.
         """
         if self._tracker is None:
             return NOT_CONFIGURED
@@ -133,7 +136,7 @@ class PeopleBodies:
         return "; ".join(part for part in (unknown, self._reason) if part)
 
     def places(self) -> tuple[SensorPlace, ...]:
-        """Return the poses of the rig's cameras, once there are images."""
+        """Return the poses of the rig's cameras; empty before the first image, None poses before the rig's is known."""
         found = self._alignment.found
         if found is None:
             return tuple(SensorPlace(place.sensor, None, problem=WALK) for place in self._cameras)
@@ -145,7 +148,15 @@ class PeopleBodies:
         )
 
     def tracked_bodies(self, people: Sequence[Person], topology: Topology | None) -> tuple[TrackedBody, ...]:
-        """Return the bodies in the world with their persons; none before the rig's pose is known."""
+        """Return the bodies in the world with their persons' ids; none before the rig's pose is known.
+
+        Bodies and people are assigned one to one by the mean distance of their limbs' joints; −1 for no person, and for
+        a lost body.
+
+        Args:
+            people: the tracked people, in the world.
+            topology: topology of the people's skeletons; None gives no bodies.
+        """
         found = self._alignment.found
         if found is None or topology is None:
             return ()

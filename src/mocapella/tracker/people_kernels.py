@@ -71,7 +71,7 @@ def prepare(
         forget_after_s: a joint that was unseen for longer is not predicted [s].
         points: Kalman filters of the people's joints.
         world, middles, lengths, expected: (bodies, joints, 3), (bodies, middle, 3), (bodies, lengths),
-            (people, middle, 3), written.
+            (people, middle, 3), written [m]; NaN where not known.
     """
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
@@ -172,7 +172,8 @@ def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> No
 def begin_offsets(offsets: Float64, view: Float64, expected: Float64) -> None:
     """Initialise the offsets (joints, 3) that are NaN, in place, so that the corrected view begins at the prediction.
 
-    ``view`` and ``expected`` are the view's and the predicted joints (joints, 3) [m].
+    ``view`` and ``expected`` are the view's and the predicted joints (joints, 3) [m]; where one is unknown, the offset
+    becomes 0.
     """
     for j in range(len(offsets)):
         if np.isnan(offsets[j, 0]):
@@ -217,7 +218,7 @@ def make(
 
     Returns:
         The fused positions of the persons in the frame (bodies, joints, 3) [m], and their variances (bodies, joints)
-        [m²].
+        [m²]; NaN and infinity for a joint that no view has. The row of a person without a view in use is not set.
     """
     positions, variances = points.positions, points.variances
     joints = len(layout.mirror)
@@ -424,7 +425,7 @@ def report(
         view_at, view_positions: see `ViewArrays`.
 
     Returns:
-        The fields of `mocapella.tracker.people.PeopleResults`.
+        The fields of `mocapella.tracker.people.PeopleResults`, new arrays.
     """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)

@@ -181,6 +181,8 @@ class PeopleParameters(NamedTuple):
 class PeopleMemory:
     """All state that is kept from frame to frame; the names are those in recorded takes.
 
+    The kernels change the arrays in place.
+
     Attributes:
         at_s, positions, velocities, variances, seen_s: see `PointArrays`.
         fused_s, steady, doubts, states, yaw: see `SkeletonArrays`.
@@ -273,12 +275,12 @@ class PeopleMemory:
 
     @property
     def points(self) -> PointArrays:
-        """Fields of the Kalman filter, for the kernels."""
+        """Fields of the Kalman filter, not copies, for the kernels."""
         return PointArrays(self.at_s, self.positions, self.velocities, self.variances, self.seen_s)
 
     @property
     def views(self) -> ViewArrays:
-        """Fields of the views, for the kernels."""
+        """Fields of the views, not copies, for the kernels."""
         return ViewArrays(
             self.view_at, self.view_positions, self.view_states, self.view_variances, self.view_noise, self.view_bias,
             self.view_mirrored, self.view_swapped, self.view_advantage, self.view_toward, self.view_reported,
@@ -287,5 +289,5 @@ class PeopleMemory:
 
     @property
     def skeletons(self) -> SkeletonArrays:
-        """Fields of the fused skeletons, for the kernels."""
+        """Fields of the fused skeletons, not copies, for the kernels."""
         return SkeletonArrays(self.yaw, self.states, self.fused_s, self.steady, self.doubts)

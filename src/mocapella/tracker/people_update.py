@@ -26,11 +26,11 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     at_s: float,
     now_s: float,
 ) -> None:
-    """Assign the bodies to people and update all people.
+    """Assign the bodies of a sensor's frame to people, and update all people; for each frame of a calibrated sensor.
 
     Args:
-        tracks, people: tracked people and their motion.
-        frame, bodies: a sensor's frame, and its bodies.
+        tracks, people: identities of the tracked people, and their motion; both are updated in place.
+        frame, bodies: a sensor's frame, and its tracked bodies, without rejected ones.
         T: (4, 4) from the sensor's camera space to the space of the people.
         corrections: (bodies, joints, 3) correction of the sensor's bias, to add to the joints in camera space [m]; None
             for none.

@@ -30,7 +30,7 @@ _YAWS_DEG: Final = (0, 40, -40)
 
 
 def warm_up_run() -> tuple[Tracker, Iterable[Arrival]]:
-    """Return a tracker, and arrivals that call all of its kernels."""
+    """Return a new tracker of the method, and synthetic arrivals for it that call all of its kernels."""
     return DefaultTracker(sensors_expected=len(_YAWS_DEG)), (Arrival(frame, frame.time_ns) for frame in _frames())
 
 

@@ -63,14 +63,14 @@ def scene_at(
     topology: Topology | None = None,
     sensors: tuple[SensorPlace, ...] = (),
 ) -> Scene:
-    """Return the scene of a step.
+    """Return the scene of a step, with time and sensor of the arrival. All trackers create their scenes by it.
 
     Args:
         arrival: the frame that the scene is the result of.
         step: number of the scene, from 0.
         state: state of the tracker.
         parts: the scene's parts, by the name of their type.
-        topology: topology of the skeletons; may be omitted if there are none.
+        topology: topology of the skeletons; ``kinect_v2`` if None, for scenes without skeletons.
         sensors: poses of the sensors.
     """
     frame = arrival.frame
@@ -79,10 +79,16 @@ def scene_at(
 
 
 class Tracker(Protocol):
-    """One step per frame. The same arrivals and commands in the same order give the same scenes, to the bit."""
+    """Interface of a tracker: one step per frame.
+
+    The same arrivals and commands in the same order give the same scenes, to the bit.
+    """
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process one frame and return the scene, with the step's number.
+
+        A frame that cannot be used is counted in `report` and changes nothing: its scene repeats the last results.
+        """
 
     def recalibrate(self, reason: str) -> None:
         """Restart the calibration; the next scene's state gives ``reason``, a text for the user."""
@@ -94,10 +100,10 @@ class Tracker(Protocol):
         """Return all state: a new tracker of the same settings that restores it continues identically, to the bit."""
 
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot`.
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
 
         Raises:
-            WireError: the bytes are no snapshot of this method.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
 
     @property
@@ -122,7 +128,7 @@ class TellsNotes(Protocol):
     """A tracker that reports events."""
 
     def drain_notes(self) -> list[TrackerNote]:
-        """Return the events since the last call, the oldest first."""
+        """Return the events since the last call, the oldest first, and forget them."""
 
 
 @runtime_checkable

@@ -30,10 +30,10 @@ JUDGED_BY: Final = 5
 
 
 class RigCheck:
-    """Checks a rig while all bodies are visible.
+    """Checks, while all bodies are visible, whether the cameras are at the rig's poses; see the module.
 
     Args:
-        rig: the cameras' poses.
+        rig: the cameras' intrinsics and poses.
 
     Attributes:
         said: messages about all disagreements so far.
@@ -50,7 +50,7 @@ class RigCheck:
         self._compared = False
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return [self.said, self._moved.memory(), self._shares, self._compared]
 
     def recall(self, memory: Sequence[Any]) -> None:
@@ -59,11 +59,14 @@ class RigCheck:
         self._moved.recall(moved)
 
     def update(self, found: Mapping[str, FittedBody], images: Mapping[str, UInt8], empty: EmptyRoom) -> list[str]:
-        """Return messages about new disagreements, after a frame with all bodies visible.
+        """Return messages about new disagreements, after a frame with all bodies visible; usually empty.
+
+        The first call compares the foreground. The first `JUDGED_BY` images of each camera with motion are compared by
+        motion.
 
         Args:
             found: the fitted bodies, by name.
-            images: (height, width, 3) uint8 BGR, by camera.
+            images: (height, width, 3) uint8 BGR, by camera; of every camera that sees a body.
             empty: background models of the cameras whose empty room is known.
         """
         new = self._judge_motion(found, images)
@@ -95,7 +98,14 @@ def rig_faults(
 ) -> list[str]:
     """Return messages about cameras that contradict the rig in one frame; only known empty rooms are compared.
 
-    The arguments are as in `RigCheck`.
+    Args:
+        found: the fitted bodies, by name.
+        images: (height, width, 3) uint8 BGR, by camera; of every camera that sees a body.
+        empty: background models of the cameras whose empty room is known.
+        rig: the cameras' intrinsics and poses.
+
+    Returns:
+        Messages for the user; empty without disagreements.
     """
     said, silhouettes = [], {}
     covers = "the body covers" if len(found) == 1 else "the bodies cover"

@@ -27,7 +27,10 @@ class Standing(msgspec.Struct, frozen=True, eq=False):
 
 
 class SilhouetteBody:
-    """One body.
+    """One body's mesh with values that all frames share, and a cache of its last pose.
+
+    Args:
+        mesh: the body's mesh.
 
     Attributes:
         mesh: the body's mesh.
@@ -55,7 +58,10 @@ class SilhouetteBody:
         self._stood: Standing | None = None
 
     def standing(self, pose: TreePose) -> Standing:
-        """Return the body in a pose; cached for the last pose."""
+        """Return the body in a pose. For the same pose object as in the last call, the same value is returned.
+
+        Its arrays must therefore not be changed.
+        """
         if self._stood is None or self._stood.pose is not pose:
             mesh, moved = self.mesh, motions(self.mesh.tree, pose)
             vertices = carried(mesh.vertices, mesh.bones, mesh.shares, moved)
@@ -63,5 +69,5 @@ class SilhouetteBody:
         return self._stood
 
     def local(self, pose: TreePose) -> LocalTree:
-        """Return the body's kinematic tree, with the axes of its ball joints at a pose."""
+        """Return the body's kinematic tree, with the axes of its ball joints at a pose, to fit near that pose."""
         return local_tree(self.mesh.tree, self.balls, pose)

@@ -57,14 +57,30 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
-    """A ball in the world: its centre (3,) and radius [m]."""
+    """A ball that a limb can reach, in the world: its centre (3,) and radius [m]."""
 
     centre: Float64
     radius_m: float
 
 
 class SilhouetteCamera:
-    """State of one camera's images."""
+    """One camera's part in the fit of one body: outline, segmentation and background. `BodyFitter` has one per camera.
+
+    In each frame `forget_frame` comes first, then `look` (again after each change of the pose), `segment`, `planes` or
+    `seen`, and `learn`. Images are uint8, gray (height, width) or BGR (height, width, 3), of the camera's size.
+
+    Args:
+        by: the camera, prepared for rendering.
+        step_px: stride of the sampled pixels [px].
+        settings: settings of the tracker.
+
+    Attributes:
+        step_px: see above.
+        background: model of the background; None for moving cameras.
+        wide: whether to search farther from the outline, for a rough pose; set by the fitter.
+        usually: usual change of the background, see `unlike`.
+        covers: usual overlap of the outlines, see `seen`.
+    """
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
         self._eye, self.step_px, self._settings = by, step_px, settings
@@ -81,7 +97,7 @@ class SilhouetteCamera:
         self.forget_frame()
 
     def forget_frame(self) -> None:
-        """Prepare for the next frame."""
+        """Prepare for the next frame: drop outline and segmentation; the background and usual values stay."""
         self._window: Outline | None = None
         self._looked: tuple[Float64, float] | None = None
         self._outline: Outline | None = None
@@ -89,7 +105,7 @@ class SilhouetteCamera:
         self._found: tuple[Silhouette, Float32] | None = None
 
     def memory(self) -> list[Any]:
-        """Return all state between two frames, for `recall`."""
+        """Return all state between two frames, for `recall`; its mutable values are shared, not copied."""
         background = None if self.background is None else self.background.memory()
         return [self.step_px, background, self.usually.memory(), self.covers.memory()]
 
@@ -112,7 +128,7 @@ class SilhouetteCamera:
 
     @property
     def sample_m(self) -> float:
-        """Distance between samples at the body's nearest outline [m]."""
+        """Distance between samples at the body's nearest outline [m]; after a successful `look`."""
         assert self._outline is not None
         return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
 
@@ -123,7 +139,7 @@ class SilhouetteCamera:
 
         Args:
             body: model whose outline is projected.
-            vertices: (n, 3) of its mesh in the world [m].
+            vertices: (n, 3) of its mesh in the world [m]; the same array object again costs nothing.
             s: settings of the tracker.
         """
         if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:
@@ -139,18 +155,19 @@ class SilhouetteCamera:
     def unlike(self, image: UInt8) -> float:
         """Return the fraction of the background that has changed in an image, 0 to 1; NaN if the background is unknown.
 
-        ``image`` (height, width) or (height, width, 3) uint8.
+        The image is compared outside of the body's outline, so `look` comes first. ``image`` (height, width) or
+        (height, width, 3) uint8.
         """
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
-        """Forget the background; the present image becomes the new one."""
+        """Forget the background; the next learnt image becomes the new one. It must not be None."""
         assert self.background is not None
         self.background.reset()
         self.usually = Usually()
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
-        """Segment the image, with the body's projected outline as a prior, and keep the contour.
+        """Segment the image, with the body's projected outline of `look` as a prior, and keep the contour.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -162,7 +179,7 @@ class SilhouetteCamera:
         self._found = found.silhouette, found.surety
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
-        """Return the correspondences of outline and contour, as constraints of the pose.
+        """Return the correspondences of outline and contour, as constraints of the pose; only if it is `segmented`.
 
         Args:
             motions: R (parts, 9) and t (parts, 3) of the kinematic tree in the pose of the outline.
@@ -177,7 +194,7 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """Return the body in this frame's image: contour, outline and their overlap."""
+        """Return the body in this frame's image: contour, outline and their overlap; only if it is `segmented`."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
@@ -188,7 +205,9 @@ class SilhouetteCamera:
         return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
-        """Return the confidence (n,) that the image shows the background at each point, from 0 to 1.
+        """Return the confidence (n,) float32 that the image shows the background at each point, from 0 to 1.
+
+        The background must not be None.
 
         Args:
             image: (height, width, 3) uint8.
@@ -199,6 +218,8 @@ class SilhouetteCamera:
 
     def evidence(self, image: UInt8, others: Bool | None, about: Sequence[Ball]) -> Evidence:
         """Return the foreground evidence of the image around the body, for the search of limbs.
+
+        It needs a background, and comes after a successful `look`.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -238,7 +259,7 @@ class SilhouetteCamera:
         return left, top, right, bottom
 
     def learn(self, image: UInt8, others: Bool | None) -> None:
-        """Update the background outside the body.
+        """Update the background outside the body; does nothing without a background or a segmented image.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -257,7 +278,10 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """Running mean and mean absolute deviation of a fraction, 0 to 1, and for how long it has been unusual."""
+    """Running mean and mean absolute deviation of a fraction, 0 to 1, and for how long it has been unusual.
+
+    It gives the thresholds of `mocapella.tracker.image_rejection`. Before the first value, they are constants.
+    """
 
     def __init__(self) -> None:
         self._mean: float | None = None
@@ -285,7 +309,10 @@ class Usually:
         return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
 
     def learn(self, share: float) -> None:
-        """Update mean and deviation by a usual value of the fraction; NaN (unknown) changes neither."""
+        """Update mean and deviation by ``share``, a usual value of the fraction; NaN (unknown) changes neither.
+
+        The fraction is not unusual any more.
+        """
         self._else_since_ns = None
         if np.isnan(share):
             return

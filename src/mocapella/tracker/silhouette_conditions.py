@@ -28,11 +28,11 @@ class CameraConditions:
         self._since: dict[tuple[str, str], tuple[int, int, str]] = {}
 
     def memory(self) -> dict[tuple[str, str], tuple[int, int, str]]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return self._since
 
     def recall(self, memory: dict[tuple[str, str], tuple[int, int, str]]) -> None:
-        """Restore the state that `memory` returned."""
+        """Restore the state that `memory` returned, without copying it."""
         self._since = memory
 
     @property
@@ -45,11 +45,11 @@ class CameraConditions:
         return list(clauses)
 
     def update(self, number: int, bodies: Mapping[str, SeenBody]) -> list[str]:
-        """Return messages about lasting changes.
+        """Count the rejections of a frame; return messages about conditions that begin to last, or that end.
 
         Args:
-            number: number of the frame.
-            bodies: the fitted bodies, by name.
+            number: number of the frame, for the messages.
+            bodies: all bodies in this frame, by name.
         """
         notes: list[str] = []
         for camera in self._cameras:

@@ -25,7 +25,11 @@ class EmptyRoomLearning:
     """Learns images of the empty room, spread evenly over its duration.
 
     Args:
-        seconds: duration without people; 0 learns nothing.
+        seconds: duration without people; 0 learns nothing [s].
+
+    Attributes:
+        seen: names of the cameras whose room was learnt.
+        done: whether the duration is over; True at once if it is 0.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -41,7 +45,7 @@ class EmptyRoomLearning:
         self.done = self._seconds == 0
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return [self._begin_ns, self._taken, self._moved, self.seen, self.done]
 
     def recall(self, memory: Sequence[Any]) -> None:
@@ -54,11 +58,11 @@ class EmptyRoomLearning:
         return max(IMAGES - self._taken, 0)
 
     def update(self, time_ns: int, images: Mapping[str, UInt8], empty: EmptyRoom, fitters: BodiesFitter) -> list[str]:
-        """Learn from simultaneous images; return messages once learning has ended.
+        """Learn from simultaneous images; return a message at the end if something moved meanwhile, else none.
 
         Args:
-            time_ns: capture time, on the common clock.
-            images: (height, width, 3) uint8 BGR, by camera.
+            time_ns: capture time, on the common clock; the first call begins the duration.
+            images: (height, width, 3) uint8 BGR, by camera; copied where they are kept.
             empty: background models, updated.
             fitters: the bodies' fitters, whose backgrounds are updated, too.
         """
@@ -81,7 +85,7 @@ class EmptyRoomLearning:
 
 
 def unknown_room(cameras: Iterable[str], known: Container[str]) -> list[str]:
-    """Return messages about ``cameras`` whose empty room was not learnt; ``known`` contains the others."""
+    """Return a message that names the ``cameras`` whose empty room is not in ``known``; empty if all are."""
     missing = [name for name in cameras if name not in known]
     if not missing:
         return []

@@ -23,7 +23,7 @@ _NO_LINES = np.empty((0, 2), np.float32)
 
 
 class BodyScenes:
-    """Creates `TrackedBody` values.
+    """Creates the `TrackedBody` values of scenes.
 
     Args:
         bodies: the tracked bodies, by name; their order gives the ids.
@@ -36,11 +36,14 @@ class BodyScenes:
         self._waiting: dict[tuple[str, str], tuple[Silhouette, Float32]] = {}
 
     def tracked(self, seen: Mapping[str, SeenBody], *, looked_for: bool = True) -> tuple[TrackedBody, ...]:
-        """Return the bodies of one frame as scene parts.
+        """Return the bodies of one frame as scene parts, in the order of ``bodies``.
+
+        A landmark is tracked if it is inside the image of a camera that was used for the body, else inferred; all of a
+        lost body are inferred.
 
         Args:
-            seen: the fitted bodies, by name.
-            looked_for: whether the tracker searches for them; otherwise no landmark is tracked.
+            seen: all bodies in this frame, by name.
+            looked_for: whether the tracker searches for them already; otherwise landmarks are *not tracked*.
         """
         return tuple(
             TrackedBody(

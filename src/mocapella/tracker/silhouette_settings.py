@@ -23,16 +23,23 @@ class Steadiness:
     Fast or recently accelerated points may accelerate more.
 
     Attributes:
-        point_m_per_s2: acceleration of a point of the surface at rest [m/s²].
-        point_per_s: the acceleration of a moving point is greater by this times its speed [1/s].
-        point_per_past: the acceleration of a point is greater by this times its recent acceleration.
-        root_m_per_s2: acceleration of the body's position [m/s²].
-        root_rad_per_s2: angular acceleration of the body's orientation [rad/s²].
-        angle_rad_per_s2: angular acceleration of a joint [rad/s²].
-        beside_skin: factor of the last three settings while the surface is constrained, too. With only one camera the
-            surface is not constrained, because the distance is hardly visible and moves all of it.
-        turn_rad_per_s: speed, not acceleration, of a limb's rotation about itself, which is hardly visible if the limb
-            is straight [rad/s].
+        point_m_per_s2: standard deviation of the acceleration of a point of the surface at rest; larger: less lag, more
+            jitter [m/s²].
+        point_per_s: that of a moving point is greater by this times its speed; larger: less lag in motion, more jitter
+            [1/s].
+        point_per_past: that of a point is greater by this times its recent acceleration; larger: less lag after sudden
+            motion, more jitter [ratio].
+        root_m_per_s2: standard deviation of the acceleration of the body's position; larger: less lag, more jitter
+            [m/s²].
+        root_rad_per_s2: standard deviation of the angular acceleration of the body's orientation; larger: less lag,
+            more jitter [rad/s²].
+        angle_rad_per_s2: standard deviation of the angular acceleration of a joint; larger: less lag, more jitter
+            [rad/s²].
+        beside_skin: factor of ``root_m_per_s2``, ``root_rad_per_s2`` and ``angle_rad_per_s2`` while the surface is
+            constrained, too. With only one camera the surface is not constrained, because the distance is hardly
+            visible and moves all of it [ratio].
+        turn_rad_per_s: standard deviation of the speed, not acceleration, of a limb's rotation about itself, which is
+            hardly visible if the limb is straight; larger: less lag, more jitter [rad/s].
     """
 
     point_m_per_s2: float = 24.0
@@ -60,7 +67,7 @@ class Steadiness:
         return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
 
     def times(self, weight: float) -> Steadiness:
-        """Return the penalty with its weight multiplied by a factor above 0."""
+        """Return a penalty whose weight in the cost is multiplied by ``weight``, above 0: a larger one holds more."""
         s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
         times = {one.name: float(s * getattr(self, one.name)) for one in fields(self)}
         return Steadiness(**{**times, "beside_skin": self.beside_skin})
@@ -77,16 +84,23 @@ class SilhouetteSettings:
         background: learning of the background; None for moving cameras.
         limbs: recovery of misplaced limbs; None for none.
         correspondences: matching of outlines.
-        step_px: stride of the sampled pixels; 0 chooses it so that a body is about 200 samples high [px].
-        margin_steps: search distance of the outline from the predicted body [samples].
-        rounds: pose fits per frame; one less if the first did not move the body.
+        step_px: stride of the sampled pixels; 0 chooses it so that a body is about 200 samples high; larger: less work,
+            less accurate. Lengths and areas of ``region`` and ``closer`` are of a stride of 2 px, and scale with it
+            [px].
+        margin_steps: distance from the predicted body within which its outline is searched; larger: faster motion is
+            found, at more work [samples].
+        rounds: pose fits per frame; one less if the first did not move the body; larger: more accurate, at more work
+            [rounds].
         segmented: number of rounds, from the first, in which the images are segmented; only the first if it did not
-            move the body.
-        expected_steps: if the last frame's body was within this distance of its prediction, the settings `closer` are
-            used at once [samples].
-        settled_steps: the first round counts as having moved the body if it moved it farther than this [samples].
-        usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it [1/rad].
-        unlike: an image is rejected if more than this fraction of the usually unchanged background has changed.
+            move the body; larger: more accurate, at more work [rounds].
+        expected_steps: if the last frame's body was within this distance of its prediction, the settings ``closer`` are
+            used at once; larger: less work, and sudden motion may be missed [samples].
+        settled_steps: the first round counts as having moved the body if it moved it farther than this; larger: less
+            work, less accurate [samples].
+        usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it; larger:
+            hidden limbs stay nearer to it [1/rad].
+        unlike: share of the usually unchanged background above whose change an image is rejected; larger: fewer images
+            are rejected [0 to 1].
         something_else_s: after being rejected for so long, an image becomes the new background, because the light has
             changed or the camera has moved [s].
     """

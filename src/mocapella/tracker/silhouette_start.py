@@ -52,8 +52,8 @@ class Body:
 
     Attributes:
         model: name of one of `MODELS`, or of another mesh.
-        height_m: subject height, if given.
-        proportions: segment lengths, if measured.
+        height_m: subject height; None if not given [m].
+        proportions: measured segment lengths; average ones if not measured.
         mesh: the rigged mesh.
         sha256: hash of the mesh file, in hexadecimal digits; empty without one.
     """
@@ -65,7 +65,7 @@ class Body:
     sha256: str = ""
 
     def starting(self, pose: TreePose) -> InitialBody:
-        """Return the body with an initial pose."""
+        """Return the body with an initial pose, for a tracker; the mesh is shared."""
         return InitialBody(
             self.mesh, pose, build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
         )
@@ -75,7 +75,8 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
     """Triangulate joints (3,) [m] from 2D points, by the names of a body's landmarks; without those not found.
 
     Args:
-        tracks: 2D points, named as in OpenPose, or as a body's landmarks.
+        tracks: 2D points x, y [px] in two cameras or more, named as in OpenPose, or as a body's landmarks; other
+            names are ignored.
         rig: the cameras' intrinsics and poses.
         frame: index of the frame to use, from 0.
 
@@ -126,8 +127,8 @@ def check_joints(model: str, joints: Mapping[str, Float64], file: object = None)
     """Check that the joints suffice to initialise a body model.
 
     Args:
-        model: name of the body model.
-        joints: position of each joint, by its name.
+        model: name of the body model; any other than `MODELS` needs no joint.
+        joints: position of each joint, by its name; only the names are checked.
         file: named in errors, if given.
 
     Raises:
@@ -149,7 +150,7 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
 
     Args:
         model: one of `MODELS`.
-        height_m: subject height; None to use the size that the joints give [m].
+        height_m: subject height, with average proportions; None to use the lengths between the joints [m].
         joints: positions (3,) in the world [m], by the names of a body's landmarks.
 
     Raises:
@@ -196,11 +197,15 @@ def _made(model: str, height_m: float | None, proportions: BodyProportions) -> B
 
 
 def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
-    """Fit a body's pose to joints (3,) in the world [m], by landmark name; joints that the body lacks are ignored.
+    """Fit a body's pose to joints, as the start of its tracking.
+
+    Args:
+        mesh: the body's mesh.
+        joints: positions (3,) in the world [m], by landmark name; joints that the body lacks are ignored.
 
     Raises:
-        SettingsError: too few joints that it has.
-        CalibrationError: no pose is near them.
+        SettingsError: fewer than three joints that the body has.
+        CalibrationError: no pose is near the joints: their median distance is above `FAR_M`.
     """
     known = {name: at for name, at in joints.items() if name in mesh.landmarks}
     if len(known) < 3:
@@ -221,7 +226,7 @@ def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
 
 
 def root_of(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return the body's root (3,) in the world [m]."""
+    """Return the position (3,) of the body's root in the world [m], for a pose."""
     return np.asarray(pose.T_world_model[:3, :3] @ mesh.tree.root + pose.T_world_model[:3, 3])
 
 
@@ -244,7 +249,10 @@ def check_apart(poses: Mapping[str, tuple[RiggedMesh, TreePose]]) -> None:
 
 
 def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[str]:
-    """Return the cameras whose images contain at least one of a body's landmarks."""
+    """Return the names of the cameras whose images contain at least one of a body's landmarks, in the rig's order.
+
+    Of a mesh without landmarks, the origin counts.
+    """
     points = landmarks_at(mesh, pose) if mesh.landmarks else pose.T_world_model[None, :3, 3]
     found = []
     for name, placed in rig.cameras.items():
@@ -258,7 +266,10 @@ def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[s
 
 
 def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return the signed world axis (3,), such as (0, 1, 0), that is nearest to the body's upward direction."""
+    """Return the signed world axis (3,), such as (0, 1, 0), that is nearest to the upward direction of a posed body.
+
+    The upward direction is the y axis of the model; ``mesh`` is not used.
+    """
     up = pose.T_world_model[:3, 1]
     axis = int(np.argmax(np.abs(up)))
     out = np.zeros(3)

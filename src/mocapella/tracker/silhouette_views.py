@@ -25,7 +25,7 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         fit: pose, landmarks, and outlines by camera; a lost body has its initial or last seen pose.
         lost: whether the person is absent: not yet arrived, or gone.
-        waits: silhouette of a lost body in its waiting pose, by camera.
+        waits: silhouette of a lost body in its waiting pose, by camera that shows it there; empty for a present body.
     """
 
     fit: FittedBody
@@ -39,7 +39,7 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         number: number of the frame, if all cameras' frames have the same number, as in files; otherwise a counter.
         time_ns: capture time, on the common clock.
-        images: (height, width, 3) BGR by camera; a camera without a usable image is missing.
+        images: (height, width, 3) uint8 BGR by camera; a camera without an image, or with a damaged one, is missing.
         bodies: the fitted bodies, by name.
     """
 
@@ -50,7 +50,10 @@ class SeenInstant(msgspec.Struct, frozen=True, eq=False):
 
 
 def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str, Silhouette]:
-    """Return the union of the bodies' silhouettes, by camera that sees at least one body."""
+    """Return the union of the bodies' silhouettes, by camera whose image was used for at least one body.
+
+    ``found`` are the fitted bodies, by name. The silhouettes are of the posed meshes, not of the segmented images.
+    """
     out: dict[str, Silhouette] = {}
     for name, placed in rig.cameras.items():
         masks = [one.seen[name].outline.silhouette for one in found.values() if name in one.seen]

@@ -61,12 +61,13 @@ class SilhouettesTracker:
     """Tracker of the method ``silhouettes``.
 
     Args:
-        bodies: by name, at least one; a single body may have an empty name.
-        rig: of the cameras, for images of their sizes.
-        settings: of the fit.
-        sync: of the cameras' times. Bodies are at their initial poses a ``period_s`` before the first images.
+        bodies: bodies with their initial poses, by name, at least one; a single body may have an empty name.
+        rig: the cameras' intrinsics and poses; images of other sizes are rejected.
+        settings: settings of the fit; the defaults if None.
+        sync: grouping of the cameras' frames; the defaults if None. Bodies are at their initial poses one ``period_s``
+            before the first images.
         empty_room_s: duration without people, to learn the room; then people are waited for [s].
-        waiting: whether the room is empty at first: bodies wait at their initial poses.
+        waiting: whether the room is empty at first: bodies count as lost, and are searched, until they are seen.
 
     Attributes:
         bodies, rig: see above.
@@ -110,7 +111,10 @@ class SilhouettesTracker:
         self._begin_anew("")
 
     def recalibrate(self, reason: str) -> None:
-        """Learn the empty room again, and search all bodies at their initial poses; the rig stays."""
+        """Learn the empty room again, and search all bodies at their initial poses; the rig stays.
+
+        The state gives ``reason``, a text for the user, until the bodies are searched.
+        """
         self._restarts += 1
         self._rejected += self._sync.dropped
         self._begin_anew(reason)
@@ -133,7 +137,7 @@ class SilhouettesTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """See `Tracker`; images that wait for simultaneous ones count as kept."""
+        """Counts of all frames, see `Tracker`; images that wait for simultaneous ones count as kept."""
         rejected = self._rejected + self._sync.dropped
         learnt = int(self._room.done and bool(self._room.seen))
         return TrackerReport(self._steps, self._steps - rejected.total(), dict(rejected), learnt, self._restarts)
@@ -149,19 +153,25 @@ class SilhouettesTracker:
         return not self._room.done
 
     def drain_notes(self) -> list[TrackerNote]:
-        """Return the notes since the last call, the oldest first."""
+        """Return the notes since the last call, the oldest first, at most the `MOST_NOTES` newest, and forget them."""
         notes = list(self._notes)
         self._notes.clear()
         return notes
 
     def snapshot(self) -> bytes:
-        """See `Tracker`."""
+        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([_FORMAT, own, [part.memory() for part in self._parts()]], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """See `Tracker`; `seen` is None until the next frame."""
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+
+        `seen` is None until the next complete set of images.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
         kind, own, memories = unpack(data, _REMEMBERED)
         if kind != _FORMAT:
             raise ValueError(f"of {kind!r}")
@@ -177,6 +187,7 @@ class SilhouettesTracker:
         """Process one image and return the scene: the bodies of the last complete set of images.
 
         An image that cannot be used is counted and changes nothing; a damaged one is counted once its set is complete.
+        An image marked as one of the empty room is learnt at once, and rejected after the first other image.
         """
         frame: Any = arrival.frame
         if type(frame) is not ImageFrame:

@@ -90,10 +90,11 @@ class SilhouettesSetup:
 
 
 def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
-    """Create a tracker.
+    """Create a tracker of the method ``silhouettes`` from plain settings.
 
     Args:
-        settings: the fields of `SilhouettesSetup` and of `SilhouetteSettings`, by name.
+        settings: the fields of `SilhouettesSetup` and of `SilhouetteSettings`, by name; ``rig`` and ``bodies`` are
+            required, the others have defaults.
 
     Raises:
         SettingsError: an unknown key, a value out of range, or an impossible body; names valid values.
@@ -121,7 +122,7 @@ def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
 
 
 def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") -> dict[str, Any]:
-    """Return a body as plain settings, for ``bodies``.
+    """Return a body as plain settings, one item of ``bodies`` for `make_silhouettes`.
 
     Args:
         name: name of the person.

@@ -33,13 +33,13 @@ _AWAY: Final = (10, 28)
 
 
 def warm_up_tracker() -> SilhouettesTracker:
-    """Return a tracker of two bodies and two cameras."""
+    """Return a tracker of two bodies and two synthetic cameras, for `warm_up_arrivals`."""
     mesh = body_mesh("male", 1.75)
     return SilhouettesTracker({name: InitialBody(mesh, pose) for name, pose in _poses(0).items()}, _rig())
 
 
 def warm_up_arrivals() -> Iterator[Arrival]:
-    """Yield the empty room, then both bodies, which are lost for a while; some images are noisy, some gray."""
+    """Yield BGR images of the empty room, then of both bodies, which leave for a while; some have wrong pixels."""
     rig, mesh, rng = _rig(), body_mesh("male", 1.75), np.random.default_rng(0)
     walls = {name: np.kron(rng.integers(60, 200, (15, 20, 3)), np.ones((8, 8, 1))) for name in rig.cameras}
     body, eyes = figure(mesh), {name: eye(placed) for name, placed in rig.cameras.items()}

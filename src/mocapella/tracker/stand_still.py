@@ -35,7 +35,7 @@ class StandStillTrackerSettings(StandStillSettings):
     """The settings of the calibration and of the later stages.
 
     Attributes:
-        max_distance_m: skeletons further apart are not one person; the thesis has no such limit [m].
+        max_distance_m: skeletons farther apart are not one person; the thesis has no such limit [m].
         regain_within_m: a body with a new tracking id is a person whom its sensor had lost, if it is nearer than this
             to the person's last position; 0 makes every new tracking id a new person [m].
         silent_after_s: a sensor without a frame for this long is left out of the fusion until its next frame [s].
@@ -56,7 +56,15 @@ _OWN_MEMORY: Final = ("_steps", "_rejected", "_state", "_people")
 
 
 class StandStillTracker:
-    """Sensors' newest frames → each body's transform to the world → assignment to people → mean of tracked joints."""
+    """Tracker of the method ``stand-still``, the baseline that other methods are compared to.
+
+    Sensors' newest frames → each body's transform to the world → assignment to people → mean of tracked joints.
+
+    Args:
+        settings: the settings of every stage; the defaults if None.
+        sensors_expected: number of sensors that the calibration waits for.
+        sensors: tilt and height by sensor name; they override those in the sensor's frames.
+    """
 
     def __init__(
         self,
@@ -89,13 +97,17 @@ class StandStillTracker:
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes, for `restore`; see `Tracker`."""
+        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([own, *map(vars, self._stages())], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot`; see `Tracker`."""
+        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
         own, *stages = unpack(data, _REMEMBERED)
         for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
             set_memory(part, memory)
@@ -111,7 +123,10 @@ class StandStillTracker:
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one frame and return the scene. A frame that cannot be used is counted and changes nothing."""
+        """Process a body sensor's frame, and return the scene: all people, from the newest frames of all sensors.
+
+        A frame that cannot be used is counted in `report` and changes nothing: its scene repeats the last people.
+        """
         bodies = type(arrival.frame) is BodyFrame
         problem = self._see_bodies(arrival) if bodies else not_taken(arrival.frame, "stand-still")
         if problem:
@@ -152,7 +167,11 @@ class CalibratedBodies(msgspec.Struct, frozen=True, eq=False):
 
 
 class CalibratedViews:
-    """Every calibrated body in the world, from its sensor's newest frame; only changes are recomputed."""
+    """Transforms every calibrated body of its sensor's newest frame to the world; only changes are recomputed.
+
+    Args:
+        poses: tilt and height by sensor name, for the views; for a missing sensor, its frames give them.
+    """
 
     def __init__(self, poses: Mapping[str, SensorPose]) -> None:
         self._poses = dict(poses)
@@ -167,8 +186,12 @@ class CalibratedViews:
     def update(self, heard: Heard, calibration: Calibration) -> list[PotentialSkeleton]:
         """Return the views of all active sensors, in the order of sensors and tracking ids; none before a calibration.
 
-        A body that its sensor does not see now keeps a view without tracked joints, because the person can still be
-        shown from that sensor's perspective, as the others see them.
+        A body that its sensor does not see now keeps a view without tracked joints (NaN), because the person can still
+        be shown from that sensor's perspective, as the others see them. A body that was not calibrated has no view.
+
+        Args:
+            heard: result of the present arrival, with the newest frames of all active sensors.
+            calibration: the present calibration.
         """
         if not calibration.T_world_sensor:
             return []
@@ -217,7 +240,7 @@ _REMEMBERED: Final = (
 
 
 def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, CalibratedBodies]:
-    """Group the transforms (4, 4) of calibrated bodies by sensor, in the order of the tracking ids."""
+    """Group the transforms ``T_world_sensor`` (4, 4) of calibrated bodies by sensor, in the order of tracking ids."""
     bodies: dict[str, list[int]] = {}
     for sensor, body in sorted(T_world_sensor):
         bodies.setdefault(sensor, []).append(body)
@@ -228,7 +251,10 @@ def by_sensor(T_world_sensor: Mapping[BodyKey, Float64]) -> dict[str, Calibrated
 
 
 def fuse(people: Sequence[PersonViews]) -> tuple[Person, ...]:
-    """Return each person's fused skeleton with its views."""
+    """Return each person's skeleton, fused by `tracked_mean`, with its views; in the order of ``people``.
+
+    Each person has at least one view, and all views have the same joints.
+    """
     if not people:
         return ()
     joints = len(people[0].views[0].states)

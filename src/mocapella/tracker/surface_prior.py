@@ -47,7 +47,7 @@ class SurfacePrior:
         self._since_s, self._per_s2 = 0.0, 0.0
 
     def memory(self) -> dict[str, Any]:
-        """Return all state, for `recall`."""
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -81,7 +81,7 @@ class SurfacePrior:
         return OnPoints(self._part, rest, self._onward, self._weights)
 
     def learn(self, stands: Standing) -> None:
-        """Update the points' speeds and accelerations with the fitted body of this frame."""
+        """Update the points' positions and accelerations with the fitted body of this frame, for the next `expect`."""
         self._last = stands.vertices[self._body.skin]
         if self._per_s2:
             acceleration = self._per_s2 * np.linalg.norm(self._last - self._onward, axis=1)

@@ -12,7 +12,8 @@ _READY: Final[set[str]] = set()
 def warm_up(method: str) -> None:
     """Compile a method's kernels, the first time on a machine; load compiled ones, the first time in a process.
 
-    A tracker that is given its first frames would compile in the middle of them, while others come in.
+    Otherwise a tracker would compile during its first frames, while others come in. A method without kernels, an
+    unknown one, and the second call in a process do nothing.
 
     Args:
         method: key of `METHODS`.
@@ -28,10 +29,10 @@ def warm_up(method: str) -> None:
 
 
 def is_compiled(method: str) -> bool:
-    """Load a method's kernels if all of them are on disk.
+    """Load a method's kernels as `warm_up` does, but compile none.
 
     Returns:
-        Whether `warm_up` has nothing left to compile.
+        Whether all of them were compiled on disk (or there are none), so that `warm_up` has nothing left to do.
     """
     from mocapella.compiled import NotCompiledError, only_compiled  # numba, which a view need not import
 

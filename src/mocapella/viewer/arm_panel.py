@@ -21,7 +21,11 @@ _MANY: Final = 6.0
 
 
 class ArmPanel:
-    """The folder "Arms" of one browser's panel, visible while arms are tracked."""
+    """The folder "Arms" of one browser's panel, visible while the stage of arms is shown.
+
+    Args:
+        place: the browser's controls and the folder's position among the others.
+    """
 
     def __init__(self, place: PanelPlace) -> None:
         self._folder = place.gui.add_folder("Arms", order=place.order, visible=False)
@@ -30,7 +34,11 @@ class ArmPanel:
         self._visible, self._shown_s = False, -EVERY_S
 
     def show(self, state: PanelState) -> None:
-        """Update the metrics, at most every `EVERY_S`; show or hide the folder."""
+        """Show or hide the folder, and update the metrics at most every `EVERY_S`.
+
+        While the folder is visible, ``state.shown`` must have an attribute ``quality``, an `ArmQuality`. Without a
+        value or a quality, the earlier metrics stay.
+        """
         if state.visible != self._visible:
             self._visible = self._folder.visible = state.visible
         if not state.visible or state.shown is None or state.now_s - self._shown_s < EVERY_S:
@@ -43,7 +51,12 @@ class ArmPanel:
 
 
 def quality_html(scene: Scene | None, quality: ArmQuality) -> str:
-    """Return each hand's gesture, each joint's noise [mm], and the misdetections per minute as HTML."""
+    """Return each arm's gesture, each joint's noise [mm], and the misdetections per minute as HTML.
+
+    Args:
+        scene: the shown scene, for the gestures; None gives the text "No arm is seen.", as a scene without arms does.
+        quality: the metrics; a NaN is shown as a dash.
+    """
     grey = GREY.css
     hands = "".join(
         f"<div><b>{'Left' if arm.left else 'Right'} arm</b> · {escape(arm.gesture) or 'no gesture'}"

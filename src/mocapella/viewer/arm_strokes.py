@@ -31,6 +31,9 @@ _OF_LANE: Final = 0.6
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
     """Return the strokes of an arm: lines, balls for measured joints, and translucent balls for inferred joints.
 
+    A line is left out if one of its joints is unknown, and is thin unless both are measured. An unknown joint has no
+    ball.
+
     Args:
         p: (8, 3) positions of the joints `mocapella.model.arms.ARM_JOINTS` in the view's space [m]; NaN if unknown.
         states: (8,) `JointState` of each joint.
@@ -60,6 +63,8 @@ def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
     """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in the image.
+
+    The arms are projected without the lens's distortion; inferred joints have paler balls.
 
     Args:
         frame: the arms that were detected in the camera's image.

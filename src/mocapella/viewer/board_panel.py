@@ -59,7 +59,7 @@ class BoardFields:
         return f"ChArUco board ({self.dictionary}), {squares}, markers of {self.marker_mm:g} mm"
 
     def arguments(self) -> dict[str, Any]:
-        """Return the arguments of the server's command ``calibrate``.
+        """Return the arguments of the server's command ``calibrate``: ``file``, or ``board`` with lengths in metres.
 
         Raises:
             SettingsError: a field is invalid; the message names it and the valid values.
@@ -92,8 +92,8 @@ class BoardPanel:
     Args:
         gui: controls of the browser.
         colours: colours of the cameras.
-        send: sends a command with its arguments to the server.
-        refuse: shows a title and a message when the inputs are invalid.
+        send: sends a command with its arguments to the server, without waiting for the reply.
+        refuse: shows a title and a message in the browser; called in place of ``send`` when the inputs are invalid.
         order: position among the panel's folders.
         expanded: whether the folder is unfolded at first.
     """
@@ -145,7 +145,10 @@ class BoardPanel:
         )  # fmt: skip
 
     def show(self, progress: BoardProgress) -> None:
-        """Show the progress of the calibration; do nothing if neither the progress nor an input has changed."""
+        """Show the progress of the calibration, and the inputs and buttons that its phase allows.
+
+        It does nothing if ``progress`` is the same object as before and no input has changed.
+        """
         fields = self.fields
         if progress is self._progress and fields == self._shown:
             return
@@ -196,7 +199,7 @@ class BoardPlace:
         self._panel: BoardPanel | None = None
 
     def show(self, status: SessionStatus | None, progress: BoardProgress | None) -> None:
-        """Show the progress of the calibration; create the panel first if necessary.
+        """Show the progress of the calibration; create the panel first, once a sensor of the session has images.
 
         Args:
             status: status of the session, with its sensors.

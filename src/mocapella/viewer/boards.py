@@ -58,9 +58,14 @@ class ShownBoard:
 
 
 def image_lines(scene: Scene, troubles: PluginErrors) -> dict[str, ImageLines]:
-    """Return the lines to draw over camera images by camera, such as outlines of body models, for a scene's parts.
+    """Return the lines to draw over camera images by camera, such as outlines of body models.
 
-    Errors of drawings are reported to ``troubles``.
+    The lines of several types of parts over one image are joined. A camera for which no drawing returns lines is left
+    out; an entry may have a text alone.
+
+    Args:
+        scene: the scene whose parts are drawn.
+        troubles: receives the errors of drawings, whose lines are left out.
     """
     found: dict[str, list[ImageLines]] = {}
     for name, parts in scene.parts.items():
@@ -84,6 +89,9 @@ def _joined(told: list[ImageLines]) -> ImageLines:
 def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
     """Return the plane of each camera's image: equally high, side by side from the left of the screen.
 
+    The row is centred above the boards' origin, and the planes' positions are relative to that origin. It is at most
+    1.9 m high and 6.4 m wide, and empty without cameras.
+
     Args:
         sizes_px: (width, height) of each camera's image, by camera.
         tall_m: height of the people below the images [m].
@@ -106,6 +114,9 @@ def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[
 class BoardNodes:
     """Scene nodes of the boards in one browser.
 
+    Args:
+        scene: viser's 3D scene of the browser.
+
     Attributes:
         planes: plane of each board by camera, relative to the origin that `place` moves.
     """
@@ -123,12 +134,13 @@ class BoardNodes:
             self._root.position = at
 
     def draw(self, planes: Mapping[str, Plane], boards: Mapping[str, ShownBoard], *, new_pictures: bool) -> None:
-        """Show exactly these boards on their planes, by camera.
+        """Show exactly these boards on their planes, by camera; boards of other cameras are hidden.
 
         Args:
-            planes: plane of each board, relative to the boards' origin.
-            boards: content of each board.
-            new_pictures: whether images that are already shown are replaced by newer ones.
+            planes: plane of each board, relative to the boards' origin; kept as the attribute.
+            boards: content of each board, at least for the cameras of ``planes``.
+            new_pictures: whether images that are already shown are replaced by newer ones. Lines and texts are always
+                replaced.
         """
         self.planes = planes
         for name, plane in planes.items():

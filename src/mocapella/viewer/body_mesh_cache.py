@@ -11,11 +11,14 @@ from mocapella.model.body_builds import mesh_of_build
 from mocapella.model.rigged_mesh import RiggedMesh, posed, rest
 
 MOST: Final = 64
-"""Largest number of cached meshes; the oldest are dropped."""
+"""Largest number of cached meshes; the earliest stored are dropped."""
 
 
 class BodyMeshCache:
-    """Cache of body meshes by their JSON description (`mocapella.model.scene.TrackedBody.build`)."""
+    """Cache of body meshes by their JSON description (`mocapella.model.scene.TrackedBody.build`), for any thread.
+
+    It has at most `MOST` meshes. One that was dropped is built again when it is requested.
+    """
 
     def __init__(self) -> None:
         self._meshes: dict[str, RiggedMesh | None] = {}
@@ -25,7 +28,7 @@ class BodyMeshCache:
     def mesh(self, build: str) -> RiggedMesh | None:
         """Return the mesh without waiting; None while it is being built, or if it cannot be built.
 
-        ``build`` is the JSON description; a new one starts the building on the cache's thread.
+        ``build`` is the JSON description; a new one starts the building on the cache's thread, an empty one gives None.
         """
         if not build:
             return None

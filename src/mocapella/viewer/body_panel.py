@@ -25,7 +25,11 @@ _PLAIN: Final = Rgb(222, 228, 238)
 
 
 class BodyPanel:
-    """The folder "Bodies" of one browser's panel, visible from the first tracked body on."""
+    """The folder "Bodies" of one browser's panel, visible from the first tracked body on.
+
+    Args:
+        place: the browser's controls and the folder's position among the others.
+    """
 
     def __init__(self, place: PanelPlace) -> None:
         self._gui = place.gui
@@ -44,7 +48,11 @@ class BodyPanel:
         return str(self._whose.value)
 
     def show(self, state: PanelState) -> None:
-        """Update the overlaps, and the charts at most every `CHARTS_EVERY_S`."""
+        """Update the overlaps, and the charts at most every `CHARTS_EVERY_S`.
+
+        ``state.parts`` are the scene's `TrackedBody` values. The charts have the last `WINDOW_S` of the chosen body;
+        without bodies they do not change.
+        """
         bodies: Sequence[TrackedBody] = state.parts
         self._had = self._had or bool(bodies)
         if (visible := state.visible and self._had) != self._visible:

@@ -61,7 +61,7 @@ NO_STROKES = Strokes(
 
 
 def join(parts: list[Strokes]) -> Strokes:
-    """Concatenate several sets of strokes into one."""
+    """Return several sets of strokes concatenated into a new one; `NO_STROKES` for an empty list."""
     if not parts:
         return NO_STROKES
     return Strokes(
@@ -93,7 +93,10 @@ def checked(strokes: Strokes) -> Strokes:
 
 
 def padded(strokes: Strokes, count: int) -> Strokes:
-    """Return the strokes with invisible strokes of scale 0 appended, ``count`` in total."""
+    """Return a copy with invisible strokes of scale 0 appended, ``count`` in total (at least as many as there are).
+
+    A scene node has a fixed number of instances, and the unused ones must not be visible.
+    """
     missing = count - len(strokes)
     identity = np.tile(np.array([1, 0, 0, 0], np.float32), (missing, 1))
     nothing = np.zeros((missing, 3), np.float32)
@@ -103,6 +106,8 @@ def padded(strokes: Strokes, count: int) -> Strokes:
 
 def doubt(sd: Any) -> Float32:
     """Return the *doubt* of joints: how uncertain they are drawn, from 0 (certain) to 1.
+
+    It rises linearly from `SURE_SD_M` to `UNSURE_SD_M`.
 
     Args:
         sd: standard deviations of a coordinate [m], of any shape; NaN gives 0.
@@ -149,10 +154,10 @@ def bone_strokes(
 
 
 def line_strokes(points: Any, colour: Any, radius: float) -> Strokes:
-    """Return a stroke for each segment of a line through points.
+    """Return a stroke for each segment of an open line through points, along +y of the mesh.
 
     Args:
-        points: (n, 3) [m]; a segment with a NaN point is left out.
+        points: (n, 3) [m]; a segment with a NaN point, or of no length, is left out.
         colour: (3,) red, green and blue, 0 to 255.
         radius: half the line's thickness [m].
     """
@@ -232,7 +237,10 @@ def _balls(positions: Float32, radii: Float32, colours: NDArray[np.uint8]) -> St
 
 
 def from_up_to(direction: Any) -> Float32:
-    """Return the unit quaternions (…, 4) (w, x, y, z) that rotate +y into unit vectors (…, 3) by the smallest angle."""
+    """Return the unit quaternions (…, 4) (w, x, y, z) that rotate +y into unit vectors (…, 3) by the smallest angle.
+
+    For −y, it is half a turn about x.
+    """
     d = np.asarray(direction, np.float64)
     q = np.stack([1 + d[..., 1], d[..., 2], np.zeros_like(d[..., 0]), -d[..., 0]], axis=-1)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)

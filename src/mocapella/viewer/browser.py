@@ -84,7 +84,13 @@ def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
 
 
 def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
-    """Return a camera in front of one camera image above the stage; the arguments are as in `look_along`."""
+    """Return a camera in front of one camera image above the stage.
+
+    Args:
+        sight: the region that the camera follows.
+        plane: plane of the camera image, relative to the region's middle.
+        aspect: width of the browser's canvas over its height.
+    """
     corners = plane.moved(sight.middle).corners
     return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
 
@@ -102,9 +108,9 @@ class Browser:
         client: viser's connection to the browser.
         commander: sends commands to the server; None without a server.
         methods: names of the tracking methods that the Setup form offers.
-        known: memory of the view.
-        feed: requests camera images.
-        timeline: the stored moments.
+        known: memory of the view, shared by all browsers.
+        feed: requests camera images, for all browsers.
+        timeline: the stored moments, shared by all browsers.
         now_s: time of the connection on this process's monotonic clock [s].
 
     Attributes:
@@ -151,7 +157,10 @@ class Browser:
         return self.playhead.number is None
 
     def show(self, now: ViewNow) -> None:
-        """Update the whole page: show the newest scene, or the scene chosen on the timeline."""
+        """Update the whole page: show the newest scene, or the scene chosen on the timeline.
+
+        Only changes since the last call are sent to the browser. ``now`` is the input of all browsers for this update.
+        """
         self.playhead.update(now.now_s)
         self.camera.beat(now.now_s)
         self.camera.home = None if now.home is None else np.asarray(now.home.position)

@@ -106,7 +106,7 @@ class BrowserCamera:
                 self._by_hand = True
 
     def put(self, look: Look) -> None:
-        """Place the camera at once, even if the user has moved it; it does not follow afterwards."""
+        """Place the camera at once, even if the user has moved it; it stays there until `put` or `follow` is called."""
         self._follows = self._by_hand = False
         self._place(look)
 

@@ -91,6 +91,9 @@ class FeedSettings:
         report_s: interval between two requests for the report of a camera that is shown [s].
         wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it [s].
         workers: largest number of simultaneous requests.
+
+    Raises:
+        SettingsError: a value is out of range.
     """
 
     rate_hz: float = 5.0
@@ -134,7 +137,7 @@ class CameraFeed:
 
     Args:
         ask: sends a request to a camera's node and returns the answer; may block.
-        settings: rates and limits of the requests.
+        settings: rates and limits of the requests; None for the defaults of `FeedSettings`.
     """
 
     def __init__(self, ask: Ask, settings: FeedSettings | None = None) -> None:
@@ -160,7 +163,9 @@ class CameraFeed:
         return camera not in self._plain
 
     def want(self, camera: str, shown: FeedMode, width_px: float, now_s: float) -> FeedImage:
-        """Register that a browser shows a camera's image; return the newest one.
+        """Register that a browser shows a camera's image; return the newest one, or an empty one before the first.
+
+        The result does not change later. If several browsers want the image, the largest width counts.
 
         Args:
             camera: name of the camera.
@@ -175,12 +180,14 @@ class CameraFeed:
         return self._shots.setdefault(key, FeedImage())
 
     def report(self, camera: str) -> dict[str, Any]:
-        """Return the newest `CameraAnswer.report` of a camera's node; empty before the first."""
+        """Return the newest `CameraAnswer.report` of a camera's node; an empty mapping before the first."""
         shot = self._shots.get((camera, _REPORT))
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
     def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
-        """Send the requests that are due, without waiting for answers. Call it in every update with a browser.
+        """Send the request that is longest due, without waiting for its answer. Call it in every update with a browser.
+
+        It sends at most one request, and none before 1 / `FeedSettings.rate_hz` has passed since the last.
 
         Args:
             cameras: names of the cameras that have a node now.
@@ -201,7 +208,7 @@ class CameraFeed:
         Args:
             camera: name of the camera.
             question: the request (`mocapella.wire.questions`).
-            done: is called with the answer, on another thread.
+            done: is called once with the answer or the failure, on another thread; never if `close` comes first.
             timeout_s: longest time to wait for the answer [s].
         """
         self._orders.submit(self._carry_out, camera, question, done, timeout_s).add_done_callback(_raise_again)

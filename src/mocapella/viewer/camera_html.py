@@ -21,7 +21,7 @@ _MOST_PROBLEMS = 6
 
 
 def found(answer: CameraAnswer) -> dict[str, Point]:
-    """Return x and y of each detected marker in the camera's image [px], by name."""
+    """Return x and y of each detected marker in the camera's image [px], by name; markers not seen are left out."""
     pairs = zip(answer.names or (), answer.positions_px or (), strict=False)
     return {name: (float(at[0]), float(at[1])) for name, at in pairs if at is not None}
 
@@ -36,8 +36,11 @@ def picture_html(
 ) -> str:
     """Return a camera's image with a circle around each marker, or its mask, and the camera's problems as HTML.
 
+    It is empty if nothing is shown, and a note of waiting or of the failure before the first image. After a failure,
+    the last image is dimmed.
+
     Args:
-        shot: the newest image; None without one.
+        shot: the newest image and the failure of the last request; None without a request.
         shown: type of the image.
         report: newest report of the camera's node, see `CameraAnswer.report`.
         large: whether the image is shown in front of the stages, and therefore not in the panel.

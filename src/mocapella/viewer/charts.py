@@ -34,7 +34,7 @@ class Chart:
     Args:
         gui: controls of the browser.
         names: names of the body's joint angles.
-        first: group that is shown at first, a key of `groups`.
+        first: group that is shown at first, a key of `groups`; the user chooses another in the chart's menu.
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], first: str) -> None:
@@ -46,10 +46,10 @@ class Chart:
         self._shown: tuple[str, tuple[str, ...]] = ("", ())
 
     def draw(self, names: Sequence[str], at_s: Float64, angles: Float64) -> None:
-        """Plot the chosen group's angles over time.
+        """Plot the angles of the group that the user has chosen over time, in place of the earlier plot.
 
         Args:
-            names: names of all joint angles of the body.
+            names: names of all joint angles of the body. If they differ from before, the menu has the new groups.
             at_s: (n,) times of the scenes, on the common clock [s].
             angles: (n, joints) [rad].
         """

@@ -33,7 +33,8 @@ class Commander:
     At most `MOST_WAITING` commands of a browser wait; further ones, and repetitions of a waiting one, are dropped.
 
     Args:
-        command: sends a command with its arguments to the server and returns the reply; may block.
+        command: sends a command with its arguments to the server and returns the reply; may block. A `MocapellaError`
+            is shown as a failed command.
     """
 
     def __init__(self, command: SendCommand) -> None:
@@ -43,7 +44,13 @@ class Commander:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
     def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
-        """Queue a command with its arguments; the server's reply is shown in the browser ``client``. Does not block."""
+        """Queue a command; the server's reply is later shown in the browser. Does not block.
+
+        Args:
+            verb: the command, such as ``finish-calibration``.
+            arguments: its arguments by name.
+            client: viser's connection to the browser that sends it. A success without a message shows nothing.
+        """
         with self._lock:
             own = [one for one in self._waiting if one.client is client]
             if any((one.verb, one.arguments) == (verb, arguments) for one in own) or len(own) >= MOST_WAITING:
@@ -57,7 +64,7 @@ class Commander:
             self._waiting = deque(one for one in self._waiting if one.client is not client)
 
     def close(self) -> None:
-        """Send no more commands; drop the waiting ones."""
+        """Send no more commands; drop the waiting ones, without waiting for the one under way."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _next(self) -> None:

@@ -39,7 +39,7 @@ class Tag:
 
 
 class StrokeNode:
-    """Scene node with any number of instances of one mesh.
+    """Scene node with any number of instances of one mesh; it is created at the first drawing.
 
     Args:
         scene: viser's 3D scene of the browser.
@@ -59,7 +59,7 @@ class StrokeNode:
         self._handle: viser.BatchedMeshHandle | None = None
 
     def draw(self, strokes: Strokes) -> None:
-        """Show exactly these strokes, in place of the earlier ones."""
+        """Show exactly these strokes, in place of the earlier ones; none hides all."""
         if not len(strokes) and not self._shows:
             return
         self._shows = len(strokes) > 0
@@ -95,7 +95,12 @@ class StrokeNode:
 
 
 class SurfaceNode:
-    """Scene node of a two-sided surface with moving vertices; ``name`` is the node's path."""
+    """Scene node of a two-sided surface with moving vertices.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -104,9 +109,14 @@ class SurfaceNode:
         self._handle: viser.MeshHandle | None = None
 
     def draw(self, mesh: Mesh, colour: Rgb, opacity: float) -> None:
-        """Show a mesh in place of the earlier one; ``opacity`` is 0 to 1.
+        """Show a mesh in place of the earlier one.
 
-        If only the vertices differ from the earlier mesh, only they are sent to the browser.
+        Args:
+            mesh: vertices in the view's space [m]. If its ``faces`` are the same array as before, and colour and
+                opacity are equal, only the vertices are sent to the browser. The same array of vertices is not sent
+                again, even if it was changed in place.
+            colour: colour of the surface.
+            opacity: 0 to 1.
         """
         made_of = (id(mesh.faces), colour, opacity)
         if self._handle is None or self._made_of != made_of:
@@ -135,7 +145,12 @@ class SurfaceNode:
 
 
 class SkinNode:
-    """Scene node of a rigged mesh; ``name`` is its path. After the first drawing, only the parts' motions are sent."""
+    """Scene node of a rigged mesh. After the first drawing, only the parts' motions are sent to the browser.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
+    """
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -250,7 +265,7 @@ class TagNodes:
         self._shown: list[Tag] = []
 
     def draw(self, tags: list[Tag]) -> None:
-        """Show exactly these labels, in place of the earlier ones."""
+        """Show exactly these labels, in place of the earlier ones; an equal list is not sent again."""
         if tags == self._shown:
             return
         self._shown = tags
@@ -271,7 +286,7 @@ class TagNodes:
 
 
 class SensorNode:
-    """Scene node of a sensor, drawn as the frustum of its field of view.
+    """Scene node of a sensor, drawn as the frustum of its field of view; hidden until `place`.
 
     Args:
         scene: viser's 3D scene of the browser.
@@ -334,7 +349,7 @@ class SensorNode:
 
 
 class FloorNode:
-    """Scene node of a level floor with a grid of one metre.
+    """Scene node of a level floor with a grid of one metre; hidden until `place`.
 
     Args:
         scene: viser's 3D scene of the browser.

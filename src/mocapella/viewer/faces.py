@@ -20,9 +20,10 @@ _SHORTEST: Final = 1e-3
 
 
 def facings(positions: Any, topology: Topology) -> Float32:
-    """Return each person's facing from the shoulders: (skeletons, 3) horizontal unit vectors; NaN without shoulders.
+    """Return each person's facing from the shoulders: (skeletons, 3) float32 horizontal unit vectors.
 
-    It is used for the head, because a skeleton has no orientation of the head itself.
+    NaN where a shoulder is unknown, where one is above the other, and for a topology without shoulders. The facing is
+    used for the head, because a skeleton has no orientation of the head itself.
 
     Args:
         positions: (skeletons, joints, 3) joint positions in a frame with y up [m].

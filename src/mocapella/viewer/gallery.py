@@ -51,7 +51,7 @@ def gallery_drawing(
 
     Args:
         frames: newest frame by sensor.
-        known: memory of the view, with the sensors' names and floors.
+        known: memory of the view: which sensors there are, their colours and floors. It receives errors of drawings.
         without: sensors that get no lane.
     """
     sensors = [sensor for sensor in known.colours.sensors if sensor not in without]
@@ -79,7 +79,8 @@ class SensorsStage:
 
     Args:
         scene: viser's 3D scene of the browser.
-        fields: horizontal and vertical field of view of each sensor [°].
+        fields: horizontal and vertical field of view by sensor [°], read at each drawing; a usual one is drawn for a
+            sensor that is not in it.
     """
 
     def __init__(self, scene: viser.SceneApi, fields: Mapping[str, tuple[float, float]]) -> None:
@@ -94,7 +95,7 @@ class SensorsStage:
         self._drawn: GalleryDrawing | None = None
 
     def draw(self, drawing: GalleryDrawing) -> None:
-        """Show a drawing in place of the earlier one; nothing is sent if it is already shown."""
+        """Show a drawing in place of the earlier one; nothing is sent if it is the same object."""
         if drawing is self._drawn:
             return
         self._drawn = drawing

@@ -27,7 +27,10 @@ _UNUSED: Final = (
 
 
 def guard_controls(client: viser.ClientHandle) -> None:
-    """Ignore a browser's changes of controls that `may_change` forbids; call it before controls are added."""
+    """Ignore a browser's changes of controls that `may_change` forbids, and all messages that the view does not use.
+
+    Call it once for each connected browser, before its controls are added.
+    """
     gui: Any = client.gui
     theirs = gui._handle_gui_updates
     messages = gui._websock_interface
@@ -52,7 +55,8 @@ def hear_nothing_unused(gui: viser.GuiApi) -> None:
 def may_change(handle: Any, updates: dict[str, Any]) -> bool:
     """Return whether a browser may make a change to a control.
 
-    The control must be visible and enabled, and the change a new value of its type and range.
+    The control must be visible and enabled, and the change a new value of its type and range: one of the options of a
+    menu, at most `LONGEST_TEXT` characters, at most `MOST_VALUES` elements, and finite numbers within its limits.
 
     Args:
         handle: viser's handle of the control.

@@ -24,7 +24,10 @@ MOST_POINTS: Final = 160
 
 
 def closed_lines(points_px: Float32) -> Iterator[Float64]:
-    """Split points (n, 2) [px] at rows of NaN; yield each closed line (k, 2) of two or more points."""
+    """Split points (n, 2), x and y [px], at rows of NaN; yield each closed line (k, 2) of two or more points.
+
+    The last point of a line is not the first one again. Lines of one point are left out.
+    """
     points = np.asarray(points_px, np.float64).reshape(-1, 2)
     gaps = np.flatnonzero(~np.isfinite(points).all(axis=1))
     for part in np.split(points, gaps):
@@ -34,10 +37,12 @@ def closed_lines(points_px: Float32) -> Iterator[Float64]:
 
 
 def pieces(points_px: Float32) -> Float32:
-    """Return the segments (m, 2, 2) of closed lines, as start and end points [px]; long lines are thinned.
+    """Return the segments (m, 2, 2) of closed lines, as start and end points [px].
+
+    A line of more than `MOST_POINTS` points is thinned to at most so many. Without lines, m is 0.
 
     Args:
-        points_px: (n, 2) points of the lines [px], with rows of NaN between the lines.
+        points_px: (n, 2) points of the lines, x and y [px], with rows of NaN between the lines.
     """
     lines = [line[:: _every(line)] for line in closed_lines(points_px)]
     made = [np.stack([line, np.roll(line, -1, axis=0)], axis=1) for line in lines]
@@ -47,14 +52,15 @@ def pieces(points_px: Float32) -> Float32:
 def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float32]:
     """Find the sections of an image's contour that deviate visibly from the model's outline.
 
-    Visible is one sample or more: 1 px, or 1/320 of the outline's longer side.
+    Visible is one sample or more: 1 px, or 1/320 of the outline's longer side if that is more.
 
     Args:
-        outline_px: (n, 2) outline of the model [px], closed lines with rows of NaN between.
+        outline_px: (n, 2) outline of the model, x and y [px], closed lines with rows of NaN between.
         contour_px: (m, 2) contour of the image's silhouette [px], likewise.
 
     Returns:
-        Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it, start and end points [px].
+        Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it, start and end points [px]. Without
+        an outline, the whole contour is outside.
     """
     outlines = list(closed_lines(outline_px))
     if not outlines:

@@ -17,5 +17,5 @@ class Input(Protocol[_T_co]):
 
 
 def set_value(handle: Input[_T], value: _T) -> None:
-    """Set the value that an input shows."""
+    """Set the value that an input shows; viser's types declare ``value`` as read-only."""
     handle.value = value  # type: ignore[misc]  # viser types the property as read-only and writes it by `__setattr__`

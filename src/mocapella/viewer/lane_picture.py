@@ -42,13 +42,16 @@ class LanePicture:
         return self.wide_m / self.size_px[0]
 
     def at(self, pixels: Float64) -> Float64:
-        """Return the positions (..., 3) in the view's space [m] of pixels (..., 2), x to the right and y down [px]."""
+        """Return the positions (..., 3) in the view's space [m] of pixels (..., 2), x to the right and y down [px].
+
+        The pixel coordinates (0, 0) are drawn at the image's upper left corner; NaN gives NaN in x and y.
+        """
         x = 0.5 * self.wide_m - self.px * pixels[..., 0]
         y = _LOW_M + self.px * (self.size_px[1] - pixels[..., 1])
         return np.asarray(self.origin + np.stack([x, y, np.full(x.shape, _DEEP_M)], axis=-1))
 
     def edge(self, colour: Rgb) -> Strokes:
-        """Return the strokes of the image's border."""
+        """Return the strokes of the image's border, as lines in the view's space."""
         width, height = self.size_px
         corners = np.array([[0, 0], [width, 0], [width, height], [0, height], [0, 0]], dtype=np.float64)
         return line_strokes(self.at(corners), colour.paint, 0.008)

@@ -77,8 +77,9 @@ class Lane:
     """Descriptor of how frames of one type are drawn.
 
     Attributes:
-        draw: function that draws a frame in a `LaneSpace`.
-        keep: function that reduces a frame to the data needed to draw it again, for the timeline.
+        draw: function of a frame and its `LaneSpace` that returns a `LaneDrawing`.
+        keep: function that reduces a frame to the data needed to draw it again, for the timeline; by default the frame
+            itself is kept.
         on_floor: whether frames are `mocapella.viewer.perspective.OnFloor`, so that the floor's height is estimated
             from them.
         size_px: function that returns the (width, height) of a frame's image, None for a frame without one.

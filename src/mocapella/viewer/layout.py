@@ -59,7 +59,10 @@ class BoundingBox:
 
 
 def lane_origins(count: int) -> Float64:
-    """Return the middle of each lane's front edge as (count, 3) [m], the first lane at the left of the screen."""
+    """Return the middle of each lane's front edge as (count, 3) [m], the first lane at the left of the screen.
+
+    The lanes stand in centred rows of `LANES_A_ROW`, each row above and behind the one before.
+    """
     if count == 0:
         return np.zeros((0, 3))
     width = LANE_WIDTH_M * SENSORS_SCALE + LANE_GAP
@@ -121,7 +124,7 @@ def frame(
     """Return the nearest camera that looks along +z, down by ``elevation``, and sees all the points.
 
     Args:
-        points: (n, 3) points that must be visible, in the view's space [m].
+        points: (n, 3) points that must be visible, at least one, in the view's space [m].
         fov: vertical field of view [rad].
         aspect: width of the canvas over its height.
         elevation: angle between the camera's axis and the horizontal, downwards positive [rad].

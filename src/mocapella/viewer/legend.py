@@ -26,7 +26,7 @@ _THICK, _THIN = 6, 2
 
 
 class Legend:
-    """The legend of the skeletons' colours in one browser."""
+    """The legend of the skeletons' colours in one browser, hidden until `show`; ``gui`` are the browser's controls."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._shown: tuple[object, ...] = ()

@@ -34,8 +34,9 @@ def marker_colour(name: str) -> Rgb:
 
 
 def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """Return the strokes of a marker camera's lane, lines and balls: the image's border, and the markers in their
-    sizes.
+    """Return the strokes of a marker camera's lane, lines and balls: the image's border, and the markers.
+
+    A marker's ball has the area of its pixels, and at least a visible size; a marker that is not found has none.
 
     Args:
         frame: the markers that were detected in the camera's image.

@@ -37,7 +37,10 @@ HANDSHAKE_S: Final = 10.0
 
 @contextlib.contextmanager
 def unprinted() -> Iterator[None]:
-    """Suppress the messages that viser prints meanwhile, because standard output is for results."""
+    """Suppress the messages that viser prints meanwhile, because standard output is for results.
+
+    What other threads of the process print to ``sys.stdout`` meanwhile is lost, too.
+    """
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
@@ -56,7 +59,7 @@ def tolerated() -> Iterator[None]:
 
 
 class PageServer(viser.ViserServer):
-    """The web server of viser, without its public tunnel, and with a check of every request.
+    """The web server of viser, without its public tunnel, and with a check of every request; made by `open_page`.
 
     Attributes:
         door: decides which requests are answered.
@@ -65,7 +68,7 @@ class PageServer(viser.ViserServer):
     door: PageDoor
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse to open a public tunnel, so that no page can publish images of people."""
+        """Return None instead of opening a public tunnel, so that no page can publish images of people."""
         return None
 
     @property
@@ -76,12 +79,15 @@ class PageServer(viser.ViserServer):
 
 
 def open_page(host: str, port: int, panel_px: int) -> PageServer:
-    """Serve an empty page with a control panel.
+    """Serve an empty page with a control panel, on viser's own threads, until ``stop`` of the result is called.
 
     Args:
         host: address of the only network interface to serve on.
         port: TCP port; 0 takes a free one.
         panel_px: width of the panel.
+
+    Returns:
+        The running server; its ``url`` has the access token.
 
     Raises:
         AddressInUseError: the port is in use.

@@ -125,8 +125,8 @@ def _is_address(host: str) -> bool:
 def users_token() -> str:
     """Return the token of this user's views, from `TOKEN_VARIABLE`, or from a file that only the user can read.
 
-    The file is made if it is missing. The token stays the same, so that an open page continues with the next view at
-    its address.
+    The file is made if it is missing, and replaced, with a new token, if other users can read it. Else the token stays
+    the same, so that an open page continues with the next view at its address.
 
     Raises:
         SettingsError: the variable's token is too short or not alphanumeric, or the file cannot be written.

@@ -87,7 +87,7 @@ class SensorColours:
             self._sensors = tuple(sorted({*self._sensors, *sensors}))
 
     def of(self, sensor: str) -> Rgb:
-        """Return a sensor's colour; an unknown sensor is added."""
+        """Return a sensor's colour; an unknown sensor is added. After six sensors, colours repeat."""
         self.learn((sensor,))
         return SENSORS[self._sensors.index(sensor) % len(SENSORS)]
 

@@ -83,8 +83,8 @@ class Panel:
         client: viser's connection to the browser.
         commander: sends commands to the server; None without a server, which hides the controls for commands.
         methods: names of the tracking methods that the Setup form offers.
-        known: memory of the view.
-        aim: is called with the camera's target when the user chooses one.
+        known: memory of the view, shared by all browsers.
+        aim: is called with the camera's target when the user chooses one, from viser's callbacks.
         feed: requests camera images.
         timeline: the stored moments.
         playhead: position of this browser on the timeline.
@@ -156,7 +156,10 @@ class Panel:
 
     @property
     def perspective(self) -> str:
-        """The perspective that the user has chosen, else the default: a sensor's name, or `FREE`."""
+        """The perspective that the user has chosen, else the default: a sensor's name, or `FREE`.
+
+        The default is `FREE` if the scene's parts define the pose of the world, and else `default_perspective`.
+        """
         if self._chosen is not None:
             return self._chosen
         if self._known.ground.space is not None:

@@ -63,3 +63,4 @@ class PartPanel(Protocol):
 
 
 MakePanel = Callable[[PanelPlace], PartPanel]
+"""Creates a folder in one browser's panel, once for each browser."""

@@ -16,7 +16,12 @@ NOBODY = "–"
 
 
 class PeoplePanel:
-    """The folder "People" of one browser's panel: it lists the people, and sends a name that the user enters."""
+    """The folder "People" of one browser's panel: it lists the people, and sends a name that the user enters.
+
+    Args:
+        place: the browser's controls, the folder's position, and what sends the command ``name``; without a server, the
+            inputs for a name are hidden.
+    """
 
     def __init__(self, place: PanelPlace) -> None:
         gui, self._send = place.gui, place.send
@@ -42,7 +47,10 @@ class PeoplePanel:
             handle.visible = self._send is not None
 
     def show(self, state: PanelState) -> None:
-        """Show the people of the scene; a person chosen by the user stays chosen while no sensor sees them."""
+        """Show the people of the scene, ``state.parts``, if ``state.changed``.
+
+        A person chosen by the user stays chosen while no sensor sees them.
+        """
         if not state.changed:
             return
         people: tuple[Person, ...] = state.parts

@@ -102,7 +102,8 @@ class Floors:
 
         Args:
             frame: the frame, with the sensor's name.
-            pose: tilt and height from the setup; they take precedence over the frame's. None if not configured.
+            pose: tilt and height from the setup, which replace both of the frame's. None if not configured. If the
+                height is 0, the floor follows the lowest of the frame's positions; it stays if all are NaN.
         """
         tilt, height = (frame.tilt, frame.height) if pose is None else (pose.tilt, pose.height)
         self._tilts[frame.sensor] = tilt
@@ -112,7 +113,10 @@ class Floors:
             self._learn_lowest(frame.sensor, apply(level(tilt, 0.0), frame.positions))
 
     def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Update the height of the world's origin and the sensors' poses.
+        """Update the height of the world's origin above the floor, and the sensors' poses, which replace earlier ones.
+
+        The height is 0 if the parts define the world's pose, or if no sensor is at the world's origin. Else it follows
+        the lowest joint of the people.
 
         Args:
             scene: the newest scene.
@@ -185,7 +189,9 @@ class Perspectives:
         return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Update the poses from a scene's sensors and views, and drop absent people.
+        """Update the poses from a scene's sensors and views, and drop absent people and sensors.
+
+        A step number that goes back, or a change of all sensors' poses, begins a new world and forgets the places.
 
         Args:
             scene: the newest scene.
@@ -210,8 +216,8 @@ class Perspectives:
     def from_world(self, person: Person, perspective: str) -> Float64 | None:
         """Return the transform (4, 4) from a person's world to the perspective's camera space.
 
-        None if the perspective's sensor has no known pose and never saw the person. The method ``stand-still`` has a
-        separate world for each person.
+        For `FREE`, it is `T_free_world`. None if the perspective's sensor has no known pose and never saw the person.
+        The method ``stand-still`` has a separate world for each person.
         """
         if perspective == FREE:
             return self.T_free_world
@@ -219,7 +225,10 @@ class Perspectives:
         return None if T is None else inverse(T)
 
     def from_shared_world(self, perspective: str) -> Float64 | None:
-        """Return the transform (4, 4) from the world to the perspective's camera space; None without a sensor pose."""
+        """Return the transform (4, 4) from the world to the perspective's camera space; None without a sensor pose.
+
+        For `FREE`, it is `T_free_world`.
+        """
         if perspective == FREE:
             return self.T_free_world
         T = self.places.get(perspective)

@@ -50,7 +50,7 @@ class CameraPicture:
 
     Attributes:
         image: the encoded image.
-        size_px: (width, height) of the camera's image, before it was scaled.
+        size_px: (width, height) of the camera's image, before it was scaled; None if unknown.
         format: jpeg or png.
     """
 
@@ -102,7 +102,7 @@ class Plane:
         """Return the positions (..., 3) of pixels in the view's space [m].
 
         Args:
-            points_px: (..., 2) x to the right, y down; the middle of the first pixel is (0, 0).
+            points_px: (..., 2) x to the right, y down; the middle of the first pixel is (0, 0). NaN gives NaN.
             lift_m: distance of the positions in front of the image [m].
         """
         width, height = self.size_px
@@ -111,7 +111,9 @@ class Plane:
         return placed
 
     def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
-        """Return x, y of the pixel where a ray meets the image; None if the ray misses the image.
+        """Return x, y of the pixel where a ray meets the image, for clicks; None if the ray misses the image.
+
+        The middle of the first pixel is (0, 0).
 
         Args:
             origin: (3,) start of the ray in the view's space [m].
@@ -134,8 +136,8 @@ def rings(
 
     Args:
         plane: rectangle of the image.
-        points_px: x, y of each circle's centre in the image [px], by name.
-        colours: colour of each circle, by name.
+        points_px: x, y of each circle's centre in the image [px], by name; none gives n = 0.
+        colours: colour of each circle, by name, at least for the names of ``points_px``.
         radius_px: radius of the circles.
 
     Returns:
@@ -152,10 +154,14 @@ def rings(
 
 
 class PictureNode:
-    """Scene node of an image that can be replaced without creating a new node; ``name`` is the node's path.
+    """Scene node of an image that can be replaced without creating a new node; hidden until `draw`.
 
     An image node of viser is white until the browser has decoded the image, which can take long. The image of a frustum
     is invisible until then, so this node is a nearly flat frustum without lines.
+
+    Args:
+        scene: viser's 3D scene of the browser.
+        name: path of the node.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:

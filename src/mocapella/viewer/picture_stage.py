@@ -27,6 +27,9 @@ def large_plane(size_px: tuple[int, int]) -> Plane:
 class PictureStage:
     """Scene nodes of the large image of `mocapella.viewer.camera_panel.CameraPanel` in one browser.
 
+    Args:
+        scene: viser's 3D scene of the browser.
+
     Attributes:
         plane: plane of the large image; None if no image is shown.
     """
@@ -39,7 +42,7 @@ class PictureStage:
         self._words = TagNodes(scene, "/picture/words", size=1.3, anchor="bottom-left")
 
     def draw(self, large: Large | None) -> None:
-        """Show a large image with its circles, their labels and its text; None hides them."""
+        """Show a large image with its circles, their labels and its text; None, or an unknown size, hides them."""
         if large is None or large.answer.size_px is None:
             self.plane = None
             self._large.hide()

@@ -15,10 +15,10 @@ _LOG: Final = logging.getLogger("mocapella.viewer")
 
 
 class PluginErrors:
-    """Collects messages about failed drawings, each once.
+    """Collects messages about failed drawings, so that one plug-in's fault does not end the view.
 
     Attributes:
-        lines: the messages, oldest first.
+        lines: the messages, oldest first: one for each drawing, at most `MOST`. A new message makes a new tuple.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,12 @@ class PluginErrors:
         self._told: set[str] = set()
 
     def tell(self, what: str, error: Exception) -> None:
-        """Log and store the first error of the drawing ``what``, such as ``lane of markers``; ignore later ones."""
+        """Log and store the first error of a drawing; ignore its later ones, and all beyond `MOST` drawings.
+
+        Args:
+            what: noun for the drawing in the message, such as ``lane of markers``.
+            error: the error.
+        """
         if what in self._told or len(self._told) >= MOST:
             return
         self._told.add(what)

@@ -72,6 +72,8 @@ class Pointing:
 def read_names(text: str) -> tuple[str, ...]:
     """Parse marker names in a text such as ``red, blue``; return them, followed by `SKIN`.
 
+    Empty names and `SKIN` in the text are left out.
+
     Raises:
         SettingsError: there is no name, or there are too many, or a name is repeated or too long.
     """

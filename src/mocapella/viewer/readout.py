@@ -117,7 +117,10 @@ def stage_text(status: SessionStatus | None) -> str:
 
 
 def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
-    """Return the tracker's problems and advice as a few short lines for a stage; the panel shows them in full."""
+    """Return the tracker's problems and advice as a few short lines for a stage; the panel shows them in full.
+
+    There are none without a server (``status`` None), and while the session does not run.
+    """
     if status is None or not status.running:
         return ()
     said = _conditions(status, {})

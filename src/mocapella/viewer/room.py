@@ -178,7 +178,7 @@ def draw_parts(name: str, parts: tuple[Any, ...], scene: Scene, room: RoomView, 
 
 
 def called(name: str) -> str:
-    """Return the noun for a part type's drawing in error messages, such as ``scene part people``."""
+    """Return the noun for a part type's drawing in error messages: ``scene part people`` for the name ``people``."""
     return f"scene part {name}"
 
 

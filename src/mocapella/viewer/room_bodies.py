@@ -53,7 +53,10 @@ _LIMBS: Final = (
 
 
 def mesh_of(body: TrackedBody) -> RiggedMesh | None:
-    """Return a body's mesh; None while it is being built, if that failed, or if its joints are not the body's."""
+    """Return a body's mesh from the cache of this process, without waiting.
+
+    None while it is being built (a first call begins that), if that failed, or if its joints are not the body's.
+    """
     mesh = SHELF.mesh(body.build)
     return mesh if mesh is not None and mesh.joint_names == body.joint_names else None
 
@@ -61,7 +64,8 @@ def mesh_of(body: TrackedBody) -> RiggedMesh | None:
 def draw_bodies(bodies: tuple[TrackedBody, ...], scene: Scene, room: RoomView) -> PartDrawing:
     """Draw fitted bodies in a perspective, as meshes, or as stick figures while their meshes are not available.
 
-    A single body has a skin colour; several have the colours of their outlines. This is a `DrawPart.draw`.
+    A single body has a skin colour; several have the colours of their outlines. A lost body is translucent, and the
+    browser's camera does not follow it. This is a `DrawPart.draw`.
     """
     T = room.T_stage_world
     bones: list[Strokes] = []
@@ -107,8 +111,11 @@ def body_tag(body: TrackedBody, scene: Scene) -> str:
 def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
     """Return a pose of the world on the stage such that the first body faces the viewer, and all stand in the centre.
 
-    The vertical is the signed world axis nearest to the first body's upward axis. None if no point of the bodies is
-    known. This is a `DrawPart.space`.
+    The vertical is the signed world axis nearest to the first body's upward axis, and the lowest point is on the floor.
+    None if no point of the bodies is known. This is a `DrawPart.space`.
+
+    Args:
+        bodies: the scene's fitted bodies, at least one.
     """
     first = bodies[0]
     up = first.T_world_model[:3, 1]

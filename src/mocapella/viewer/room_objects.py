@@ -19,7 +19,11 @@ _OVER: Final = np.array([0.0, 0.05, 0.0])
 
 
 def draw_objects(objects: tuple[TrackedObject, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """Draw rigid objects in a perspective; an object that is not measured now has thinner lines. A `DrawPart.draw`."""
+    """Draw rigid objects in a perspective: the closed line of each outline, and the name above it.
+
+    An object that is not measured now has thinner lines; one without a pose or an outline is left out. This is a
+    `DrawPart.draw`.
+    """
     bones: list[Strokes] = []
     tags = []
     for thing in objects:

@@ -31,7 +31,11 @@ _OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
 
 
 def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
-    """Draw people in a perspective: fused skeletons, views, faces and labels. This is a `DrawPart.draw`."""
+    """Draw people in a perspective: fused skeletons, views, faces and labels. This is a `DrawPart.draw`.
+
+    A person who cannot be placed in the perspective is not drawn, but named in the drawing's ``unseen``. Joints with a
+    large standard deviation are smaller and get a halo.
+    """
     states: list[NDArray[np.uint8]] = []
     positions, sds, radii = [], [], []
     colours: list[NDArray[np.uint8]] = []

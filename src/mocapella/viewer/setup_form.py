@@ -92,6 +92,8 @@ def fields_of(status: SessionStatus) -> SetupFields:
 def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFields:
     """Return the form's values after a change of the server's setup; fields that the user has edited keep theirs.
 
+    A sensor that is not in ``now`` has no pose in the result.
+
     Args:
         shown: the form's present values.
         before: the form's values for the server's previous setup.
@@ -118,7 +120,8 @@ def merge(shown: SetupFields, before: SetupFields, now: SetupFields) -> SetupFie
 def setup_arguments(shown: SetupFields, applied: SetupFields, setup: Setup) -> dict[str, Any]:
     """Return the arguments of the server's command ``setup`` for the form's values.
 
-    They include only the poses that were configured before or are edited now; other sensors report their own poses.
+    They include only the poses that were configured before or are edited now [rad, m]; other sensors report their own
+    poses. A value for "none" in the form becomes the setup's empty value.
 
     Args:
         shown: the form's present values.

@@ -26,7 +26,13 @@ HEIGHT_LABEL = f"Height ({HEIGHT_M[0]:g}–{HEIGHT_M[1]:g} m)"
 
 
 class PoseInputs:
-    """Inputs of a sensor's pose, in a folder with the sensor's name. `PoseField.check` checks the values later."""
+    """Inputs of a sensor's pose, in a folder with the sensor's name. `PoseField.check` checks the values later.
+
+    Args:
+        gui: controls of the browser.
+        sensor: name of the sensor.
+        pose: initial values.
+    """
 
     def __init__(self, gui: viser.GuiApi, sensor: str, pose: PoseField) -> None:
         with gui.add_folder(f"Sensor {sensor}") as self._folder:
@@ -100,7 +106,7 @@ class SetupPanel:
             self._write(self._applied)
 
     def show(self, status: SessionStatus | None, *, enabled: bool) -> None:
-        """Show the server's setup, except in edited fields; call it in every update.
+        """Show the server's setup, except in edited fields, and enable the controls; call it in every update.
 
         Args:
             status: newest status of the session; None without a server.

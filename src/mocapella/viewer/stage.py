@@ -111,7 +111,7 @@ class StageMemory(Protocol):
     def update(self, scene: Scene | None) -> Any:
         """Update the state with the newest scene; return a value for `Stage.draw`, None if the stage has no content.
 
-        A repeated scene changes nothing.
+        A repeated scene, the same object, changes nothing.
         """
 
 

@@ -112,7 +112,8 @@ class ArmsShown:
 def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 | None:
     """Return the world point (3,) to show at the centre of each view [m].
 
-    It stays while the palms are near, and follows slowly if they move away. None if no palm was ever visible.
+    It stays while the palms are near, and follows slowly if they move away. Without a visible palm, it is ``before``:
+    None if there was none yet.
 
     Args:
         arms: arms of the newest scene.
@@ -151,7 +152,11 @@ class ArmsMemory:
         self._shown: ArmsShown | None = None
 
     def update(self, scene: Scene | None) -> ArmsShown | None:
-        """Return the values to draw with the newest scene; None if no arm was visible in the last `GONE_AFTER_S`."""
+        """Return the values to draw with the newest scene; None if no arm was visible in the last `GONE_AFTER_S`.
+
+        None also without a scene. The same scene object again returns the same values and changes nothing. Time is that
+        of the scenes.
+        """
         if scene is None or scene is self._scene:
             self._shown = None if scene is None else self._shown
             return self._shown
@@ -171,7 +176,12 @@ class ArmsMemory:
 
 
 def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
-    """Draw a scene's arms in all views of the stage; the drawing's ``halos`` are the inferred joints."""
+    """Draw a scene's arms in all views of the stage; the drawing's ``halos`` are the inferred joints.
+
+    Args:
+        scene: the scene; None draws the empty views.
+        shown: the values of `ArmsMemory.update` for the scene.
+    """
     joints: list[Any] = []
     hollow: list[Any] = []
     lines, tags = [], []
@@ -267,7 +277,7 @@ def _tag(text: str, at: Float64, above_m: float, visible: bool = True) -> Tag:
 
 
 def cloth_mesh(grids: Float64) -> tuple[Mesh, Mesh]:
-    """Return pieces of cloth as two meshes, one for each colour of a chequered pattern.
+    """Return pieces of cloth as two meshes, one for each colour of a chequered pattern, with the same vertices.
 
     Args:
         grids: (pieces, rows, columns, 3) points of each piece [m].

@@ -51,7 +51,11 @@ class StageOfHands:
 
     @classmethod
     def of(cls, scene: Scene) -> StageOfHands:
-        """Return the transform that centres the point that the cameras look at, or else the scene's hands."""
+        """Return the transform that centres the point that the cameras look at, or else the scene's hands.
+
+        The scene is turned so that the cameras look along +z, and enlarged at most `LARGEST_SCALE` times, less if a
+        camera would be far from the centre. Without cameras and hands, the world's origin is the centre.
+        """
         places = np.array([place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None])
         if not len(places):
             seen = np.array([hand.landmarks for hand in scene.hands]).reshape(-1, 3)
@@ -81,7 +85,11 @@ class StageOfHands:
 
 
 def hands_drawing(scene: Scene) -> TrackingDrawing:
-    """Draw a scene's hands, markers, cameras and objects, enlarged."""
+    """Draw a scene's hands, markers, cameras and objects, enlarged.
+
+    Landmarks at a joint limit (`at_limit`) are amber; a hand without known landmarks is left out. The stage counts as
+    empty (`TrackingDrawing.there`) without a hand and an object.
+    """
     stage = StageOfHands.of(scene)
     bones, joints, halos, tags = [], [], [], []
     hands = [hand for hand in scene.hands if np.isfinite(hand.landmarks).all(axis=-1).any()]
@@ -116,7 +124,10 @@ def hands_drawing(scene: Scene) -> TrackingDrawing:
 
 
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
-    """Return for each landmark of a hand (21,) whether an angle of its joint is within 2° of a joint limit."""
+    """Return for each landmark of a hand (21,) whether an angle of its joint is within 2° of a joint limit.
+
+    Unknown angles (NaN), the wrist and the fingertips give False.
+    """
     limits, angles = hand_model("full").limits, hand.angles
     at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))
     at_end &= limits[:, 1] > limits[:, 0]

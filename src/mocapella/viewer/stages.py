@@ -34,6 +34,9 @@ class StageChoice:
             have the stage ROOM only.
         props: functions by name that create objects that stages may show beside a scene, such as a cloth.
         troubles: receives the error of a stage that cannot be used; that stage is skipped.
+
+    Raises:
+        PluginError: a prop's reference cannot be imported.
     """
 
     def __init__(self, methods: Mapping[str, Sequence[str]], props: Mapping[str, Prop], troubles: PluginErrors) -> None:
@@ -47,6 +50,11 @@ class StageChoice:
         """Return the stage for the newest scene, and the value of the stage's `StageMemory.update`.
 
         It is the method's first stage with content, or else its last one. All its stages are updated with the scene.
+        The same scene can be given again.
+
+        Args:
+            scene: the newest scene; None before the first.
+            method: name of the tracking method.
         """
         chosen: tuple[Stage, Any] = ROOM, scene
         found = False

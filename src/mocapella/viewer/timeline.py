@@ -73,7 +73,8 @@ class Moment:
 class Timeline:
     """The stored moments, numbered from 0; the numbers do not change when old moments are dropped.
 
-    ``timeline[number]`` is the stored moment nearest to a number. Times are on the scenes' common clock.
+    ``timeline[number]`` is the stored moment nearest to a number; without moments, it raises `IndexError`. ``len`` is
+    the number of stored moments. Times are on the scenes' common clock.
 
     Attributes:
         done: whether no more moments follow, because a run on files has ended.
@@ -110,7 +111,9 @@ class Timeline:
     def add(self, moment: Moment) -> None:
         """Store a moment, unless it has no scene or the last moment's scene; ``moment.frames`` is not copied.
 
-        Beyond `KEPT_BYTES` or `KEPT_FRAMES`, old moments are dropped.
+        A time more than `BACK_S` before the last moment's drops all moments and begins the numbers at 0 again; a
+        smaller step back is stored with the last moment's time. Beyond `KEPT_BYTES` or `KEPT_FRAMES`, old moments are
+        dropped.
         """
         before = self._moments[-1] if self._moments else None
         if moment.scene is None or (before is not None and before.scene is moment.scene):
@@ -147,7 +150,10 @@ class Timeline:
         return None if best is None or abs(self._at_s[best] - at_s) > within_s else self._moments[best].scene
 
     def lately(self, number: int, seconds: float) -> tuple[list[float], list[Scene]]:
-        """Return the times [s] and scenes of the last ``seconds`` up to the stored moment nearest to ``number``."""
+        """Return the times [s] and scenes of the last ``seconds`` up to the stored moment nearest to ``number``.
+
+        Both lists are new and equally long, oldest first, and empty if no moment is stored.
+        """
         if not self._moments:
             return [], []
         end = self.nearest(number) - self.first + 1
@@ -187,7 +193,11 @@ class PlayState(StrEnum):
 class Playhead:
     """Position of one browser on a timeline.
 
-    Callbacks of the browser set ``playing``, ``wish`` and ``newest``; the drawing loop calls `update`.
+    Callbacks of the browser set ``playing``, ``wish`` and ``newest``; the drawing loop calls `update`. At first it
+    follows the newest moment.
+
+    Args:
+        timeline: the stored moments.
 
     Attributes:
         playing: whether the position advances by itself.
@@ -206,7 +216,7 @@ class Playhead:
 
     @property
     def shown(self) -> int:
-        """Number of the moment that the browser shows."""
+        """Number of the moment that the browser shows; −1 before the first."""
         return self._timeline.last if self.number is None else self._timeline.nearest(self.number)
 
     @property
@@ -229,6 +239,10 @@ class Playhead:
 
     def update(self, now_s: float) -> None:
         """Move to the moment that the user chose, or else advance at the recorded speed while playing.
+
+        While playing, a position that reaches the newest moment follows new ones again. If no more come
+        (``timeline.done``), it stops there, and playing again begins at the first. If the timeline began again, the
+        newest moment is followed.
 
         Args:
             now_s: the present time on this process's monotonic clock [s].

@@ -87,7 +87,7 @@ class TrackingStage:
         camera: LabelCamera | None = None,
         lanes: Sequence[tuple[float, Sequence[Tag]]] = (),
     ) -> None:
-        """Show a drawing in place of the earlier one.
+        """Show a drawing in place of the earlier one. Bones, joints and meshes of the same object are not sent again.
 
         Args:
             stage: the stage that made the drawing.

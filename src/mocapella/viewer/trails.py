@@ -80,7 +80,8 @@ class Trails:
         """Take a sample of the people's positions if `EVERY_S` has passed since the last one.
 
         Args:
-            scene: the newest scene.
+            scene: the newest scene. Nothing is sampled while its time is before the last sample's; more than
+                `LONGEST_S` before drops all samples.
             world: number of the world frame (`Perspectives.world`); a change drops all earlier samples.
         """
         at_s = scene.at_ns / NS_PER_S
@@ -103,9 +104,11 @@ class Trails:
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Return the trails of the present people as line segments that fade with age.
 
+        A trail has gaps where a position is unknown, where samples are missing for 1 s, and at jumps.
+
         Args:
             of: the body parts that leave trails.
-            seconds: duration of the trails.
+            seconds: duration of the trails, above 0.
             T_stage: function of a person that returns the transform (4, 4) from the world to the stage [m]; None for a
                 person without one, who gets no trail.
             until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.

@@ -75,7 +75,7 @@ class Drawings:
         return self._once(key, moment, lambda: gallery_drawing(moment.frames, known, without))
 
     def boards(self, moment: Moment) -> Boards:
-        """Return the panels with camera images above the stage at a moment."""
+        """Return the panels with camera images above the stage at a moment; none for a stage without them."""
         return self._once(("boards", id(moment)), moment, lambda: self._make_boards(moment))
 
     def cameras(self, scene: Scene | None) -> tuple[str, ...]:

@@ -39,8 +39,8 @@ class Ground:
     def learn(self, scene: Scene, troubles: PluginErrors) -> StageSpace | None:
         """Update with the newest scene; return the remembered pose, None if it is unknown.
 
-        A step number that goes back means a new tracker, and drops the pose. Errors of a drawing are reported to
-        ``troubles``.
+        Only the first part type of the scene can define the pose, by its `DrawPart.space`. A step number that goes back
+        means a new tracker, and drops the pose. Errors of a drawing are reported to ``troubles``.
         """
         if scene.step < self._step:
             self.space = None
@@ -80,7 +80,13 @@ class ViewMemory:
     scenery: Scenery | None = None
 
     def learn(self, scene: Scene | None, frames: Mapping[str, SensorFrame], status: SessionStatus | None) -> None:
-        """Update the memory with the newest scene, the newest frame of each sensor, and the session's status."""
+        """Update the memory; call it in every update of the view, also with unchanged arguments.
+
+        Args:
+            scene: the newest scene; None before the first.
+            frames: newest frame of each sensor, by sensor.
+            status: the session's status, whose setup may have the sensors' poses; None without a server.
+        """
         self.colours.learn({row.name for row in status.sensors} if status else set())
         self.colours.learn(set(frames))
         if scene is not None:

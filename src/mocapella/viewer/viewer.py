@@ -59,7 +59,8 @@ class Viewer:
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: this machine cannot listen at the address.
+        SettingsError: this machine cannot listen at the address, or the view's token cannot be stored.
+        InputError: the file of the view's token cannot be read.
         PluginError: a prop cannot be imported.
     """
 
@@ -120,11 +121,12 @@ class Viewer:
 
         Args:
             scene: the tracker's newest result; None before the first.
-            frames: newest frame of each sensor, by sensor.
+            frames: newest frame of each sensor, by sensor; the mapping is copied, the frames are kept.
             status: newest status of the session; None while no server answers.
             board: progress of a camera calibration; None if the server cannot calibrate.
-            pictures: image of each camera at the scene's time, by camera; None lets the view request images itself.
-            keep: whether the scene is stored on the timeline.
+            pictures: encoded image of each camera at the scene's time, by camera; a camera that is not in it keeps its
+                last image for `LATEST_S`. None lets the view request images itself.
+            keep: whether the scene is stored on the timeline; a scene object that is shown again is stored once.
         """
         now_s = time.monotonic()
         self._welcome(now_s)
@@ -151,7 +153,7 @@ class Viewer:
         self.timeline.done = True
 
     def close(self) -> None:
-        """Stop serving the page, and drop waiting commands and requests."""
+        """Stop serving the page, and drop waiting commands and requests; the viewer cannot be used afterwards."""
         if self._commander is not None:
             self._commander.close()
         self._feed.close()

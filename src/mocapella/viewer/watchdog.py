@@ -24,7 +24,11 @@ _STYLE = f"""
 
 
 class Watchdog:
-    """The message "No server" in one browser; `beat` keeps it hidden while the server runs."""
+    """The message "No server" in one browser, which appears `LIMIT_S` after the last call of `beat`.
+
+    Args:
+        gui: controls of the browser.
+    """
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._beats, self._last_s = 0, 0.0

@@ -20,7 +20,12 @@ SERVER: Final = "server"
 
 
 class Certified(NamedTuple):
-    """A certificate and its private key (PKCS 8), both as DER."""
+    """A certificate and its private key.
+
+    Attributes:
+        certificate: X.509, as DER.
+        private_key: Ed25519 in PKCS 8, as DER.
+    """
 
     certificate: bytes
     private_key: bytes

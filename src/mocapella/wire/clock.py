@@ -17,7 +17,13 @@ _MAX_DIGITS = 19
 
 @dataclass(frozen=True, slots=True)
 class ClockProbe:
-    """One question and answer. ``sent_ns`` and ``received_ns`` are on the near clock, ``far_ns`` on the far one."""
+    """Measurement of another machine's clock by one question and its answer.
+
+    Attributes:
+        sent_ns: when the question was sent, on the near clock [ns].
+        far_ns: what the far clock answered [ns].
+        received_ns: when the answer was received, on the near clock [ns].
+    """
 
     sent_ns: int
     far_ns: int
@@ -31,7 +37,12 @@ class ClockProbe:
 
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
-    """``far = near + offset``, with an error of at most ``bound`` [s]."""
+    """Offset of two clocks: ``far = near + offset``, with an error of at most ``bound``.
+
+    Attributes:
+        offset_ns: far clock minus near clock [ns].
+        bound_ns: largest error of the offset, half the smallest round trip [ns].
+    """
 
     offset_ns: int
     bound_ns: int
@@ -77,6 +88,9 @@ class SensorClock:
 
     A frame cannot arrive before its capture, so the smallest (arrival − capture) of the last seconds is the offset plus
     the smallest latency. Two half-windows follow clock drift. A jump of the sensor's clock restarts the estimate.
+
+    Args:
+        window_s: time over which the smallest difference is taken [s]; a longer one follows drift more slowly.
     """
 
     def __init__(self, window_s: float = 10.0) -> None:
@@ -90,7 +104,14 @@ class SensorClock:
         self._since_ns = 0
 
     def update(self, capture_ns: int, arrival_ns: int) -> int:
-        """Return the capture time on the server's clock [ns], never later than the arrival."""
+        """Learn from a frame; return its capture time on the server's clock [ns], never later than the arrival.
+
+        The returned time is late by the smallest latency; that of the first frame is its arrival.
+
+        Args:
+            capture_ns: capture time on the sensor's clock [ns].
+            arrival_ns: arrival on the server's monotonic clock [ns].
+        """
         difference = arrival_ns - capture_ns
         offset = self._offset()
         if offset is not None and not -_JUMP_NS < difference - offset < 10 * _JUMP_NS:

@@ -63,7 +63,7 @@ class FrameAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def check_number(value: object) -> int:
-    """Return a frame's number.
+    """Return a frame's number, decoded from JSON, unchanged.
 
     Raises:
         WireError: it is no whole number from 0 to below 2**62.

@@ -41,7 +41,7 @@ def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
 
     Args:
         connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.
-        users: those whose key will do, the preferred one first.
+        users: names of the users (`mocapella.wire.roles`) whose key may be used, the preferred one first.
 
     Raises:
         BusError: the text is no address.
@@ -61,7 +61,7 @@ def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
 
 
 def node_users(sensor: str) -> tuple[str, str]:
-    """Return the users that may serve a sensor."""
+    """Return the users that may serve a sensor: the one of this sensor alone, then the one of all sensors."""
     return f"{SENSOR}.{sensor}", SENSOR
 
 
@@ -90,7 +90,7 @@ def read_key_file(path: Path) -> RoleKey:
 
 
 def client_tls(key: RoleKey) -> dict[str, Any]:
-    """Return zenoh's ``transport/link/tls`` of a node or reader."""
+    """Return zenoh's configuration ``transport/link/tls`` of a node or reader with this key."""
     return {
         "root_ca_certificate_base64": _pem(key.authority, "CERTIFICATE"),
         "verify_name_on_connect": False,
@@ -101,7 +101,7 @@ def client_tls(key: RoleKey) -> dict[str, Any]:
 
 
 def server_tls(key: SessionKey) -> dict[str, Any]:
-    """Return zenoh's ``transport/link/tls`` of the session's server."""
+    """Return zenoh's configuration ``transport/link/tls`` of the session's server."""
     own = key.issued[SERVER]
     return {
         "root_ca_certificate_base64": _pem(key.authority.certificate, "CERTIFICATE"),
@@ -112,7 +112,7 @@ def server_tls(key: SessionKey) -> dict[str, Any]:
 
 
 def server_access(key: SessionKey) -> dict[str, Any]:
-    """Return zenoh's ``access_control`` of the session's server."""
+    """Return zenoh's configuration ``access_control`` of the session's server."""
     return access_control(key.sensors)
 
 

@@ -37,7 +37,13 @@ _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.+-]")
 
 
 class Ring(msgspec.Struct, frozen=True):
-    """What a program that is not admitted sends: its key's session, authority and user; its sensor and machine."""
+    """What a program that is not admitted sends, as JSON.
+
+    Attributes:
+        session, fingerprint, user: session, authority and user of the program's key.
+        sensor: name of the sensor, if the program is a node; else empty.
+        machine: name of the program's machine.
+    """
 
     session: str
     fingerprint: str
@@ -47,7 +53,12 @@ class Ring(msgspec.Struct, frozen=True):
 
 
 class RingAnswer(msgspec.Struct, frozen=True):
-    """The server's session and its authority, and whether it knows the user."""
+    """The server's answer to a ring, as JSON.
+
+    Attributes:
+        session, fingerprint: the server's session and its authority.
+        known: whether the server knows the user of the ring.
+    """
 
     session: str
     fingerprint: str

@@ -27,20 +27,33 @@ _NODE_ID = re.compile(r"[0-9a-f]{16}")
 
 
 class NodeKey(NamedTuple):
-    """A sensor and the process (node) that serves it."""
+    """A sensor and the process (node) that serves it.
+
+    Attributes:
+        sensor: name of the sensor.
+        node_id: random 64-bit number that the node draws at its start.
+    """
 
     sensor: str
     node_id: int
 
 
 def of_node(kind: str, node: NodeKey) -> str:
-    """``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, ask,
-    join, leave, alive/sensor."""
+    """Return ``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, ask,
+    join, leave, alive/sensor.
+
+    Raises:
+        SettingsError: the sensor's name is invalid.
+    """
     return f"{_ROOT}/{kind}/{check_sensor_name(node.sensor)}/{node.node_id:016x}"
 
 
 def asking(sensor: str) -> str:
-    """``mocapella/v1/ask/<sensor>/*``: the queryable of whichever node serves a sensor."""
+    """Return ``mocapella/v1/ask/<sensor>/*``: the queryable of whichever node serves a sensor.
+
+    Raises:
+        SettingsError: the sensor's name is invalid.
+    """
     return f"{_ROOT}/ask/{check_sensor_name(sensor)}/*"
 
 
@@ -69,5 +82,5 @@ def parse_node_id(text: str) -> int:
 
 
 def of_command(verb: str) -> str:
-    """``mocapella/v1/command/<verb>``."""
+    """Return the key of a command, ``mocapella/v1/command/<verb>``."""
     return f"{_ROOT}/command/{verb}"

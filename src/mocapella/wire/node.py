@@ -53,7 +53,7 @@ class JoinReply:
 
     Attributes:
         accepted: whether the node serves the sensor.
-        message: why not.
+        message: why not; empty if it does.
         recording: whether a take is being recorded.
     """
 
@@ -64,6 +64,8 @@ class JoinReply:
 
 class NodeLink:
     """A sensor's link to the bus. A context manager: leaving it tells the server the last frame's number.
+
+    The constructor does not wait for a server; frames published before one is there are kept like any others.
 
     Args:
         connect: address of the server, a pairing code, or a file with one.
@@ -125,7 +127,11 @@ class NodeLink:
         return self.outbox.next
 
     def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
-        """Number, stamp, keep and publish a frame, with a simulation's ground truth."""
+        """Number, stamp, keep and publish a frame, with a simulation's ground truth.
+
+        Returns:
+            The published copy: ``sensor``, ``node_id``, ``sequence`` and ``sent_ns`` are set. ``frame`` is unchanged.
+        """
         stamped = msgspec.structs.replace(
             frame,
             sensor=self.node.sensor,
@@ -158,7 +164,7 @@ class NodeLink:
         self._asked = self._session.declare_queryable(key, callback)
 
     def join(self, timeout: float = 1.0) -> bool:
-        """Claim the sensor's name at the server; return False if no server answers.
+        """Claim the sensor's name at the server; return False if no server answers within ``timeout`` seconds.
 
         Raises:
             NameTakenError: another connected node serves a sensor of this name.
@@ -173,7 +179,7 @@ class NodeLink:
         return why_not(self._door, self.node.sensor)
 
     def server_is_there(self) -> bool:
-        """Whether a server is connected now."""
+        """Whether a server is connected now; waits up to half a second for its liveliness token."""
         return any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fi
     """Query for the newest image.
 
     Attributes:
-        scale: size of the image in the answer, relative to the camera's.
+        scale: size of the image in the answer, relative to the camera's, 0.05 to 2.
         format: of the image.
         keep: whether the node keeps the image for a while, for `AskLearn`.
     """
@@ -113,7 +113,8 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
         controls: exposure, gain, white_balance, saturation, contrast, automatic; and fps, asked_fps, size_px, times.
         report: counts, and ``problems`` in sentences.
         separability: of the learnt colours: ``kept`` and ``in_background`` by name, ``distances``, ``problems``.
-        corners: of the board: ``ids``, ``corners_px``, ``edge_px``.
+        corners: of the board: ``ids``, ``corners_px`` (x, y of each), and ``edge_px``, which is null if unknown; the
+            lists are empty if the board is not detected.
     """
 
     ok: bool

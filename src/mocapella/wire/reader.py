@@ -24,6 +24,11 @@ from mocapella.wire import keys
 class Newest:
     """The newest message of each type, decoded on demand: a slow reader skips messages, and delays no other program.
 
+    Messages are received from the constructor on, until the session is closed.
+
+    Args:
+        session: open session of a reader (`mocapella.wire.session.open_reader`); the caller closes it.
+
     Attributes:
         refused: number of unreadable messages.
         skipped: number of scenes that were replaced by newer ones before they were read.
@@ -77,6 +82,12 @@ class Newest:
 class Following:
     """All scenes and live frames in the order of arrival, for a reader that polls often and must not skip any.
 
+    Messages are received from the constructor on, until the session is closed.
+
+    Args:
+        session: open session of a reader (`mocapella.wire.session.open_reader`); the caller closes it.
+        most: number of messages that are kept between two calls of `take`.
+
     Attributes:
         refused: number of unreadable messages.
         lost: number of messages dropped because the reader polled too late; the oldest are dropped first.
@@ -92,7 +103,7 @@ class Following:
         ]
 
     def take(self) -> list[Scene | SensorFrame]:
-        """Return all messages since the last call."""
+        """Return all readable messages since the last call; empty if there is none."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -122,8 +133,12 @@ def send_command(
 
     ``program`` says what sends it; a take has it with the user's and the machine's name.
 
+    Returns:
+        The server's reply; a refusal has ``ok`` False and the reason.
+
     Raises:
-        NoServerError: no server answers within ``timeout`` seconds.
+        NoServerError: no server answers within ``timeout`` seconds, or the key does not allow the command.
+        InputError: the reply cannot be read.
     """
     payload = json.dumps(dict(arguments or {}))
     sender = f"{session.info.zid()!s:0>32} {program} of {_user()}@{platform.node()}"

@@ -38,7 +38,7 @@ class RoleKey(msgspec.Struct, frozen=True, array_like=True):
 
 
 def fingerprint(authority: bytes) -> str:
-    """Return 16 hex digits that name a session's authority."""
+    """Return 16 hex digits that name a session's authority, from its certificate (DER)."""
     return hashlib.sha256(authority).hexdigest()[:16]
 
 

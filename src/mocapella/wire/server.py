@@ -25,7 +25,9 @@ from mocapella.wire.session_key import session_key, session_name
 OnFrame = Callable[[keys.NodeKey, bytes, int], None]
 """Called with the node, the message, and its arrival on the server's monotonic clock [ns]."""
 OnAlive = Callable[[keys.NodeKey, bool], None]
+"""Called with a node, and whether its liveliness token has appeared or disappeared."""
 OnNonsense = Callable[[str], None]
+"""Called with a description of a message that cannot be read."""
 
 REQUEST_TIMEOUT_S = 2.0
 """How long a node may take to answer a request for frames [s]."""
@@ -36,7 +38,10 @@ _MOST_SENDER = 120
 
 
 class Answer:
-    """Answers a command once.
+    """Answers a command: a function to be called once, with the encoded reply.
+
+    Args:
+        query: the command's query on the bus.
 
     Attributes:
         client: identity that the client's session gives itself; empty if it gives none.
@@ -64,6 +69,11 @@ OnMember = Callable[[keys.NodeKey, dict[str, Any], Answer], None]
 
 class ServerLink:
     """A server's link to the bus. It listens at once; callbacks run after `serve`.
+
+    Args:
+        listen: address to listen at, ``[SESSION@]tls/HOST:PORT``.
+        on_nonsense: value of the attributes ``on_nonsense`` and ``on_refused``, which may be replaced later.
+        errors: value of the attribute; None makes a boundary that only logs.
 
     Attributes:
         on_nonsense: is called with a description of each message that cannot be read.
@@ -104,7 +114,10 @@ class ServerLink:
         on_join: OnMember,
         on_leave: OnMember,
     ) -> None:
-        """Receive messages of nodes and commands, and declare the server's liveliness token."""
+        """Receive messages of nodes and commands, and declare the server's liveliness token.
+
+        The callbacks run on the bus's threads until `close`. ``on_alive`` is also called for the nodes already present.
+        """
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [
             session.declare_subscriber(keys.ALL_LIVE, self._forwarding(on_frame)),
@@ -122,11 +135,11 @@ class ServerLink:
         return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
-        """Publish a scene; slow readers miss some."""
+        """Publish an encoded scene; slow readers miss some."""
         self._scene.put(data)
 
     def publish_status(self, data: bytes) -> None:
-        """Publish the session's status."""
+        """Publish the session's status, encoded as JSON."""
         self._status.put(data)
 
     def request_frames(
@@ -168,7 +181,9 @@ class ServerLink:
             on_end()
 
     def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
-        """Query the node's monotonic clock several times in sequence, until it leaves a query unanswered.
+        """Query the node's monotonic clock eight times in sequence, or until it leaves a query unanswered.
+
+        Each query waits up to ``timeout`` seconds. The list is empty if the node does not answer.
 
         Raises:
             WireError: an answer is no time.

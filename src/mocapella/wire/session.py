@@ -49,6 +49,10 @@ def open_server(listen: str) -> zenoh.Session:
 def open_node(connect: str, sensor: str = "") -> zenoh.Session:
     """Open a session that keeps trying the server at ``connect``; return without waiting for it.
 
+    Args:
+        connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.
+        sensor: name of the sensor that the node serves; empty needs the key of all sensors.
+
     Raises:
         BusError: ``connect`` is no address.
         KeyFileError: there is no key for it.

@@ -51,7 +51,9 @@ class SessionKey(msgspec.Struct, frozen=True):
         return RoleKey(self.session, user, address, self.authority.certificate, self.issued[user])
 
     def with_sensor(self, name: str) -> SessionKey:
-        """Return the key with a key of its own for a sensor, and keep it. A server knows it from its next start on.
+        """Return the key with a key of its own for a sensor, and keep it in the file.
+
+        If the sensor has one, the key is returned unchanged. A server knows the new one from its next start on.
 
         Raises:
             KeyFileError: it cannot be kept, or the session has `MOST_SENSORS` such keys.

@@ -67,7 +67,7 @@ class Spooler:
             self._thread.start()
 
     def close(self) -> None:
-        """End the thread, and keep all frames that takes lack in files."""
+        """End the thread, and keep all frames that takes lack in files; afterwards `missing` counts them."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()

@@ -22,7 +22,12 @@ CEILING_M = 2.5
 
 @dataclass(frozen=True)
 class HeatSettings:
-    """Positions of the cameras ((x, z) by name [m]), and the distance within which spots are the same [m]."""
+    """Positions of the cameras, and which spots are the same.
+
+    Attributes:
+        places: position (x, z) of each camera, by name [m].
+        same_within_m: spots of two cameras are the same if they are nearer than this; larger: near ones are merged [m].
+    """
 
     places: dict[str, tuple[float, float]] = field(default_factory=dict)
     same_within_m: float = 0.3

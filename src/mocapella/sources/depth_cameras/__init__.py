@@ -18,7 +18,11 @@ CAMERAS: Final = {
 
 
 def camera_class(kind: str) -> type[DepthDevice]:
-    """Return the class of a kind of camera in `CAMERAS`; the driver's package is not imported."""
+    """Return the class of a kind of camera, a key of `CAMERAS`; the driver's package is not imported.
+
+    Raises:
+        KeyError: unknown kind.
+    """
     module, name, _ = CAMERAS[kind]
     found: type[DepthDevice] = getattr(import_module(f"{__name__}.{module}"), name)
     return found

@@ -29,7 +29,10 @@ JUMP_S: Final = 0.5
 
 
 class Stamped(NamedTuple):
-    """A depth image (height, width) in the device's unit, and its capture time on the device's clock [s], if known."""
+    """A depth image (height, width) in the device's unit, and its capture time on the device's clock [s].
+
+    The time is None if the device gives none.
+    """
 
     depth: UInt16
     at_s: float | None
@@ -39,14 +42,19 @@ class DepthDevice(ABC):
     """A live depth camera; a `mocapella.sources.picture_source.PictureSource`.
 
     Capture times are the device's stamps, brought to the monotonic clock by the arrival of the first image. Without
-    stamps, they are the arrivals.
+    stamps, they are the arrivals. Images are (height, width) uint16 distances along the optical axis in the unit of the
+    state that `open` returns; 0 is not measured. The constructor does not open the camera.
 
     Args:
-        which: number of the camera, or its serial number; empty is the first.
+        which: number of the camera, or its serial number, as the subclass states.
         name: name of the source, as the user wrote it.
         options: the user's parameters; they take precedence over the device's.
-        package: the driver's package; imported if None.
+        package: the driver's package; imported at `open` if None.
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        name, live, times: as in `PictureSource`.
+        which, options: as given.
     """
 
     live = True
@@ -90,9 +98,11 @@ class DepthDevice(ABC):
     def open(self) -> SourceState:
         """Open the source and return its state; see `PictureSource.open`.
 
+        An open camera is closed first.
+
         Raises:
-            SettingsError: no package is installed.
-            InputError: there is no such camera, or it cannot be started.
+            SettingsError: no package is installed, or the source's name has no number where one is needed.
+            InputError: there is no such camera, it cannot be started, or its lens is implausible.
         """
         self.close()
         package = self._package = self._package or self._imported()
@@ -117,7 +127,11 @@ class DepthDevice(ABC):
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None if the camera is lost. See `PictureSource.read`."""
+        """Wait for the next image; see `PictureSource.read`.
+
+        None is returned if the camera is not open, if its driver fails, without an image for `LOST_S` seconds, or if
+        ``stop`` is set.
+        """
         if not self._open:
             return None
         lost_s = self._clock() + LOST_S
@@ -136,7 +150,7 @@ class DepthDevice(ABC):
         return None
 
     def close(self) -> None:
-        """Release the source's resources; see `PictureSource.close`."""
+        """Stop the camera: `read` returns None until it is opened again. May be called twice; ignores driver errors."""
         if self._open:
             self._open = False
             self._stop_quietly(self._package)
@@ -177,6 +191,6 @@ class DepthDevice(ABC):
 
 
 def none_there(name: str, count: int) -> InputError:
-    """Return the error that there is no camera ``name``; its message gives the number of connected cameras."""
+    """Return, not raise, the error that there is no camera ``name``; it states the ``count`` of connected ones."""
     there = f"{count} of them {'is' if count == 1 else 'are'} here, from 0" if count else "none is here; plug one in"
     return InputError("there is no such camera", file=name, fix=there)

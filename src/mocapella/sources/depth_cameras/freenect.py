@@ -23,7 +23,7 @@ SIZE_PX: Final = (640, 480)
 
 
 class FreenectCamera(DepthDevice):
-    """A Kinect v1 as a depth camera, selected by its number.
+    """A Kinect v1 as a depth camera of 640 × 480 px and 30 Hz, selected by its number; arguments as in `DepthDevice`.
 
     Depths are in millimetres, by the device's own calibration. With the option ``kinect_raw`` they are computed from
     its raw disparities, in units of 0.125 mm.

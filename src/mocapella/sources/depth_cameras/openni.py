@@ -18,7 +18,11 @@ from mocapella.sources.picture_source import SourceState
 
 
 class OpenNiCamera(DepthDevice):
-    """A camera that OpenNI2 lists, by its number."""
+    """A depth camera that OpenNI2 lists, by its number; arguments as in `DepthDevice`.
+
+    Depths are in units of 1 mm or 0.1 mm, as the camera's mode says. Size and rate are requested only if the options
+    give a size.
+    """
 
     packages = ("openni.openni2", "primesense.openni2")
     install = (

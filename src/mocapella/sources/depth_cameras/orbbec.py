@@ -20,7 +20,11 @@ FIRST_S: Final = 5.0
 
 
 class OrbbecCamera(DepthDevice):
-    """An Orbbec camera, by its number or its serial number, which is longer."""
+    """An Orbbec depth camera; arguments as in `DepthDevice`.
+
+    It is selected by its number, at most three digits, or else by its serial number. Unit and lens are the camera's
+    own; a size or rate that it does not have is replaced by its default, with a note.
+    """
 
     packages = ("pyorbbecsdk",)
     install = "install pyorbbecsdk2 (or pyorbbecsdk) into the same environment"

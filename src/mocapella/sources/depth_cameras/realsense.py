@@ -17,7 +17,11 @@ from mocapella.sources.picture_source import SourceState
 
 
 class RealSenseCamera(DepthDevice):
-    """A RealSense, by its serial number; the first one if none is given."""
+    """An Intel RealSense depth camera; arguments as in `DepthDevice`.
+
+    It is selected by its serial number; the first one is used if ``which`` is empty. Unit and lens are the camera's
+    own; a distortion model other than Brown's is treated as no distortion, with a note.
+    """
 
     packages = ("pyrealsense2",)
     install = "install pyrealsense2 into the same environment"

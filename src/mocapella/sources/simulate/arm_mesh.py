@@ -108,7 +108,7 @@ class ArmShape:
         return finger_radii(self.hand_length_m, self.finger_thickness)
 
     def hand(self, handedness: Handedness) -> HandShape:
-        """Return the hand's bones, as the hand model describes them."""
+        """Return the hand's bones, as `mocapella.model.hand` describes them; longer fingers shorten the palm."""
         model = hand_model("full")
         shape = model.shape(handedness, hand_length_m=self.hand_length_m, hand_breadth_m=self.hand_breadth_m)
         lengths = shape.lengths.copy()
@@ -137,17 +137,24 @@ class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
 
 
 class ArmMesh:
-    """An arm's surface with skinning weights; made by `arm_mesh`.
+    """An arm's surface with skinning weights; made by `arm_mesh`, which caches it: do not change its arrays.
 
-    Attributes:
+    A left arm is a right arm whose posed vertices are mirrored in x.
+
+    Args:
         shape: size and proportions.
         handedness: left or right.
+
+    Attributes:
+        shape, handedness: as given.
         hand: the hand's bones.
         model: model of the hand's joints, with all 21 angles.
         vertices: (n, 3) of a right arm in the rest pose, in the shoulder's frame [m].
         triangles: (m, 3) indices of vertices, anticlockwise as seen from outside; for a left arm, after mirroring.
         parts: (m,) index in `PARTS` of each triangle's part.
         bones_of, weights: (n, 4) indices in `BONES` of the bones that move a vertex, and their weights, which sum to 1.
+        limbs: (k, 9) tapered limbs of a right arm in the rest pose, relative to the wrist: two ends (3 + 3) and the
+            radii there [m], and the index of the group that they blend in.
         tip_radii_m: (5,) radii of the fingertips, thumb to little finger [m].
     """
 
@@ -165,9 +172,9 @@ class ArmMesh:
         self.limbs, self.tip_radii_m, self._rest = right.limbs, right.tip_radii_m, right.bones
 
     def frames(self, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-        """Return ``T_shoulder_bone`` (19, 3, 4) and joints (24, 3) of a right arm in the shoulder's frame [m].
+        """Return ``T_shoulder_bone`` (19, 3, 4) of `BONES` and joints (24, 3) of a right arm, shoulder's frame [m].
 
-        The joints are `mocapella.model.arms.ARM_POINTS` and the shoulder.
+        The joints are `mocapella.model.arms.ARM_POINTS` and the shoulder. A left arm's are not mirrored here.
         """
         return arm_frames(self.model, self.shape, self.hand, pose)
 
@@ -206,7 +213,18 @@ class ArmMesh:
 
 
 def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMeshPose) -> tuple[Float64, Float64]:
-    """Return ``T_shoulder_bone`` (19, 3, 4) of `BONES` and joints (24, 3) of a right arm, in the shoulder's frame."""
+    """Compute the forward kinematics of a right arm, in the shoulder's frame; ``pose.T_camera_shoulder`` is not used.
+
+    Args:
+        model: model of the hand's joints.
+        shape: lengths of the upper arm and the forearm.
+        hand: the hand's bones.
+        pose: the arm's pose.
+
+    Returns:
+        ``T_shoulder_bone`` (19, 3, 4) of `BONES` [m]; and the joints (24, 3), `mocapella.model.arms.ARM_POINTS` and the
+        shoulder [m].
+    """
     bones, points = np.empty((len(BONES), 3, 4)), np.empty((SHOULDER + 1, 3))
     _kernels().arm_frames(
         model.frames, DIGIT_ANGLES, hand.bases, hand.lengths, shape.upper_arm_m, shape.forearm_m,
@@ -217,7 +235,11 @@ def arm_frames(model: HandModel, shape: ArmShape, hand: HandShape, pose: ArmMesh
 
 @cache
 def arm_mesh(shape: ArmShape, handedness: Handedness) -> ArmMesh:
-    """Make the mesh of an arm, or return it from the cache."""
+    """Make the mesh of an arm, or return the same object from the cache; do not change its arrays.
+
+    Raises:
+        SettingsError: ``handedness`` is neither left nor right.
+    """
     check(handedness in ("left", "right"), "handedness", handedness, "left or right")
     return ArmMesh(shape, handedness)
 

@@ -51,7 +51,8 @@ class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     A digit without values is as in ``open``.
 
     Attributes:
-        touch: two digits that touch: the tips of the thumb and another digit, or two fingers' sides; none by default.
+        touch: two digits that touch: the tips of the thumb, named first, and another digit, or two fingers' sides; none
+            by default.
         gesture: name of the gesture; empty for none.
     """
 
@@ -68,7 +69,7 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A key pose of the arm. Angles and shifts are relative to the start.
 
     Attributes:
-        posture: name of the hand's posture.
+        posture: name of the hand's posture, in the postures of `ArmMotion`.
         move_s: duration of the motion to this key [s].
         hold_s: duration of the pause at this key [s].
         elbow_deg, pronation_deg, wrist_deg, deviation_deg: joint angles, see `ArmMeshPose.joints` [deg].
@@ -99,7 +100,7 @@ class HeldArm:
 
     Attributes:
         pose: pose of a right arm; a left arm is its mirror image.
-        gesture: name of the gesture; empty between gestures.
+        gesture: name of the posture's gesture; empty if it has none, and during a motion between two gestures.
     """
 
     pose: ArmMeshPose
@@ -109,10 +110,12 @@ class HeldArm:
 class ArmMotion:
     """A right arm's pose at any time; a left arm's is its mirror image. The keys repeat forever.
 
+    The constructor removes overlaps of fingers on the way to every key, which takes a while.
+
     Args:
         mesh: the arm.
-        keys: key poses.
-        postures: known postures by name.
+        keys: key poses, at least one.
+        postures: known postures by name; ``open`` must be among them and have values for all digits.
         start: the pose that the keys are relative to.
         middle: (3,) centre of the roll in the camera frame [m].
         rate: factor of the speed of the keys.
@@ -120,6 +123,13 @@ class ArmMotion:
         phase: start within the keys' period, from 0 to 1.
         amount_deg: standard deviation of the random change of each posture's angles [deg].
         seed: random seed of that change.
+
+    Attributes:
+        mesh, keys, start, middle: as given.
+        period_s: period of the motion [s].
+
+    Raises:
+        SettingsError: a key has an unknown posture.
     """
 
     def __init__(
@@ -275,7 +285,7 @@ def _eased(x: float) -> float:
 def posture_angles(posture: Posture, otherwise: Posture) -> Float64:
     """Return the angles (21,) of a posture, in the order of `mocapella.model.hand.ANGLES` [rad].
 
-    Digits without values are as in ``otherwise``.
+    Digits without values are as in ``otherwise``, which must have them. The result is not limited to the joint limits.
     """
     angles = np.zeros(len(ANGLES))
     for digit, row in zip(DIGITS, DIGIT_ANGLES, strict=True):
@@ -292,7 +302,10 @@ def untangled(
     touch: Float64 | None = None,
     flesh: tuple[Float64, float] | None = None,
 ) -> Float64:
-    """Find the angles (21,) nearest to the wished ones at which no finger penetrates another [rad].
+    """Find the angles (21,) nearest to the wished ones at which no finger penetrates another or the palm [rad].
+
+    They are within the joint limits. Wished angles without overlap and without ``touch`` are only copied. The search is
+    local: an overlap may remain, see `worst_overlap`.
 
     Args:
         mesh: mesh of the hand.

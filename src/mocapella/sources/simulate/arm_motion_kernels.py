@@ -220,6 +220,8 @@ def untangle(
 ) -> float:
     """Write the angles (21,) nearest to ``wished`` at which no digit penetrates another; return the worst overlap [m].
 
+    It is negative if all limbs are apart.
+
     Levenberg–Marquardt on squared overlaps, gaps between touching tips, and departures from the wished angles, within
     the joint limits.
 

@@ -58,7 +58,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class BackdropView:
-    """A room as seen by one camera.
+    """A room as seen by one camera: the image's background, before the camera's exposure, noise and coding.
 
     Attributes:
         linear: (height, width, 3) linear light, red, green, blue; 1 is a white surface in full light.
@@ -88,7 +88,7 @@ class Backdrop:
     light: Light
 
     def seen_by(self, placed: PlacedCamera) -> BackdropView:
-        """Render the room for a camera."""
+        """Render the room for a camera that is in it, at the camera's pose in the world and through its lens."""
         width, height = placed.camera.size_px
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)[:, :, None]
         pixels = grid + np.array(_SAMPLES_PX)
@@ -103,7 +103,12 @@ class Backdrop:
 
 
 def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
-    """Return a random room: y up, floor at y = 0, centre at the origin, walls at least ``least_half_m`` away [m]."""
+    """Return a random room, the same for the same arguments: y up, floor at y = 0, its centre at x = z = 0.
+
+    Args:
+        seed: random seed of the room's size, materials, furniture and light.
+        least_half_m: least distance of each wall from the centre [m].
+    """
     rng = np.random.default_rng([seed, 11])
     maker = _Maker(rng)
     half = np.array([least_half_m, 1.35, least_half_m]) + rng.uniform(0, 1, 3) * [0.9, 0.35, 0.9]

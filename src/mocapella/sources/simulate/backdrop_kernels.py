@@ -30,9 +30,10 @@ class RoomGeometry(NamedTuple):
     """The boxes of a room.
 
     Attributes:
-        boxes: (n, 8), see the module; the first is the room itself, seen from inside.
+        boxes: (n, 8) centre (3) and half edges (3) [m], cosine and sine of the rotation about y; the first is the room
+            itself, seen from inside.
         faces: (n, 6) index of the material of each box's faces −x +x −y +y −z +z.
-        materials: (m, 10), see the module.
+        materials: (m, 10) kind, first colour (3), second colour (3), size of the pattern [m], seed, gloss.
     """
 
     boxes: Float64
@@ -65,7 +66,7 @@ def enter_box(o: Float64, d: Float64, box: Float64, inside: bool) -> tuple[float
 
     Args:
         o, d: (3,) origin [m] and direction of the ray.
-        box: (8,), see the module.
+        box: (8,) centre (3) and half edges (3) [m], cosine and sine of the rotation about y.
         inside: whether to return the far side, as for a room seen from inside.
 
     Returns:
@@ -165,7 +166,7 @@ def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Fl
     """Write the reflectance of a surface at u across and v up [m], on a face of w × h [m].
 
     Args:
-        material: (10,), see the module.
+        material: (10,) kind, first colour (3), second colour (3), size of the pattern [m], seed, gloss.
         u, v: position on the face, from its lower left corner [m].
         w, h: width and height of the face [m].
         out: (3,) written: reflectance of red, green, blue, 0 to 1.
@@ -248,7 +249,7 @@ def hit(o: Float64, d: Float64, boxes: Float64) -> tuple[float, int, int, float]
 
     Args:
         o, d: (3,) origin [m] and direction of the ray.
-        boxes: (n, 8), see the module; box 0 is the room, seen from inside.
+        boxes: (n, 8), see `RoomGeometry`; box 0 is the room, seen from inside.
 
     Returns:
         Distance in lengths of ``d``, index of the box, axis and sign of the face that is hit first; see `enter_box`.

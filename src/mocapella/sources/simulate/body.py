@@ -47,7 +47,7 @@ class BodyTemplate:
 
 @cache
 def body_template() -> BodyTemplate:
-    """Load the body of ``data/body.toml``."""
+    """Return the body of ``data/body.toml``, cached: do not change its arrays."""
     data = body_data()
     joints = len(BODY)
     parents, chain = np.full(joints, ROOT), np.zeros((joints, joints))
@@ -65,7 +65,11 @@ def body_template() -> BodyTemplate:
 
 
 def bone_lengths(stature: float) -> Float64:
-    """Return the length (25,) of the bone that ends at each joint, for a stature [m]; 0 for the root."""
+    """Return the length (25,) of the bone that ends at each joint, for a stature [m]; 0 for the root.
+
+    Raises:
+        SettingsError: the stature is not from 0.5 to 2.5 m.
+    """
     check(0.5 <= stature <= 2.5, "stature", stature, "from 0.5 to 2.5 m")
     return np.asarray(np.linalg.norm(body_template().offsets, axis=1) * stature)
 
@@ -84,7 +88,8 @@ def joint_positions(root: Float64, directions: Float64, lengths: Float64) -> Flo
 def facing(positions: Float64) -> Float64:
     """Return the horizontal facing direction (..., 3) of bodies (..., 25, 3), y up.
 
-    It is a unit vector: the cross product of the direction to the left shoulder and the upward direction.
+    It is a unit vector: the cross product of the direction from the right to the left shoulder and the upward
+    direction. It is NaN if a shoulder is NaN, or one is above the other.
     """
     left = positions[..., JOINT["ShoulderLeft"], :] - positions[..., JOINT["ShoulderRight"], :]
     forward = np.stack([-left[..., 2], np.zeros(left.shape[:-1]), left[..., 0]], axis=-1)
@@ -92,7 +97,7 @@ def facing(positions: Float64) -> Float64:
 
 
 def joint_selection(wanted: Topology) -> NDArray[np.int64]:
-    """Return the index of the body's joint for each joint of a topology (joints,).
+    """Return the index (joints,) of the body's joint for each joint of a topology, to simulate a sensor with it.
 
     Raises:
         SettingsError: the topology has a joint that the body does not have.
@@ -108,7 +113,7 @@ def joint_selection(wanted: Topology) -> NDArray[np.int64]:
 
 @cache
 def body_data() -> dict[str, Any]:
-    """Read ``data/body.toml``."""
+    """Return the content of ``data/body.toml``, cached: do not change it."""
     return own_toml("mocapella.sources.simulate", "data", "body.toml")
 
 

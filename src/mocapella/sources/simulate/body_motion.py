@@ -69,19 +69,26 @@ class BodyMotion:
     root: Float64
 
     def pose(self, at_s: Any) -> TreePose:
-        """Return the poses at times (...,) since the motion's beginning [s], with the same batch axes."""
+        """Return the poses at times (...,) since the motion's beginning [s], with the same batch axes.
+
+        Times before 0 and after ``seconds`` give the first and the last pose.
+        """
         at = np.clip(np.asarray(at_s, np.float64), 0.0, self.seconds)
         R = turned(self.turns(at))
         return TreePose(rigid(R, self.place(at) - (R @ self.root[:, None])[..., 0]), self.angles(at))
 
 
 def motion_names() -> tuple[str, ...]:
-    """Names of the motions."""
+    """Return the names that `body_motion` knows."""
     return tuple(_MOTIONS)
 
 
 def usual_seconds(name: str) -> float:
-    """Default duration of a motion [s]."""
+    """Return the default duration of a motion [s].
+
+    Raises:
+        SettingsError: unknown motion; lists the known ones.
+    """
     return _MOTIONS[_known(name)][1]
 
 
@@ -108,15 +115,18 @@ def body_motion(name: str, mesh: RiggedMesh, seconds: float | None = None, seed:
 def grounded(
     mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool, path: Float64 | None = None
 ) -> Float64:
-    """Compute the root point's positions (n, 3) [m] of a body that stands on the floor without sliding.
+    """Compute the root point's positions (n, 3) in the world [m] of a body that stands on the floor without sliding.
+
+    The path is centred: the middle of its range in x and z is 0. Heights are smoothed, without sinking into the floor.
 
     Args:
         mesh: the body.
         angles: (n, joints) joint angles at a rate of `GRID_HZ` [rad].
         turns: (n, 3) yaw, pitch and roll of the whole body [rad].
-        above: (n,) height of the body's lowest point above the floor [m].
-        stays: whether to remove the net travel, as on a treadmill.
-        path: (n, 2) x and z of the hips in the world [m], if known.
+        above: (n,) height of the body's lowest point above the floor; where it exceeds 1 mm, the body is airborne and
+            its centre's trajectory is ballistic [m].
+        stays: whether to remove the net travel, as on a treadmill; without effect if ``path`` is given.
+        path: (n, 2) x and z of the hips in the world, if known; otherwise it follows from the ground contact [m].
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
@@ -172,7 +182,14 @@ def splined(
     mesh: RiggedMesh, angles: Float64, turns: Float64, above: Float64, *, stays: bool = False,
     path: Float64 | None = None,
 ) -> BodyMotion:  # fmt: skip
-    """Return a motion through poses at a rate of `GRID_HZ`; arguments as in `grounded`."""
+    """Make a motion of sampled poses: put the body on the floor with `grounded`, and connect them by cubic splines.
+
+    Args:
+        mesh: the body.
+        angles, turns, above: (n, joints), (n, 3), (n,) joint angles, rotation of the body and height of its lowest
+            point, at a rate of `GRID_HZ`, see `grounded`.
+        stays, path: see `grounded`.
+    """
     from scipy.interpolate import CubicSpline
 
     place = grounded(mesh, angles, turns, above, stays=stays, path=path)

@@ -61,7 +61,12 @@ class Cast:
 
 
 def make_cast(meshes: Sequence[RiggedMesh], clothes: Sequence[Clothes]) -> Cast:
-    """Join several dressed bodies to one mesh."""
+    """Join several dressed bodies to one mesh, and compute the colours of their surfaces once.
+
+    Args:
+        meshes: the bodies.
+        clothes: the clothes of each, in the same order.
+    """
     counts = [len(mesh.vertices) for mesh in meshes]
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     return Cast(
@@ -88,7 +93,8 @@ class LitBodies:
 
     Attributes:
         cast: the bodies.
-        vertices, normals: (n, 3) in the world frame, y up, the floor at 0 [m].
+        vertices: (n, 3) in the world frame, y up, the floor at 0 [m].
+        normals: (n, 3) of the vertices, outwards.
         light: the light in the room.
         tops: (k, l) shadow map over cells of the floor, in z and x: height of the first surface in the light plus 1 m,
             or 0 without a surface [m].
@@ -136,7 +142,13 @@ class Covered:
 
 
 def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
-    """Compute normals and shadows of bodies with posed vertices (n, 3) in the world frame [m]."""
+    """Compute normals and shadows of bodies at one instant.
+
+    Args:
+        cast: the bodies.
+        vertices: (n, 3) of all of them, posed, in the world frame with the floor at y = 0 [m]; kept, not copied.
+        light: the light in the room.
+    """
     from scipy.ndimage import gaussian_filter
 
     normals = np.empty_like(vertices)
@@ -153,7 +165,10 @@ def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
 
 
 def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
-    """Render bodies for a camera, averaged over ``stages``, the instants of its exposure."""
+    """Render bodies for a camera, averaged over ``stages``, the instants of its exposure; at least one.
+
+    The layer is empty if no body is in the image.
+    """
     views = [_seen(stage, placed) for stage in stages]
     boxes = np.array([box for _, box in views])
     shown = boxes[boxes[:, 2] > boxes[:, 0]] if (boxes[:, 2] > boxes[:, 0]).any() else np.zeros((1, 4), np.int64)
@@ -175,7 +190,7 @@ def painted(stages: Sequence[LitBodies], placed: PlacedCamera) -> Layer:
 
 
 def covered(stage: LitBodies, placed: PlacedCamera) -> Covered:
-    """Render the ground truth of a camera: person, part and depth at each pixel's centre."""
+    """Render the ground truth of bodies at one instant for a camera: person, part and depth at each pixel's centre."""
     width, height = placed.camera.size_px
     people, parts = np.full((height, width), -1, np.int8), np.full((height, width), -1, np.int8)
     depth = np.full((height, width), np.inf, np.float32)

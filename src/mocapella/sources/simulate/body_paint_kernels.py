@@ -106,7 +106,7 @@ def worn(material: Float64, x: float, y: float, z: float, along: float, out: Flo
     """Write the reflectance of cloth, skin or hair at a point of the body in its rest pose.
 
     Args:
-        material: (10,), see the module.
+        material: (10,) kind, first colour (3), second colour (3), size of the pattern [m], seed, gloss.
         x, y, z: the point in the mesh's rest frame [m].
         along: distance from the part's origin along its limb [m].
         out: (3,) written: reflectance of red, green, blue, 0 to 1.
@@ -181,7 +181,7 @@ def bake(
         zones: (zones, 21) origin (3) [m], direction (3), number of materials, their ends along the direction (4) [m],
             their indices (5), plane (normal (3) and offset [m]), index of the material behind the plane or -1.
         spots: (s, 5) middle (3) [m], radius [m], index of the material.
-        materials: (k, 10), see the module.
+        materials: (k, 10), rows as in `worn`.
         baked: (m, n, n, 4) float32, written: red, green, blue, gloss at the barycentric coordinates (i + ½)/n and
             (j + ½)/n of the first two corners.
     """

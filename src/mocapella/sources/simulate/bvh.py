@@ -62,7 +62,7 @@ class Bvh:
     channels: Float64
 
     def positions(self) -> Float64:
-        """Return the positions (frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
+        """Compute the positions (frames, joints, 3) of all joints and end sites, in the file's unit and axes."""
         frames = len(self.channels)
         positions = np.empty((frames, len(self.joints), 3))
         rotations = np.empty((frames, len(self.joints), 3, 3))
@@ -95,7 +95,7 @@ def read_bvh(path: str | Path) -> Bvh:
 
 
 def parse_bvh(text: str, file: object = None) -> Bvh:
-    """Parse a file's content; ``file`` is named in errors.
+    """Parse the content of a BVH file; ``file`` is named in errors, if given.
 
     Raises:
         InputError: as in `read_bvh`.

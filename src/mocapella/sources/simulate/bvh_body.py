@@ -42,7 +42,7 @@ def body_motion_of(
 
     Raises:
         InputError: joints are missing, or the legs have no length.
-        SettingsError: the file does not have this part.
+        SettingsError: ``start_s`` or ``seconds`` is outside the file's duration.
     """
     lasts = (len(bvh.channels) - 1) * bvh.frame_s
     check(0 <= start_s < lasts, "start_s", start_s, f"from 0 to {lasts:.2f} s, the file's end")
@@ -59,14 +59,19 @@ def body_motion_of(
 
 
 def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float64, Float64, Float64]:
-    """Compute the body's poses in the file's frames; errors name ``file``, if given.
+    """Compute the body's poses in the file's frames, before smoothing and ground contact.
+
+    Args:
+        bvh: content of the file.
+        mesh: the body, made by `body_meshes.body_mesh`.
+        file: named in errors, if given.
 
     Returns:
-        Joint angles (frames, joints) [rad]; yaw, pitch and roll of the whole body (frames, 3) [rad]; and x and z of the
-        hips' path on the floor (frames, 2) [m].
+        Joint angles (frames, joints) in the order of ``mesh.joint_names``, within the joint limits [rad]; yaw, pitch
+        and roll of the whole body (frames, 3) [rad]; and x and z of the hips' path on the floor (frames, 2) [m].
 
     Raises:
-        InputError: as for `body_motion_of`.
+        InputError: joints are missing, or the legs have no length.
     """
     columns = joint_columns(bvh, file)
     at = bvh.positions()

@@ -61,12 +61,15 @@ def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.
     """Convert linear light to the camera's image.
 
     Args:
-        linear: (height, width, 3) linear light, red, green, blue; even height and width.
+        linear: (height, width, 3) linear light, red, green, blue, 0 or more; even height and width. Not changed.
         settings: parameters of the camera.
         rng: random numbers of the noise; the same state gives the same image to the bit.
 
     Returns:
         (height, width, 3) uint8 BGR.
+
+    Raises:
+        SettingsError: the height or the width is odd.
     """
     height, width = linear.shape[:2]
     check(height % 2 == 0 and width % 2 == 0, "size of the picture", (width, height), "even")

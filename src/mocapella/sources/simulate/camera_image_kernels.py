@@ -16,7 +16,10 @@ UInt8 = NDArray[np.uint8]
 
 
 class ImageSensor(NamedTuple):
-    """The parameters of `CameraImageSettings` that apply to single pixels, by the same names."""
+    """The parameters of `CameraImageSettings` that apply to single pixels, by the same names and in the same units.
+
+    ``white_balance`` is an array (3,): red, green, blue.
+    """
 
     exposure: float
     photons: float
@@ -29,7 +32,7 @@ class ImageSensor(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def blurred(x: Float32, taps: Float32) -> Float32:
-    """Convolve an image x (h, w, 3) with a symmetric kernel along rows and columns; the border is repeated.
+    """Return an image x (h, w, 3), convolved with a symmetric kernel along rows and columns; the border is repeated.
 
     ``taps`` (n,) is one side of the kernel, its centre first.
     """

@@ -96,9 +96,17 @@ class HandInCloth:
 
 
 def hand_in_cloth(arm: TrackedArm, radius_m: float = 0.011) -> HandInCloth | None:
-    """Model an arm's hand as spheres of a radius [m] at palm, wrist, joints and middles of the digits' bones.
+    """Model an arm's hand as spheres at palm, wrist, joints and middles of the digits' bones.
 
-    None if the palm's pose is unknown.
+    Spheres at unknown landmarks (NaN) have radius 0. If the palm's orientation is unknown, the hand's axes are the
+    world's.
+
+    Args:
+        arm: a tracked arm.
+        radius_m: radius of the spheres at the digits [m]; those at wrist and palm are larger.
+
+    Returns:
+        The hand; None if the palm's position is unknown.
     """
     x = arm.points
     if not np.isfinite(x[PALM]).all():
@@ -124,12 +132,15 @@ class Cloth:
         T_world_cloth: (4, 4) from the cloth's frame, with the origin at the middle of the upper edge, x along the edge
             and y upwards, to the world.
         settings: the material.
+        pinned: whether the upper edge is fixed; otherwise the cloth falls unless a hand holds it.
 
     Attributes:
+        settings: as given.
         shape: (rows, columns) numbers of particles, from the upper edge down.
         positions: (rows · columns, 3) of the particles in the world [m].
         velocities: (rows · columns, 3) of the particles in the world [m/s].
         pinned: (rows · columns,) whether a particle never moves.
+        pairs, rest: (k, 2) indices of the particles that a constraint connects, and (k,) their distance at rest [m].
     """
 
     def __init__(self, T_world_cloth: Float64, settings: ClothSettings | None = None, *, pinned: bool = True) -> None:
@@ -161,14 +172,18 @@ class Cloth:
         return self._holder >= 0
 
     def update(self, hands: Sequence[HandInCloth], at_s: float) -> Float64:
-        """Simulate up to an instant; a gap of more than a quarter of a second is skipped.
+        """Simulate up to an instant.
+
+        Nothing moves at the first call, after a gap of more than a quarter of a second, and if time goes back. A hand
+        takes hold of the particles in reach when it begins to grab, and releases them when it opens or is missing.
 
         Args:
             hands: the hands at that instant; they move there in a straight line.
             at_s: the instant, on the clock of the hands [s].
 
         Returns:
-            Positions (rows, columns, 3) of the particles in the world [m].
+            Positions (rows, columns, 3) of the particles in the world [m]; a view of ``positions``, which the next call
+            changes.
         """
         s, before_s = self.settings, self._at_s
         if before_s is None or not 0 < at_s - before_s <= 0.25:
@@ -213,13 +228,17 @@ class Cloth:
 
 
 class ClothBeforeHand:
-    """A cloth that appears in reach of the first open hand.
+    """A cloth that appears in reach of the first open hand, for a demonstration of arm tracking.
 
     Args:
         settings: the material.
         before_m: distance of the cloth in front of the hand's point nearest to the camera [m].
         above_m: height of the upper edge above the palm [m].
         lost_after_s: time without any arm after which the cloth is removed [s].
+
+    Attributes:
+        settings: as given.
+        cloth: the cloth; None before the first open hand, and after it was removed.
     """
 
     def __init__(
@@ -236,11 +255,12 @@ class ClothBeforeHand:
         self._seen_s = -math.inf
 
     def update(self, arms: Sequence[TrackedArm], eye: Float64 | None, at_s: float) -> Cloth | None:
-        """Simulate the cloth up to an instant; None before the first hand.
+        """Simulate the cloth up to an instant; return it, the same object each time, or None if there is none.
 
         Args:
             arms: the arms at that instant.
-            eye: (3,) position of the camera in the arms' world frame [m]; None if unknown.
+            eye: (3,) position of the camera in the arms' world frame, which a new cloth faces [m]; None for the
+                direction z.
             at_s: the instant, on the clock of the arms [s].
         """
         found = [hand for hand in map(hand_in_cloth, arms) if hand is not None]

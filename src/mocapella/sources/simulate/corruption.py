@@ -28,7 +28,9 @@ WRONG: Final = ("garbage", "black", "rubbish", "shifted")
 
 @dataclass(frozen=True)
 class Corruption:
-    """The corruption of an image sequence.
+    """The corruption of an image sequence, to test trackers: `of` applies it to an image.
+
+    A wrong frame is replaced as a whole by another image, see `WRONG`.
 
     Attributes:
         noise: fraction of the pixels that are replaced by random values, 0 to 1.
@@ -65,7 +67,12 @@ class Corruption:
             raise SettingsError(f"unknown wrong_kind {self.wrong_kind!r}; known: {one_of(self.wrong_kind, WRONG)}")
 
     def is_wrong(self, frame: int, camera: int | None = None) -> bool:
-        """Return whether a frame is wrong in all cameras, or in the camera of this index, if given."""
+        """Return whether a frame is replaced by a wrong one.
+
+        Args:
+            frame: index of the frame.
+            camera: index of a camera, for its own wrong frames, too; None for frames that are wrong in all cameras.
+        """
         if frame in self.wrong_frames or (frame >= self.wrong_from and self._by_chance(self.wrong, 1, frame)):
             return True
         return camera is not None and frame >= self.wrong_from and self._by_chance(self.wrong_each, 3, frame, camera)
@@ -74,7 +81,12 @@ class Corruption:
         return share > 0 and bool(np.random.default_rng([self.seed, *of]).random() < share)
 
     def of(self, image: UInt8, frame: int, camera: int = 0) -> UInt8:
-        """Return a corrupted copy of an image (height, width, 3) uint8, by the indices of its frame and camera."""
+        """Return a corrupted copy of an image (height, width, 3) uint8, with the channels' order kept.
+
+        Args:
+            image: the image; not changed.
+            frame, camera: indices of the image's frame and camera, which determine the random numbers.
+        """
         rng = np.random.default_rng([self.seed, 2, frame, camera])
         out = image.copy()
         if self.is_wrong(frame, camera):

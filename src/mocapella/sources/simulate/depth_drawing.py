@@ -23,12 +23,12 @@ NOTHING, BEHIND, BODY, FIRST_ARM = 0, 1, 2, 3
 
 @dataclass(frozen=True, eq=False)
 class DepthImages:
-    """The images drawn so far.
+    """The images drawn so far; `draw` changes the arrays in place.
 
     Attributes:
         depth: (height, width) float32 distance along the optical axis [m], infinite without a surface.
-        parts: (height, width) label of each pixel, see `NOTHING`.
-        slope: (height, width) float32 cosine of the angle of incidence.
+        parts: (height, width) uint8 label of each pixel, see `NOTHING`.
+        slope: (height, width) float32 cosine of the angle of incidence; 0 without a surface.
     """
 
     depth: Float32
@@ -36,21 +36,21 @@ class DepthImages:
     slope: Float32
 
     def copy(self) -> DepthImages:
-        """Copy the arrays."""
+        """Return images with copies of the arrays."""
         return DepthImages(self.depth.copy(), self.parts.copy(), self.slope.copy())
 
     def draw(self, vertices: Float64, triangles: Int64, labels: UInt8, first: int, lens: Any) -> Float64:
-        """Draw triangles with the depth buffer, in place.
+        """Draw triangles with the depth buffer, in place; those seen from the back are not drawn.
 
         Args:
             vertices: (n, 3) in the camera frame [m].
-            triangles: (m, 3) indices of vertices.
+            triangles: (m, 3) indices of vertices, anticlockwise as seen from outside.
             labels: (m,) label of each triangle, relative to ``first``.
             first: added to the labels in ``parts``.
             lens: fx, fy, cx, cy [px].
 
         Returns:
-            The projected vertices (n, 3) of `depth_scene_kernels.project`.
+            The projected vertices (n, 3), x, y [px] and 1/z [1/m], of `depth_scene_kernels.project`.
         """
         seen, k = np.empty_like(vertices), _kernels()
         k.project(vertices, np.array(lens), seen)
@@ -63,7 +63,8 @@ def body_mesh(arms: int) -> tuple[Float64, Int64]:
     """Return the vertices (n, 3) [m] and triangles (m, 3) of the body of a person whose right arm is in the scene.
 
     Torso, neck and head; if ``arms``, the number of arms in the scene, is 1, also the left upper arm and forearm. The
-    origin is the right shoulder, x to the person's left, y down, z backwards.
+    origin is the right shoulder, x to the person's left, y down, z backwards. The arrays are cached: do not change
+    them.
     """
     rows = [
         [0.055, 0.03, 0.02, 0.305, 0.03, 0.02, 0.065, 0.065],

@@ -41,7 +41,7 @@ class StructuredLight:
         sd_per_m: growth of the standard deviation with the squared distance from there [1/m].
         sd_least_at_m: depth with the least standard deviation [m].
         sd_angle: factor of the term for the angle of incidence θ: this · z^−½ · θ²/(π/2 − θ)² [m^1.5].
-        step_per_m: quantisation step of 1/z [1/m]; 0 for none.
+        step_per_m: quantisation step of the inverse depth 1/z [1/m]; 0 for none.
         shared: fraction of the variance that neighbouring pixels have in common.
         shared_px: size of such a neighbourhood [px].
         edge_px: standard deviation of an edge's displacement [px].
@@ -49,7 +49,7 @@ class StructuredLight:
         edge_holes: fraction of the pixels at edges that are not measured.
         steep_deg: angle of incidence from which some pixels are lost, and angle from which all are lost [deg].
         dropout: fraction of all pixels that are lost at random.
-        baseline_m: distance of the projector from the camera along x [m].
+        baseline_m: position of the projector along the camera's x axis [m].
     """
 
     least_m: float = 0.4
@@ -128,13 +128,15 @@ def measured(
     exact_m: Float32, slope: Float32, noise: StructuredLight | TimeOfFlight | None, *, focal_px: float, unit_m: float,
     key: int,
 ) -> UInt16:  # fmt: skip
-    """Apply a camera's noise to exact depths; return the image (height, width) in units, 0 without a measurement.
+    """Apply a camera's noise to exact depths; return the image (height, width) uint16 in units, a new array.
+
+    A pixel is 0 without a measurement, such as beyond the camera's range or, without noise, above 65535 units.
 
     Args:
         exact_m: (height, width) exact depths [m]; infinite without a surface.
         slope: (height, width) cosine of the angle between the surface's normal and the ray.
-        noise: noise model of the camera; None for a perfect camera.
-        focal_px: focal length along x [px].
+        noise: noise model of the camera; None for a perfect camera, whose depths are only rounded.
+        focal_px: focal length along x, for the projector's shadow [px].
         unit_m: length of a unit of the result [m].
         key: key of the random numbers; the same key gives the same noise.
     """

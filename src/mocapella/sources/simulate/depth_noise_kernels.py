@@ -45,7 +45,7 @@ class StructuredLightNoise(NamedTuple):
 
 
 class TimeOfFlightNoise(NamedTuple):
-    """The parameters of `TimeOfFlight`, by the same names."""
+    """The parameters of `TimeOfFlight`, by the same names and in the same units."""
 
     least_m: float
     most_m: float
@@ -121,7 +121,10 @@ def light_reaches(depth: Float32, focal_baseline: float, out: Bool) -> None:
 
 @njit(cache=True)
 def lattice_row(key: np.uint64, j: int, out: Float64) -> None:
-    """Write standard normal random numbers for row ``j`` of the correlated noise's lattice into ``out`` (n,)."""
+    """Write random numbers of `normal` for row ``j`` of the correlated noise's lattice into ``out`` (n,).
+
+    The same key, row and column give the same number.
+    """
     for i in range(len(out)):
         out[i] = normal(mixed(key, (j << 20) + i))
 

@@ -89,7 +89,7 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Description of a scene.
+    """Description of a scene of arms in front of a depth camera; see `DepthScene`.
 
     Attributes:
         keys: key poses of the arm, repeated.
@@ -158,7 +158,7 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         at_s: time of the image since the scene's start [s].
-        depth: (height, width) distance along the optical axis in units; 0 without a measurement.
+        depth: (height, width) uint16 distance along the optical axis in units; 0 without a measurement.
         unit_m: length of a unit [m].
         lens: (9,) intrinsics, see `mocapella.geometry.lens`.
     """
@@ -170,12 +170,12 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
 
 
 class DepthShot(Shot, frozen=True, eq=False):
-    """A depth image and its ground truth.
+    """A depth image (see `Shot`) and its ground truth.
 
     Attributes:
         arms: ground truth of the scene's arms, in the image or not.
         exact_m: (height, width) float32 depth before noise [m]; infinite without a surface.
-        parts: (height, width) label of each pixel before noise: `NOTHING`, `BEHIND`, `BODY`, `FIRST_ARM` and above.
+        parts: (height, width) uint8 label before noise: `NOTHING`, … of `depth_drawing`; `FIRST_ARM` and above.
     """
 
     arms: tuple[ArmTruth, ...]
@@ -207,12 +207,16 @@ class _Actor:
 class DepthScene:
     """A scene seen by one camera; made by `load_depth_scene`.
 
-    Attributes:
-        name, seed: name and random seed of the scene.
-        sensor: the camera.
+    Args:
+        name, seed: name and random seed of the scene; both determine its random choices.
         settings: description of the scene.
-        period_s: period of everything except the noise.
-        T_camera_first: (4, 4) from the frame of the camera that the scene is made for to this camera's.
+        sensor: the camera.
+        T_camera_first: (4, 4) from the frame of the camera that the scene is made for to this camera's; None for that
+            camera itself.
+
+    Attributes:
+        name, seed, settings, sensor, T_camera_first: as given.
+        period_s: period of everything except the noise [s].
     """
 
     def __init__(
@@ -248,7 +252,7 @@ class DepthScene:
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
     def from_camera(self, T_camera_first: Float64) -> DepthScene:
-        """Return the scene as seen by another camera of this kind.
+        """Return the scene as seen by another camera of this kind, as a new object with other noise.
 
         ``T_camera_first`` (4, 4) is from this camera's frame to the other's.
         """
@@ -415,7 +419,7 @@ _ENDS: Final = _ends()
 
 
 def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:
-    """Convert a simulated depth image to a sensor's frame, whose capture time is the image's time."""
+    """Convert a simulated depth image to a frame of ``sensor``, whose capture time is the image's time [ns]."""
     return frame_of(
         sensor, shot.depth, unit_m=shot.unit_m, lens=shot.lens, time_ns=round(1e9 * shot.at_s), node_id=node_id,
         sequence=sequence,
@@ -423,12 +427,12 @@ def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int 
 
 
 def depth_scene_names() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """Return the names that `load_depth_scene` knows."""
     return tuple(_data()["scenes"])
 
 
 def depth_sensor_names() -> tuple[str, ...]:
-    """Names of the cameras."""
+    """Return the names of cameras that `depth_sensor` knows."""
     return tuple(_data()["sensors"])
 
 

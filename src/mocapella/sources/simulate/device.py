@@ -45,6 +45,8 @@ class Noise:
 class SensorSettings:
     """Settings of a simulated sensor: pose, image, clock, latency and errors.
 
+    Room time is the simulation's true time, from 0.
+
     Attributes:
         name: name of the sensor, as in its frames.
         position: position of the lens in the world; the second coordinate is the height above the floor [m].
@@ -136,7 +138,7 @@ class SensorSettings:
         return np.stack([u, v], axis=-1)
 
     def in_view(self, points: Float64, pixels: Float64) -> NDArray[np.bool_]:
-        """Return whether points are in field of view and range (...,).
+        """Return whether points are in field of view and range (...,); False for NaN. Occlusion is not considered.
 
         ``points`` (..., 3) are in the camera frame [m], ``pixels`` (..., 2) their projections [px].
         """
@@ -154,11 +156,11 @@ class SensorSettings:
         return np.asarray(sum(np.where(out.any(axis=-1), np.uint8(bit), np.uint8(0)) for out, bit in over))
 
     def clock_ns(self, room_ns: int) -> int:
-        """Return the time on the sensor's own clock at a room time [ns]."""
+        """Return the time on the sensor's own clock, with offset and drift, at a room time (true time) [ns]."""
         return round(self.clock_offset_s * NS_PER_S) + room_ns + round(room_ns * self.clock_drift_ppm * 1e-6)
 
     def frame_ns(self, index: int) -> int:
-        """Return the room time at which the frame of an index, from 0, is captured [ns]."""
+        """Return the room time (true time) at which the frame of an index, from 0, is captured [ns]."""
         # In integers: with times since 1970, a float would be wrong by some hundred nanoseconds.
         rate = Fraction(self.rate_hz).limit_denominator(1_000_000)
         return round(self.phase_s * NS_PER_S) + index * NS_PER_S * rate.denominator // rate.numerator

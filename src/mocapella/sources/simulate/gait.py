@@ -35,7 +35,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class GaitTracks:
-    """The route on the time grid.
+    """Position of the body and motion of the feet along a route, for each of the motion's poses.
 
     Attributes:
         spots: (poses, 3) x, z [m] and heading [rad] of the body in the world.
@@ -53,10 +53,10 @@ class GaitTracks:
 
 
 def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator) -> Motion:
-    """Animate a body along a closed route.
+    """Animate a body along a closed route; the motion has `POSE_HZ` poses per second of the route.
 
     Args:
-        legs: legs of the route, in order.
+        legs: legs of the route, in order; the last should end where the first begins, since the motion repeats.
         lengths: (25,) length of the bone that ends at each joint [m].
         stature: height of the person, for the width of the stance and the thickness of the limbs [m].
         rng: random numbers for the phases of breathing and swaying, which differ between people.

@@ -37,7 +37,26 @@ class HandCameraFrame(NamedTuple):
 
 
 class SimulatedHandCamera:
-    """One camera of a scene with a marker detector, whose colours are learnt from marked images, as by a user."""
+    """One camera of a scene with a marker detector, whose colours are learnt from marked images, as by a user.
+
+    The constructor renders images until enough show all markers.
+
+    Args:
+        scene: the scene.
+        camera: name of one of its cameras.
+        settings: settings of the marker detector; None for the defaults.
+        learn_from_s: time of the first image for learning, on the scene's clock [s].
+
+    Attributes:
+        scene: as given.
+        camera: the camera.
+        profile: the learnt colours.
+        detector: the marker detector; it has memory, which a new call of `frames` does not reset.
+
+    Raises:
+        SettingsError: there are too few images with all markers visible.
+        KeyError: unknown camera.
+    """
 
     def __init__(
         self, scene: HandScene, camera: str, settings: MarkerSettings | None = None, *, learn_from_s: float = 0.0
@@ -73,12 +92,19 @@ class SimulatedHandCamera:
 
 
 def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
-    """Return a frame with its capture time set to a time of the scene [s]; a camera's clock begins at 1 ns."""
+    """Return a copy of a frame with its capture time set to a time of the scene [s]; time 0 is 1 ns."""
     return msgspec.structs.replace(frame, time_ns=round(at_s * NS_PER_S) + 1)
 
 
 def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
-    """Learn the camera's colour profile from images, from ``from_s`` on [s], where all markers and the skin are marked.
+    """Learn a camera's colour profile from three rendered images with all markers and the skin marked.
+
+    The images show the scene's hand with a calmer motion.
+
+    Args:
+        scene: the scene; not changed.
+        camera: name of one of its cameras.
+        from_s: time of the first image that is tried [s].
 
     Raises:
         SettingsError: there are too few images with all markers visible.

@@ -56,7 +56,14 @@ class HandMotionSettings:
 
 
 class HandMotion:
-    """A hand's pose at any time; the same seed gives the same motion."""
+    """A hand's pose at any time; the same seed gives the same motion.
+
+    Args:
+        model: model of the hand's joints, with the joint limits.
+        shape: the hand's bones.
+        settings: parameters of the motion.
+        seed: random seed of the postures and of the path.
+    """
 
     def __init__(self, model: HandModel, shape: HandShape, settings: HandMotionSettings, seed: int = 0) -> None:
         self.model, self.shape, self.settings, self.seed = model, shape, settings, seed
@@ -102,7 +109,13 @@ class HandMotion:
 
 
 def landmarks_of(model: HandModel, shape: HandShape, pose: HandPose) -> Float64:
-    """Return the landmarks (21, 3) of a hand: its joints and tips in the world [m]."""
+    """Compute the landmarks (21, 3) of a hand, `mocapella.model.hand.LANDMARKS`, in the world [m].
+
+    Args:
+        model: model of the hand's joints.
+        shape: the hand's bones and side; a left hand is mirrored.
+        pose: angles, and pose of the palm in the world.
+    """
     points = np.zeros((len(LANDMARKS), 3))
     for digit in range(5):
         R, point = model.frames[digit], np.array(shape.bases[digit])

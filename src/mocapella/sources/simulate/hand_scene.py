@@ -116,7 +116,7 @@ class SimulatedCamera:
 
 @dataclass(frozen=True)
 class HandSceneSettings:
-    """Description of a scene.
+    """Description of a scene: a hand with painted markers, and colour cameras that see it; see `HandScene`.
 
     Attributes:
         cameras: the cameras.
@@ -165,7 +165,7 @@ class HandSceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class HandShot:
-    """An image and its ground truth.
+    """A rendered image of a hand with painted markers, and its ground truth.
 
     Attributes:
         camera: name of the camera.
@@ -173,7 +173,8 @@ class HandShot:
         image: (height, width, 3) uint8 BGR.
         centres_px: (markers, 2) x, y of the markers' centres at the middle of the exposure of their row [px]; NaN
             behind the camera.
-        visible: (markers,) fraction of the marker's projected area that is in the image and not occluded.
+        visible: (markers,) fraction of the marker's projected area in the image that is not occluded; 0 if its centre
+            is outside the image.
         markers_world: (markers, 3) centres at ``at_s``, world [m].
         pose: pose of the hand at ``at_s``.
         landmarks: (21, 3) at ``at_s``, world [m].
@@ -190,7 +191,18 @@ class HandShot:
 
 
 class HandScene:
-    """A scene that can be rendered for each camera at any time."""
+    """A scene that can be rendered for each camera at any time.
+
+    Args:
+        settings: description of the scene.
+        seed: random seed of motion, walls, light and noise; the same scene, seed, camera and time give the same image.
+
+    Attributes:
+        settings, seed: as given.
+        model, shape: model of the hand's joints, and the hand's bones.
+        motion: motion of the hand.
+        cameras: the cameras by name.
+    """
 
     def __init__(self, settings: HandSceneSettings, seed: int = 0) -> None:
         self.settings, self.seed = settings, seed
@@ -215,7 +227,7 @@ class HandScene:
         return CameraRig({camera.name: camera.placed for camera in self.settings.cameras})
 
     def at(self, camera: str, at_s: float) -> HandShot:
-        """Render the image whose first row's exposure is centred at ``at_s`` [s].
+        """Render a camera's image whose first row's exposure is centred at ``at_s``, on the scene's clock [s].
 
         Raises:
             SettingsError: unknown camera; lists the known ones.
@@ -302,7 +314,10 @@ MARKER: Final = 12
 
 
 def base_places(scene: HandScene) -> Float64:
-    """Return the positions (base markers, 3) in the palm's frame of a right hand [m]; mirrored for a left hand."""
+    """Return the positions (base markers, 3) of a scene's markers on the palm, in the palm's frame [m].
+
+    Those of a left hand are mirrored to a right hand's frame.
+    """
     shot_pose = scene.motion.at(0.0)
     parts, _ = scene._parts(0.0)
     rows = [int(np.flatnonzero(parts[:, MARKER] == k)[0]) for k in range(len(TIPS), len(scene.settings.paints))]
@@ -320,7 +335,7 @@ def _rays(camera: SimulatedCamera) -> NDArray[np.float32]:
 
 
 def hand_scene_names() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """Return the names that `load_hand_scene` knows."""
     return tuple(_data()["scenes"])
 
 
@@ -343,7 +358,7 @@ def hand_scene_settings(name: str) -> HandSceneSettings:
 
 
 def load_hand_scene(name: str, *, seed: int = 0) -> HandScene:
-    """Load a scene by name.
+    """Load a scene by name, with a random seed as in `HandScene`.
 
     Raises:
         SettingsError: unknown scene; lists the known ones.

@@ -94,7 +94,7 @@ def spans(parts: Float64, rates: Float64, pinhole: Float64, reach: float, h: int
     """Compute the range of rows and columns that each part can cover around the middle of the first row's exposure.
 
     Args:
-        parts: (n, 13), see the module.
+        parts: (n, 13) capsules in the camera frame: ends (3 + 3) and radius [m], then six numbers of their look.
         rates: (n, 6) velocities of their ends [m/s].
         pinhole: (4,) fx, fy, cx, cy [px].
         reach: greatest distance in time from that middle, before or after [s].
@@ -131,7 +131,8 @@ def photograph(
     Args:
         wall: (h, w, 3) float32 reflectance of the background.
         rays: (h, w, SAMPLES, 2) float32 directions x/z, y/z of each pixel's rays.
-        parts: (n, 13) at the middle of the first row's exposure, see the module.
+        parts: (n, 13) capsules in the camera frame at the middle of the first row's exposure: ends (3 + 3) and radius
+            [m], reflectance of red, green and blue, gloss, exponent of the highlight, index of the marker or -1.
         rates: (n, 6) velocities of their ends [m/s].
         camera, lighting: the camera, and the light on the hand.
         linear: (h, w, 3) float32, written: red, green, blue.

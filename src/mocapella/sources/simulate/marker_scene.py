@@ -64,7 +64,7 @@ class Paint:
 
 @dataclass(frozen=True)
 class MarkerSceneSettings:
-    """Description of a scene.
+    """Description of a scene: a flat hand with painted markers in one camera's image; see `MarkerScene`.
 
     Attributes:
         paints: paints of thumb to little finger and of the hand's base.
@@ -128,7 +128,7 @@ class MarkerSceneSettings:
 
 @dataclass(frozen=True)
 class MarkerShot:
-    """An image and its ground truth.
+    """A rendered image of a hand with painted markers, and its ground truth.
 
     Attributes:
         at_s: the middle of the first row's exposure, on the scene's clock [s].
@@ -136,6 +136,8 @@ class MarkerShot:
         centres_px: (markers, 2) x, y of the markers' centres, at the middle of the exposure of their row [px].
         visible: (markers,) fraction of the marker's area that is in the image and not occluded.
         radii_px: (markers,) square root of the product of the half axes [px].
+
+    In a scene without the hand, ``centres_px`` and ``radii_px`` are NaN and ``visible`` is 0.
     """
 
     at_s: float
@@ -146,7 +148,12 @@ class MarkerShot:
 
 
 class MarkerScene:
-    """A scene that can be rendered at any time."""
+    """A scene that can be rendered at any time.
+
+    Args:
+        settings: description of the scene.
+        seed: random seed of the wall, the motion, the light and the noise.
+    """
 
     def __init__(self, settings: MarkerSceneSettings, seed: int = 0) -> None:
         self.settings, self.seed = settings, seed
@@ -161,7 +168,7 @@ class MarkerScene:
         return tuple(paint.name for paint in self.settings.paints)
 
     def at(self, at_s: float) -> MarkerShot:
-        """Render the image whose first row's exposure is centred at ``at_s`` [s]."""
+        """Render the image whose first row's exposure is centred at ``at_s``, on the scene's clock [s]."""
         s = self.settings
         width, height = s.size_px
         shapes = self.shapes(at_s)
@@ -287,7 +294,7 @@ def _stretched(coarse: Float64, height: int, width: int) -> Float64:
 
 
 def marker_scene_names() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """Return the names that `load_marker_scene` knows."""
     return tuple(_data()["scenes"])
 
 
@@ -304,13 +311,18 @@ def marker_scene_settings(name: str) -> MarkerSceneSettings:
 
 
 def scene_of(data: Mapping[str, Any], name: str) -> MarkerSceneSettings:
-    """Parse a scene's settings from a file's tables ``common`` and ``scenes``."""
+    """Parse the settings of the scene ``name`` from a file's tables ``common``, the defaults, and ``scenes``.
+
+    Raises:
+        KeyError: there is no such scene.
+        SettingsError: a value is invalid.
+    """
     scene = {**data["common"], **data["scenes"][name]}
     return parse(MarkerSceneSettings, scene, where=f"scene {name}")
 
 
 def load_marker_scene(name: str, *, seed: int = 0) -> MarkerScene:
-    """Load a scene by name.
+    """Load a scene by name, with a random seed as in `MarkerScene`.
 
     Raises:
         SettingsError: unknown scene; lists the known ones.

@@ -24,7 +24,8 @@ def surface(p: Float64, x: float, y: float, out: Float64) -> None:
     """Compute how much of a pixel a shape covers, and the shape's normal there.
 
     Args:
-        p: (13,) the shape, see the module.
+        p: (13,) the shape: x0, y0, x1, y1, r0, r1, 0 of a tapered capsule, or x, y, half axes a, b, angle of a from x
+            [rad], 0, 1 of an ellipse [px]; the other six, its look, are not used.
         x, y: centre of the pixel [px].
         out: (4,) written: coverage from 0 to 1; x, y, z of the unit normal, z towards the camera.
     """

@@ -50,7 +50,9 @@ _TRUNK: Final = [JOINT[name] for name in ("SpineBase", "SpineMid", "SpineShoulde
 
 
 class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The content of the file.
+    """Tables of a Kinect v2's errors: the content of ``data/kinect_v2_measured.json``.
+
+    α is a person's true facing relative to the direction towards the sensor.
 
     Attributes:
         measured_on: description of the recordings and the method.
@@ -95,14 +97,22 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Errors:
-    """`SensorErrors` as arrays, ready to be applied to views."""
+    """`SensorErrors` as arrays, ready to be applied to views.
+
+    Args:
+        data: the tables.
+
+    Attributes:
+        data: as given.
+        bias_m, sd_m: as in `SensorErrors`.
+        mix: (25, 25) matrix that gives independent values the joints' correlation.
+        white: (25,) standard deviation of the white part, relative to that of a visible joint in a front view.
+
+    Raises:
+        ValueError: a table has the wrong shape.
+    """
 
     def __init__(self, data: SensorErrors) -> None:
-        """Check the shapes.
-
-        Raises:
-            ValueError: a table has the wrong shape.
-        """
         self.data = data
         self.bias_m, self.sd_m = np.array(data.bias_m), np.array(data.sd_m)
         rows = (data.mirrored, data.yaw_deg, data.yaw_sd_deg, data.mirrored_yaw_deg, data.mirrored_yaw_sd_deg)
@@ -156,7 +166,8 @@ class Errors:
                 the yaw; and (n,) from 0 to 1, where values below the probability of swapped labels swap them.
 
         Returns:
-            Joints (n, 25, 3), world [m], and whether the labels are swapped (n,).
+            Joints (n, 25, 3), world [m], as a new array, and whether the labels are swapped (n,); the caller swaps
+            them.
         """
         joint_noise, yaw_noise, chance = noise
         forward = facing(world)
@@ -191,16 +202,19 @@ class Errors:
 
 
 class Course:
-    """A sensor's errors over time, at any instant; the same key gives the same values, to the bit."""
+    """A sensor's errors over time, at any instant; the same key gives the same values, to the bit.
+
+    Args:
+        errors: the tables.
+        key: (2,) seed and index of the sensor.
+        people: number of people in the room.
+
+    Attributes:
+        errors: as given.
+        tilt_error, height_error: constant errors of the sensor's reported tilt [rad] and height [m].
+    """
 
     def __init__(self, errors: Errors, key: NDArray[np.uint64], people: int) -> None:
-        """Draw the constant errors of one sensor.
-
-        Args:
-            errors: the tables.
-            key: (2,) seed and sensor.
-            people: number of people in the room.
-        """
         self.errors = errors
         self._key = key
         self._people = people
@@ -218,7 +232,7 @@ class Course:
         return np.stack(out)
 
     def lost(self, room_ns: int) -> Bools:
-        """Return whether the sensor has lost each person (people,) in view at a room time [ns].
+        """Return whether the sensor has lost each person (people,), as if all were in view, at a room time [ns].
 
         There is at most one loss in `LOSS_WITHIN` seconds.
         """
@@ -252,7 +266,10 @@ class Course:
 
 
 def bias_place(alpha: Float64) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64]:
-    """Return the two bins of the bias around α (...,) [rad], and the weight of the second in linear interpolation."""
+    """Return the two bins of the bias around angles ``alpha`` (...,) [rad], and the weight of the second.
+
+    Interpolation is linear and periodic; see `BIAS_BINS`.
+    """
     place = (np.asarray(alpha) / (2 * np.pi) * BIAS_BINS) % BIAS_BINS
     first = np.floor(place).astype(np.intp) % BIAS_BINS
     return first, (first + 1) % BIAS_BINS, place - np.floor(place)
@@ -286,7 +303,10 @@ def turned_about_spine(bodies: Float64, turn: Float64) -> Float64:
 
 
 def spline_weights(part: float) -> Float64:
-    """Return the weights (4,) of the knots −1, 0, 1 and 2 at a position from 0 to 1; their squares sum to 1."""
+    """Return the weights (4,) of a cubic B-spline's knots −1, 0, 1 and 2 at a position from 0 to 1.
+
+    Their squares sum to 1, so that independent knots of variance 1 give a value of variance 1.
+    """
     x = np.abs(np.array([1.0, 0.0, -1.0, -2.0]) + part)
     inner, outer = 2 / 3 - x**2 + x**3 / 2, np.maximum(2 - x, 0.0) ** 3 / 6
     weights = np.where(x < 1, inner, outer)
@@ -294,7 +314,7 @@ def spline_weights(part: float) -> Float64:
 
 
 def errors_from_json(text: bytes | str, file: object) -> Errors:
-    """Parse the text of a file of measured errors.
+    """Parse the text of a JSON file of measured errors, see `SensorErrors`.
 
     Raises:
         InputError: it is no such file; names ``file``.
@@ -308,7 +328,7 @@ def errors_from_json(text: bytes | str, file: object) -> Errors:
 
 
 def errors_to_json(data: SensorErrors) -> str:
-    """Encode the tables as a file's text, for `errors_from_json`."""
+    """Encode the tables as the text of a JSON file, which `errors_from_json` reads."""
     lines = []
     for key, value in msgspec.structs.asdict(data).items():
         rows = isinstance(value, list) and isinstance(value[0], list)
@@ -319,7 +339,7 @@ def errors_to_json(data: SensorErrors) -> str:
 
 @cache
 def measured_errors() -> Errors:
-    """Return the errors that ship with this version."""
+    """Return the errors that ship with this version, cached."""
     source = files("mocapella.sources.simulate").joinpath("data", "kinect_v2_measured.json")
     return errors_from_json(source.read_bytes(), source)
 

@@ -39,11 +39,11 @@ class Motion:
 
     @property
     def duration_ns(self) -> int:
-        """The period."""
+        """The period [ns]."""
         return len(self) * PERIOD_NS
 
     def padded(self, poses: int) -> Motion:
-        """Extend the motion to a number of poses by repeating the first pose at the end."""
+        """Return the motion with a number of poses, at least its own, by repeating the first pose at the end."""
         still = poses - len(self)
         return Motion(
             np.concatenate([self.root, np.repeat(self.root[:1], still, axis=0)]),
@@ -70,13 +70,13 @@ class Ensemble:
 
     @property
     def duration_ns(self) -> int:
-        """The period."""
+        """The period [ns]."""
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
-        """Return the joints (people, 25, 3) at a room time [ns], world [m].
+        """Return the joints (people, 25, 3) at a room time [ns], also beyond the period, world [m].
 
-        Between two poses, directions are interpolated and normalised.
+        Between two poses, root positions are interpolated, and directions are interpolated and normalised.
         """
         index, rest = divmod(room_ns % self.duration_ns, PERIOD_NS)
         after, weight = (index + 1) % len(self.root), rest / PERIOD_NS
@@ -86,7 +86,7 @@ class Ensemble:
 
 
 def together(motions: list[Motion]) -> Ensemble:
-    """Combine motions on the grid of the longest; people with shorter motions stand still at their end."""
+    """Combine motions on the grid of the longest; people with shorter motions then stand still in their first pose."""
     poses = max(len(motion) for motion in motions)
     padded = [motion.padded(poses) for motion in motions]
     return Ensemble(

@@ -15,7 +15,7 @@ from mocapella.compiled import njit
 
 @njit(cache=True, nogil=True, inline="always")
 def hashed(i: int, j: int, k: int) -> float:
-    """Hash three integers to a number from 0 to 1: MurmurHash3's finaliser over a sum of multiples."""
+    """Hash three integers to a pseudorandom number from 0 to 1: MurmurHash3's finaliser over a sum of multiples."""
     x = (
         np.uint32(i) * np.uint32(0x8DA6B343)
         + np.uint32(j) * np.uint32(0xD8163841)
@@ -32,7 +32,7 @@ def hashed(i: int, j: int, k: int) -> float:
 
 @njit(cache=True, nogil=True)
 def noise2(x: float, y: float, seed: int) -> float:
-    """Return value noise at (x, y), from 0 to 1, on a grid of cells of length 1."""
+    """Return value noise at (x, y), from 0 to 1, smooth over a grid of cells of length 1."""
     i, j = math.floor(x), math.floor(y)
     u, v = x - i, y - j
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
@@ -43,7 +43,7 @@ def noise2(x: float, y: float, seed: int) -> float:
 
 @njit(cache=True, nogil=True)
 def noise3(x: float, y: float, z: float, seed: int) -> float:
-    """Return value noise at (x, y, z), from 0 to 1, on a grid of cells of length 1."""
+    """Return value noise at (x, y, z), from 0 to 1, smooth over a grid of cells of length 1."""
     k = math.floor(z)
     w = z - k
     w = w * w * (3.0 - 2.0 * w)
@@ -52,7 +52,7 @@ def noise3(x: float, y: float, z: float, seed: int) -> float:
 
 @njit(cache=True, nogil=True)
 def rough2(x: float, y: float, seed: int) -> float:
-    """Return the weighted sum of four octaves of `noise2` at (x, y), from 0 to 1."""
+    """Return the weighted sum of four octaves of `noise2` at (x, y), from 0 to 1; the coarsest has cells of 1."""
     total, share = 0.0, 0.5
     for octave in range(4):
         total += share * noise2(x, y, seed + octave)

@@ -20,7 +20,7 @@ class Box:
     Attributes:
         centre: centre of its base (world x, z) [m].
         size: edges along its own x, up, and its own z [m].
-        yaw_deg: rotation about the vertical axis, from z towards x.
+        yaw_deg: rotation about the vertical axis, from z towards x [deg].
     """
 
     centre: tuple[float, float]
@@ -63,7 +63,7 @@ class Obstacles:
 
 
 def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstacles:
-    """Convert obstacles to arrays."""
+    """Convert obstacles to arrays, for `hidden`; without any, the arrays have no rows."""
     rows = [
         (*box.centre, box.size[0] / 2, box.size[1], box.size[2] / 2, np.cos(yaw), np.sin(yaw))
         for box, yaw in ((box, np.radians(box.yaw_deg)) for box in boxes)
@@ -83,8 +83,9 @@ def hidden(eye: Float64, joints: Float64, radii: Float64, blocks: Obstacles) -> 
         radii: (people, 25) radii of the bones' capsules [m].
         blocks: obstacles in the room.
 
-    A joint is occluded if the straight line to it comes closer to a bone's axis than the bone's radius (people, 25), or
-    passes through an obstacle. Bones of its own body that contain the joint do not occlude it.
+    A joint is occluded if the straight line from the lens to it comes closer to a bone's axis than the bone's radius,
+    or passes through an obstacle. Bones of its own body that contain the joint do not occlude it. Whether the joint is
+    in the field of view does not matter.
     """
     from mocapella.sources.simulate import occlusion_kernels  # with numba, which a view of the scenery need not import
 

@@ -11,7 +11,7 @@ Float64 = NDArray[np.float64]
 
 
 def bone_ends(topology: Topology) -> NDArray[np.int64]:
-    """Return the start and end joint (joints, 2) of each joint's bone, which goes from the parent to the joint.
+    """Return indices (joints, 2) of the start and end joint of each joint's bone, from the parent to the joint.
 
     The root has the first bone that starts at it.
     """
@@ -25,7 +25,8 @@ def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Flo
     """Return quaternions (bodies, joints, 4) w, x, y, z, w ≥ 0, from a joint's own axes to the positions' frame.
 
     A joint's y axis is along its bone, as with the Kinect; z is the body's forward direction, made perpendicular to y;
-    x completes the right-handed axes. NaN if either end of the bone is NaN.
+    x completes the right-handed axes. NaN if either end of the bone is NaN, or the bone has no length or is parallel to
+    ``forward``.
 
     Args:
         positions: (bodies, joints, 3) in any frame [m]; NaN where not known.

@@ -12,7 +12,10 @@ Float64 = NDArray[np.float64]
 
 @njit(cache=True)
 def bone_orientations(positions: Float64, bones: NDArray[np.int64], forward: Float64) -> Float64:
-    """Return the quaternions (bodies, joints, 4) of `orientation.bone_orientations`, with the same arguments."""
+    """Return the orientations (bodies, joints, 4) of bones, as quaternions w, x, y, z; NaN where they are undefined.
+
+    This is the compiled part of `orientation.bone_orientations`, which explains axes and arguments.
+    """
     bodies, joints = positions.shape[0], positions.shape[1]
     result = np.full((bodies, joints, 4), np.nan)
     for body in range(bodies):

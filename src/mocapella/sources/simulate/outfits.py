@@ -107,7 +107,7 @@ BACKGROUND: Final = "background"
 
 
 def outfit_names() -> tuple[str, ...]:
-    """Names of the outfits."""
+    """Return the names that `make_outfit` knows."""
     return (*OUTFITS, BACKGROUND)
 
 
@@ -158,7 +158,7 @@ class Clothes:
 
 
 def dressed(mesh: RiggedMesh, outfit: Outfit, seed: int = 0) -> Clothes:
-    """Return an outfit on a body's mesh; ``seed`` is the random seed of folds and threads."""
+    """Put an outfit on a body's mesh, which is not changed; ``seed`` is the random seed of folds and threads."""
     at = {name: landmark.point for name, landmark in mesh.landmarks.items()}
     shirt, trousers, shoes, skin, hair, dark = range(6)
     eyes = Garment("plain", (0.02, 0.015, 0.015), shine=0.2)

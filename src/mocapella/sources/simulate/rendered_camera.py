@@ -14,13 +14,17 @@ from mocapella.sources.simulate.rendered_source import RenderedSource
 
 
 class RenderedCamera(RenderedSource):
-    """One camera of a scene.
+    """One camera of a scene of a hand with markers, as an image source in real time; see `RenderedSource`.
 
     Args:
         scene: the scene.
         camera: name of one of its cameras.
         name: name of the source, as the user wrote it.
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        scene: as given.
+        camera: the camera.
 
     Raises:
         SettingsError: unknown camera; lists the known ones.
@@ -35,7 +39,7 @@ class RenderedCamera(RenderedSource):
         super().__init__(name, self.camera.fps, self.camera.phase_s, clock=clock)
 
     def open(self) -> SourceState:
-        """Open the source and return its state; see `PictureSource.open`."""
+        """Render an image, so that kernels are compiled, begin with the first one, and return image size and rate."""
         self.restart()
         return SourceState(self.camera.size_px, self.camera.fps)
 
@@ -44,5 +48,5 @@ class RenderedCamera(RenderedSource):
         return pointed_at(self.scene, self.camera.name)
 
     def render(self, at_s: float) -> Image:
-        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
+        """Render the image, (height, width, 3) uint8 BGR, at a time on the scene's clock [s]."""
         return self.scene.at(self.camera.name, at_s).image

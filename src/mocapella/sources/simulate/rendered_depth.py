@@ -23,7 +23,12 @@ ROOM: Final = "room-"
 
 
 class RenderedScene(Protocol):
-    """A renderable scene: `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`."""
+    """A renderable scene: `mocapella.sources.simulate.depth_scene.DepthScene` or `room_depth.RoomDepthScene`.
+
+    Attributes:
+        sensor: the camera, a `depth_scene.Sensor`.
+        period_s: period of the motion [s].
+    """
 
     sensor: Any
     period_s: float
@@ -39,13 +44,18 @@ class RenderedScene(Protocol):
 
 
 class RenderedDepth(RenderedSource):
-    """A rendered scene as an image source.
+    """A rendered scene's depth images as an image source in real time; see `RenderedSource`.
 
     Args:
         scene: the scene, with its camera.
         name: name of the source, as the user wrote it.
-        options: the user's parameters; a lens and a unit replace the scene's, even if they are wrong.
+        options: the user's parameters; a lens and a unit replace the scene's in the state, even if they are wrong, but
+            do not change the images. The frame rate is `USUAL_FPS` if not given; a size is ignored.
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        scene, options: as given.
+        fps: frame rate [Hz].
     """
 
     def __init__(
@@ -61,12 +71,12 @@ class RenderedDepth(RenderedSource):
         super().__init__(name, self.fps, clock=clock)
 
     def open(self) -> SourceState:
-        """Open the source and return its state; see `PictureSource.open`."""
+        """Render an image, so that kernels are compiled, begin with the first one, and return the source's state."""
         self.restart()
         return _state(self.scene, self.options, self.fps)
 
     def render(self, at_s: float) -> Image:
-        """Render the image at a time on the scene's clock [s]; see `RenderedSource.render`."""
+        """Render the image, (height, width) uint16 in the scene's unit, at a time on the scene's clock [s]."""
         image: Image = self.scene.at(at_s).depth
         return image
 
@@ -75,7 +85,14 @@ class RenderedRecording:
     """One period of a scene as a recording: a `mocapella.sources.depth_files.DepthRecording`.
 
     Args:
-        scene, name, options: as in `RenderedDepth`.
+        scene: the scene, with its camera.
+        name: name of the recording, for messages.
+        options: the user's parameters: the frame rate; lens and unit replace the scene's in the state.
+
+    Attributes:
+        scene: as given.
+        name, state, count: as in `DepthRecording`.
+        fps: frame rate [Hz].
     """
 
     def __init__(self, scene: RenderedScene, name: str, options: DepthOptions | None = None) -> None:
@@ -86,7 +103,7 @@ class RenderedRecording:
         self.count = max(math.floor(scene.period_s * fps), 1)
 
     def images(self) -> Iterator[RecordedDepth]:
-        """Yield the images of one period, from the first; see `DepthRecording.images`."""
+        """Render and yield the images of one period, from the first at the scene's time 0, which is 1 ns."""
         for number in range(self.count):
             at_s = number / self.fps
             yield RecordedDepth(f"{self.name}/{number}", round(at_s * NS_PER_S) + 1, self.scene.at(at_s).depth)
@@ -96,7 +113,7 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
     """Return the image source of a simulated depth camera.
 
     Args:
-        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR.
+        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR; the seed is 0 and the sensor a Kinect if not given.
         name: name of the source, as the user wrote it.
         options: the user's parameters of the camera.
 
@@ -107,10 +124,14 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
 
 
 def rendered_scene(which: str, name: str) -> RenderedScene:
-    """Load a scene of people if ``which`` begins with `ROOM`, else of arms; arguments as in `open_rendered`.
+    """Load a scene of people if ``which`` begins with `ROOM`, else of arms.
+
+    Args:
+        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR; the seed is 0 and the sensor a Kinect if not given.
+        name: name of the source, as the user wrote it, for errors.
 
     Raises:
-        SettingsError: as in `open_rendered`.
+        SettingsError: unknown scene or sensor, or the seed is not a number.
     """
     scene, _, rest = which.partition("/")
     seed, _, sensor = rest.partition("/")

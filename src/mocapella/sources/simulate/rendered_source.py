@@ -22,6 +22,9 @@ class RenderedSource(ABC):
         fps: frame rate [Hz].
         phase_s: due time of the first image, on the scene's clock [s].
         clock: the monotonic clock, in seconds.
+
+    Attributes:
+        name, live, times: as in `PictureSource`.
     """
 
     live = False
@@ -35,7 +38,7 @@ class RenderedSource(ABC):
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
-        """Render the image at a time on the scene's clock [s]."""
+        """Render the image at a time on the scene's clock [s]: BGR or depth, as in `Picture`."""
 
     def restart(self) -> None:
         """Render once, so that kernels are compiled before real time starts, and begin with the first image."""
@@ -43,11 +46,14 @@ class RenderedSource(ABC):
         self._turn = 0
 
     def begin(self, zero_s: float) -> None:
-        """Set the source's time 0 on the monotonic clock [s]; see `PictureSource.begin`."""
+        """Set the time on the monotonic clock at which the scene's time is 0 [s]."""
         self._zero_s = zero_s
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None when there are no more. See `PictureSource.read`."""
+        """Render the next image that is not overdue, and wait until it is due; None only if ``stop`` is set.
+
+        See `PictureSource.read`.
+        """
         now_s = max(0.0, self._clock() - self._zero_s)
         self._turn = max(self._turn, math.ceil((now_s - self._phase_s) * self._fps))
         at_s = self._phase_s + self._turn / self._fps

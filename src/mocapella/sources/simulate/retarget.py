@@ -55,6 +55,7 @@ def bvh_motion(
 
     Raises:
         InputError: joints are missing, or the legs have no length.
+        SettingsError: with ``metres_per_unit``, the person would not be from 0.3 to 3 m tall.
     """
     root, directions, lengths = _skeleton(bvh, file)
     size = lengths[[JOINT[name] for name in _SIZE_BONES]].sum()
@@ -81,6 +82,8 @@ def bvh_motion(
 
 def joint_columns(bvh: Bvh, file: object = None) -> Mapping[str, int]:
     """Map the names of the body's joints to indices of the file's joints, by the first naming scheme that fits.
+
+    Optional joints that the file lacks, such as toes, are missing in the result. ``file`` is named in errors.
 
     Raises:
         InputError: no scheme fits; names the missing joints of the closest one.

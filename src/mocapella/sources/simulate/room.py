@@ -54,7 +54,7 @@ class PersonSettings:
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """Description of a scene.
+    """Description of a room with people, obstacles and body sensors; `build_room` makes it.
 
     Attributes:
         name: name of the scene.
@@ -82,7 +82,9 @@ class SceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """A scene that can be evaluated at any instant. It repeats after `duration_ns`.
+    """A scene that can be evaluated at any instant of room time, its true time from 0; made by `build_room`.
+
+    The motions repeat after `duration_ns`.
 
     Attributes:
         settings: description of the scene.
@@ -117,7 +119,7 @@ class Room:
         return tuple(sensor.name for sensor in self.settings.sensors)
 
     def positions_at(self, room_ns: int) -> Float64:
-        """Return the joints (people, 25, 3) of `mocapella.sources.simulate.body.BODY` at a room time, world [m]."""
+        """Return the joints (people, 25, 3) of `simulate.body.BODY` at a room time [ns], in the world [m]."""
         return self.motion.positions_at(room_ns)
 
     def sensor_index(self, sensor: int | str) -> int:

@@ -40,11 +40,11 @@ _ABOVE_EYES: Final = 1.23
 
 
 class RoomShot(Shot, frozen=True, eq=False):
-    """A depth image and its ground truth.
+    """A depth image (see `Shot`) and its ground truth.
 
     Attributes:
         people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera frame [m].
-        parts: (height, width) label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
+        parts: (height, width) uint8 label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
     """
 
     people: Float64
@@ -52,11 +52,15 @@ class RoomShot(Shot, frozen=True, eq=False):
 
 
 class RoomDepthScene:
-    """A room seen by one depth camera; made by `room_depth_scene`.
+    """A room seen by one depth camera; made by `room_depth_scene`. The room's obstacles are not drawn.
 
-    Attributes:
+    Args:
         room: the room with its people.
         sensor: the camera.
+        seed: random seed of the noise.
+
+    Attributes:
+        room, sensor: as given.
         T_camera_world: (4, 4) from the room's world to the camera frame (x right, y down, z out of the lens).
         period_s: period of everything except the noise [s].
     """
@@ -75,7 +79,7 @@ class RoomDepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def at(self, at_s: float) -> RoomShot:
-        """Render the image at a room time [s], with its ground truth."""
+        """Render the depth image at a time since the room's start [s], with its ground truth."""
         people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
         depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
         for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
@@ -129,7 +133,7 @@ def capsule(a: Float64, b: Float64, radius_a: float, radius_b: float) -> tuple[F
     """Return the closed mesh of a tapered capsule: vertices (n, 3) [m] and triangles (m, 3), which face outwards.
 
     Args:
-        a, b: (3,) ends of its axis [m].
+        a, b: (3,) ends of its axis [m]; if they are equal, the axis is z.
         radius_a, radius_b: radii at the ends [m].
     """
     along = b - a

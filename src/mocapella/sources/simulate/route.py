@@ -69,7 +69,15 @@ class Leg:
 
 
 class Route:
-    """Builder of a route, leg by leg; each method begins where the last one ended."""
+    """Builder of a route, leg by leg; each method adds legs that begin where the last one ended.
+
+    Args:
+        start: initial position and heading.
+
+    Attributes:
+        legs: the legs so far.
+        spot: position and heading at the end of the legs so far.
+    """
 
     def __init__(self, start: Spot) -> None:
         self.legs: list[Leg] = []
@@ -81,26 +89,29 @@ class Route:
         return sum(leg.seconds for leg in self.legs)
 
     def stand(self, seconds: float, *, arm_across: bool = False) -> None:
-        """Stand still, breathing."""
+        """Stand still for a time [s]; with ``arm_across``, hold the right arm in front of the chest."""
         self.legs.append(Leg(self.spot, self.spot, 0, seconds, arm_across=arm_across))
 
     def stand_until(self, seconds: float) -> None:
-        """Stand still until the route has this duration, so that two people can begin the next leg together."""
+        """Stand still until the route has this duration [s], so that two people can begin the next leg together.
+
+        Nothing is added if the route is already as long.
+        """
         if seconds > self.seconds + 1e-9:
             self.stand(seconds - self.seconds)
 
     def turn(self, heading: float) -> None:
-        """Turn on the spot to a heading [rad], the shorter way."""
+        """Turn on the spot to a heading [rad], the shorter way; nothing is added if the person has that heading."""
         by = math.remainder(heading - self.spot.heading, math.tau)
         if abs(by) > 1e-9:
             self._leg(Spot(self.spot.x, self.spot.z, self.spot.heading + by))
 
     def shift(self, to: Point) -> None:
-        """Go to a point without turning: forward, backward or sideways."""
+        """Go to a point (world x, z) [m] without turning: forward, backward or sideways."""
         self._leg(Spot(*to, self.spot.heading))
 
     def go(self, to: Point) -> None:
-        """Turn to a point and go there."""
+        """Turn to a point (world x, z) [m] and go there."""
         self.turn(math.atan2(to[0] - self.spot.x, to[1] - self.spot.z))
         self.shift(to)
 
@@ -117,7 +128,7 @@ class Route:
         self._leg(Spot(float(x[0]), float(z[0]), self.spot.heading + by), centre)
 
     def then(self, other: Route) -> None:
-        """Append another route that begins at the end of this one."""
+        """Append the legs of another route, which must begin at the end of this one (not checked)."""
         self.legs.extend(other.legs)
         self.spot = other.spot
 

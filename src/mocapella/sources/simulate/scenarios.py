@@ -37,7 +37,7 @@ _STEPS = ("stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DE
 
 
 def scenario_names() -> tuple[str, ...]:
-    """Names of the scenarios."""
+    """Return the names that `plan` knows."""
     return tuple(_SCENARIOS)
 
 
@@ -64,7 +64,7 @@ def plan(scenario: str, start: Point, target: Point | None = None, *, first: boo
 
 
 def written_route(start: Point, words: Sequence[str]) -> Route:
-    """Parse a route given step by step; the person faces the main sensor at first.
+    """Parse a route given step by step; the person faces the main sensor at first. No standing still is added.
 
     Args:
         start: initial position (world x, z) [m].

@@ -16,10 +16,10 @@ SIDES = 32
 
 
 def scenery_of(scene: str) -> Scenery:
-    """Return the obstacles and sensor poses of a scene.
+    """Return the obstacles, as triangle meshes in the world, and the sensors' poses of a named scene of `scenes`.
 
     Raises:
-        SettingsError: no such scene; lists those there are.
+        SettingsError: no such scene; lists the known ones.
     """
     settings = scene_settings(scene)
     solids = (*map(_cylinder, settings.cylinders), *map(_box, settings.boxes))

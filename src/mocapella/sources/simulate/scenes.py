@@ -15,12 +15,12 @@ from mocapella.sources.simulate.room import Room, SceneSettings, build_room
 
 
 def scene_names() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """Return the names that `load_scene` knows."""
     return tuple(_data()["scenes"])
 
 
 def scene_summaries() -> dict[str, str]:
-    """One-line summary of each scene."""
+    """Return a one-line summary of each scene, by name."""
     return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
 
 
@@ -34,10 +34,10 @@ def scene_settings(name: str) -> SceneSettings:
 
 
 def settings_from(data: Mapping[str, Any], name: str) -> SceneSettings:
-    """Parse a scene's settings from a file's tables ``sensors`` and ``scenes``.
+    """Parse the settings of the scene ``name`` from a file's tables ``sensors`` and ``scenes``.
 
     Raises:
-        SettingsError: unknown scene; lists the known ones.
+        SettingsError: unknown scene, with the known ones, or an invalid value.
     """
     if name not in data["scenes"]:
         raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, data['scenes'])}")

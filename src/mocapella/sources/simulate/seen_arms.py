@@ -23,7 +23,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SeenArmSettings:
-    """Quality of the simulated detector.
+    """Quality of the simulated arm detector `SimulatedArms`.
 
     Attributes:
         measured_sd_m: standard deviation of a visible joint's coordinate [m].
@@ -51,6 +51,10 @@ class SimulatedArms:
     """Simulated detector of the arms in one camera's depth images: ground truth plus noise.
 
     The errors of hidden joints are correlated in time, so the images must come in the order of their times.
+
+    Args:
+        settings: quality of the detector; None for the defaults.
+        seed: random seed of the errors.
     """
 
     def __init__(self, settings: SeenArmSettings | None = None, *, seed: int = 0) -> None:
@@ -58,7 +62,7 @@ class SimulatedArms:
         self.reset()
 
     def reset(self) -> None:
-        """Restart with the same random errors."""
+        """Restart: the next images get the same random errors as the first ones did."""
         self._rng = np.random.default_rng(self._seed)
         self._lasting: dict[int, Float64] = {}
         self._at_s = -math.inf
@@ -66,7 +70,8 @@ class SimulatedArms:
     def look(self, shot: DepthShot) -> SeenArms:
         """Detect the arms in a simulated depth image; return their joints in the camera frame [m].
 
-        An arm without a visible wrist or palm is not detected.
+        An arm with neither wrist nor palm visible is not detected. A detected arm's angles and palm are exact.
+        Without any, the result has no arms and states that.
         """
         s, rng = self.settings, self._rng
         keep = math.exp(-max(shot.at_s - self._at_s, 0.0) / s.lasts_s)

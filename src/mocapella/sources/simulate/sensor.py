@@ -99,12 +99,19 @@ class _Held:
 
 
 class SimulatedSensor:
-    """One sensor of a room.
+    """One sensor of a room, as the source of frames of a simulated node; it has no state between calls of `frames`.
 
     Args:
         room: the room that it is in.
         sensor: its name, or its number from 1.
-        errors: errors of a sensor whose settings state ``kinect-v2-measured``; None for the shipped errors.
+        errors: errors of a sensor whose settings state ``kinect-v2-measured``; None for the shipped errors. Others
+            ignore them.
+
+    Attributes:
+        room: as given.
+        settings: settings of the sensor.
+        topology: topology of the frames.
+        T_world_sensor: (4, 4) from the sensor's camera frame to the world.
 
     Raises:
         SettingsError: unknown sensor, or the body lacks joints of the room's topology.
@@ -277,7 +284,8 @@ def merge(
 ) -> Iterator[SimulatedFrame]:
     """Merge the frames of several sensors in the order of arrival at their nodes; ties are in the order of names.
 
-    ``start_s`` and ``stop_s`` as in `SimulatedSensor.frames`.
+    The frames are captured from ``start_s`` until before ``stop_s``, both room times [s]; without ``stop_s``, the
+    iteration does not end.
     """
     streams = [sensor.frames(start_s, stop_s) for sensor in sensors]
     return heapq.merge(*streams, key=lambda item: (item.due_s, item.frame.sensor))

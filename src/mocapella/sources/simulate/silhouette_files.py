@@ -29,10 +29,10 @@ VERSION: Final = 1
 
 
 def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "mjpeg", masks: bool = False) -> Path:
-    """Write a scene's images, rig and ground truth.
+    """Write a scene's images, rig and ground truth, in the files that the module lists.
 
     Args:
-        folder: folder of the files; created if missing.
+        folder: folder of the files; created if missing. Files of the same names are replaced.
         scene: the scene.
         codec: one of `CODECS`.
         masks: whether to write lossless videos of the true masks as well: ``camera1.mask.avi`` ….
@@ -84,7 +84,7 @@ def write_sequence(folder: Path | str, scene: SilhouetteScene, *, codec: str = "
 
 
 def truth_of(scene: SilhouetteScene) -> dict[str, Any]:
-    """Return the content of ``truth.json``."""
+    """Return the content of ``truth.json``: the true poses, landmarks and times of all frames, as JSON types."""
     people = []
     for person, mesh in enumerate(scene.meshes):
         poses = scene.poses(person)

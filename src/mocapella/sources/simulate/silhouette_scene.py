@@ -80,12 +80,13 @@ class CameraLook:
 
 
 class SilhouetteScene:
-    """People, a room and cameras.
+    """People, a room and cameras; made by `silhouette_scene`. All arguments are attributes of the same names.
 
-    Attributes:
+    Args:
         name: name of the motion.
-        seed: random seed of all choices.
+        seed: random seed of noise, flicker, and the folds of the clothes.
         meshes, outfits, motions: mesh, clothes and motion of each person.
+        backdrop: the room.
         rig: the cameras, with exact calibration.
         times_s: (frames,) capture times of the images since the motion's start [s].
         look: exposure and noise of the cameras.
@@ -140,7 +141,7 @@ class SilhouetteScene:
         return [self.image(k, camera) for camera in range(len(self._placed))]
 
     def image(self, k: int, camera: int) -> UInt8:
-        """Return the image of `images` for the camera of one index."""
+        """Return the image, as in `images`, in the frame of index k for the camera of an index in the rig's order."""
         stage = self._stage(k)
         stages: Sequence[LitBodies] = (stage,)
         if self.look.exposure_s > 0:
@@ -150,15 +151,21 @@ class SilhouetteScene:
         return image if self.corruption is None else self.corruption.of(image, k, camera)
 
     def masks(self, k: int) -> list[NDArray[np.bool_]]:
-        """Return the true masks (height, width) of all cameras: whether each pixel's centre shows a person."""
+        """Return the true masks (height, width) bool of all cameras in the frame of index k.
+
+        They state whether each pixel's centre shows a person, at the middle of the exposure and without `corruption`.
+        """
         return [covered.people >= 0 for covered in self.covered(k)]
 
     def covered(self, k: int) -> list[Covered]:
-        """Return the ground truth of all cameras: person, part and depth at each pixel's centre."""
+        """Return the ground truth of all cameras in the frame of index k: person, part and depth at pixels' centres."""
         return [covered(self._stage(k), placed) for placed in self._placed]
 
     def background(self, k: int = 0) -> list[UInt8]:
-        """Return images (height, width, 3) uint8 BGR of the empty room, with brightness and noise of frame k."""
+        """Return images (height, width, 3) uint8 BGR of the empty room for all cameras, without corruption.
+
+        Their brightness is that of frame k; their noise is their own.
+        """
         empty = Layer((0, 0), np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
         return [self._developed(empty, None, k, camera) for camera in range(len(self._placed))]
 

@@ -35,10 +35,10 @@ def draw_tags(
     """Draw tags, with a white margin of two cells, into an image; nearer tags occlude farther ones.
 
     Args:
-        linear: (height, width, 3) linear light of the image, in and out.
+        linear: (height, width, 3) float32 linear light of the image, changed in place; tags are grey.
         lens: (9,) intrinsics, see `mocapella.geometry.lens`.
         T_camera_tag: pose (4, 4) of each tag, by its number; the tag's frame is as in `mocapella.model.tags`. Tags seen
-            from behind are not drawn.
+            from behind, or with a corner behind the camera, are not drawn.
         dictionary: ArUco dictionary of all tags.
         side_m: side of each tag's dark square [m].
         light: strength of the light on the tags; 1 shows a white surface as white.
