@@ -126,3 +126,19 @@ def test_a_sensor_whose_place_becomes_better_known_moves_its_views_and_nobody_ju
     np.testing.assert_allclose((m.view_positions[0, 1][labels] - m.view_offsets[0, 1]), before[1][labels], atol=1e-12)
     np.testing.assert_array_equal(m.view_positions[0, 0], before[0])
     assert (m.view_offsets[0, 0] == 0).all()
+
+
+@given(st.floats(0.121, 100.0))
+def test_a_person_whose_views_are_all_too_old_is_measured_nowhere(age_s: float) -> None:
+    """A frame that comes so late that it is not used must not correct anybody by what the memory held before."""
+    people = People(PeopleSettings(), KINECT_V2)
+    people.sensors, people.numbers = ["front", "side"], [7]
+    people.memory = people.memory.resized([], 1, 2)
+    m = people.memory
+    m.view_at[:], m.view_positions[:] = 0.0, 1.0
+    measured, variances = kernels.make(
+        np.zeros(1, np.int64), 2, age_s, people._parameters, people.settings.fusion.parameters, people._layout,
+        people.up, m.points, m.views, m.skeletons,
+    )  # fmt: skip
+    assert np.isnan(measured).all()
+    assert np.isposinf(variances).all()

@@ -218,11 +218,11 @@ def make(
 
     Returns:
         The fused positions of the persons in the frame (bodies, joints, 3) [m], and their variances (bodies, joints)
-        [m²]; NaN and infinity for a joint that no view has. The row of a person without a view in use is not set.
+        [m²]; NaN and infinity for a joint that no view in use has, such as those of a frame that came too late.
     """
     positions, variances = points.positions, points.variances
     joints = len(layout.mirror)
-    measured, measured_variances = np.empty((len(rows), joints, 3)), np.empty((len(rows), joints))
+    measured, measured_variances = np.full((len(rows), joints, 3), np.nan), np.full((len(rows), joints), np.inf)
     corrected = np.empty((columns, joints, 3))
     worth = np.empty((columns, joints))
     offsets = np.empty((columns, joints, 3))
