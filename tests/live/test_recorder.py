@@ -6,10 +6,13 @@ from functools import partial
 from pathlib import Path
 
 import msgspec
+import pytest
 from support.take_making import SECOND, frame, info
 
+from mocapella.live import recorder as recorders
 from mocapella.live.record_path import hear_answer
 from mocapella.live.recorder import Recorder
+from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame
 from mocapella.wire.delivery import FrameAnswer
@@ -42,3 +45,21 @@ def test_what_was_tracked_before_the_take_does_not_belong_to_it(tmp_path: Path) 
         recorder.frame(FRONT, encoded(number), SECOND, number)
     health = recorder.close()
     assert (health.frames, health.lost) == (1, 0)
+
+
+def test_a_disk_that_is_too_slow_costs_no_command_and_what_it_costs_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames can be asked for again; what changed the session cannot, and without it the take replays differently."""
+    said: list[str] = []
+    writer = TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0)
+    recorder = Recorder(writer, said.append)
+    monkeypatch.setattr(recorders, "_QUEUE_BYTES", -1)  # nothing has room
+    for _ in range(3):
+        recorder.scene(b"a scene", SECOND)
+        recorder.truth("front", b"a truth", SECOND)
+    recorder.command("recalibrate", {}, SECOND, before_step=1, by="the view")
+    health = recorder.close()
+    assert (health.problem, health.scenes) == ("", 0)
+    assert [line.partition(" are left out")[0] for line in said] == ["scenes", "ground truths"]
+    assert [command.values["verb"] for command in read_take(tmp_path / "walk.mcap").commands()] == ["recalibrate"]

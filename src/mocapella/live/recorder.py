@@ -154,11 +154,13 @@ class Recorder:
 
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write an encoded scene, with the time [ns] on the server's monotonic clock."""
-        self._put(len(data), partial(self._writer.write_scene, data, at_ns))
+        if not self._put(len(data), partial(self._writer.write_scene, data, at_ns)):
+            self._leave_out("scenes")
 
     def truth(self, sensor: str, data: bytes, arrived_ns: int) -> None:
         """Write a simulation's encoded ground truth; one that cannot be decoded is refused, and reported once."""
-        self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns))
+        if not self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns)):
+            self._leave_out("ground truths")
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
         """Write the session's status."""
@@ -206,11 +208,17 @@ class Recorder:
         return self.health()
 
     def _put(self, size: int, write: Callable[[], None]) -> bool:
-        if self._problem or self._waiting_bytes + size > _QUEUE_BYTES:
-            return False
+        """Queue an entry; return whether there was room. What nobody can send again (size 0) is queued in any case."""
+        if self._problem or (size and self._waiting_bytes + size > _QUEUE_BYTES):
+            return bool(self._problem)  # which has been reported
         self._waiting_bytes += size
         self._queue.put(partial(self._take_out, size, write))
         return True
+
+    def _leave_out(self, what: str) -> None:
+        if ("", what) not in self._refused:
+            self._refused.add(("", what))
+            self._say(f"{what} are left out of the take: the disk is too slow; frames are asked for again")
 
     def _take_out(self, size: int, write: Callable[[], None]) -> None:
         self._waiting_bytes -= size
