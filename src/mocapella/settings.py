@@ -94,6 +94,7 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
         SettingsError: a pair is not of the form NAME=VALUE, or is a number that a take cannot store.
     """
     found: dict[str, Any] = {}
+    grouped: set[str] = set()
     for pair in pairs or []:
         name, equals, text = pair.partition("=")
         if not equals or not name:
@@ -106,6 +107,11 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
                 raise SettingsError(
                     f"setting {pair!r} cannot be used: {group} has a value already; leave one of them out"
                 )
+        if name in grouped:
+            raise SettingsError(
+                f"setting {pair!r} cannot be used: a setting of {name} has a value already; leave one of them out"
+            )
+        grouped.update(".".join(groups[: k + 1]) for k in range(len(groups)))
         where[last] = _of_text(text)
     return found
 

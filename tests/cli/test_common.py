@@ -171,6 +171,12 @@ def test_a_dot_leads_into_a_group_of_settings() -> None:
     assert settings == DefaultSettings(people=PeopleSettings(smoothing="kalman"))
 
 
+@given(st.permutations(["people.smoothing=kalman", "people=3", "people.fusion.age_speed=0.5"]))
+def test_a_value_and_a_group_of_one_name_are_refused_in_any_order(pairs: list[str]) -> None:
+    with pytest.raises(SettingsError, match="has a value already; leave one of them out"):
+        settings_of_pairs(pairs)
+
+
 def test_the_methods_are_listed_with_what_they_take_make_and_export() -> None:
     said = CliRunner().invoke(app, ["serve", "--method", "help"])
     assert said.exit_code == 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.programs import free_port
 
+from mocapella.errors import InputError
 from mocapella.live import view
 from mocapella.live.view import STALE_AFTER_S, Held, ViewState, beats
 from mocapella.model.observations import body_frame
@@ -65,3 +66,17 @@ def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monke
     monkeypatch.setattr(view, "Viewer", Viewer)
     view.run_view(f"tcp/127.0.0.1:{free_port()}", "127.0.0.1", 1, stop)
     assert shown == [0, 1, 2]
+
+
+def test_a_reply_that_cannot_be_read_is_a_refusal_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page's buttons get an answer, whatever a server sends."""
+
+    def unreadable(*args: Any, **options: Any) -> None:
+        raise InputError("start: reply of a server: 7 bytes are no JSON")
+
+    monkeypatch.setattr(view, "send_command", unreadable)
+    link = object.__new__(view.Link)  # without its thread, which reaches no server
+    link._session = object()  # type: ignore[assignment]
+    reply = link.command("start", {})
+    assert not reply.ok
+    assert "no JSON" in reply.message

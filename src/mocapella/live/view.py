@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from mocapella.decoding import convert
-from mocapella.errors import NoServerError, NotAdmittedError
+from mocapella.errors import MocapellaError, NoServerError, NotAdmittedError
 from mocapella.live.board_service import BoardService
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
@@ -135,14 +135,14 @@ class Link:
     def command(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         """Send a command and wait for the reply, at most 10 s (150 s for ``record-stop``).
 
-        If no server answers, the reply has ``ok`` False and the reason.
+        If no server answers, or its reply cannot be read, the result has ``ok`` False and the reason.
         """
         if self._session is None:
             return CommandReply(False, f"no server at {self._address}; start one with: mocapella serve")
         try:
             timeout = 150.0 if verb == "record-stop" else 10.0
             return send_command(self._session, verb, arguments, timeout, program="the view")
-        except NoServerError as error:
+        except MocapellaError as error:
             return CommandReply(False, str(error))
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
