@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from support.board_pictures import BASELINE_M, BOARD, FPS, Pictures, board_pictures, off_mm
-from support.browser import FLAGS, page_url
+from support.browser import DRAW_NOTHING, FLAGS, page_url
 from support.programs import Program, free_port, result_here, run, wait_until
 
 from mocapella.model.camera import CameraRig
@@ -100,6 +100,7 @@ def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         page = chromium.new_page(viewport={"width": 640, "height": 480})
+        page.add_init_script(DRAW_NOTHING)
         page.set_default_timeout(120_000)
         page.goto(page_url(room.page_port))
         headline = page.locator(".mocapella-board-headline")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from support.browser import FLAGS, page_url
+from support.browser import DRAW_NOTHING, FLAGS, page_url
 from support.programs import Program, free_port, result_here, wait_until
 
 from mocapella.cli.common import PAGE_DRAWN
@@ -38,6 +38,7 @@ def browser() -> Iterator[Browser]:
 
 def open_page(browser: Browser, port: int) -> Page:
     page = browser.new_page(viewport={"width": 640, "height": 480})
+    page.add_init_script(DRAW_NOTHING)
     page.set_default_timeout(120_000)
     page.goto(page_url(port))
     return page

@@ -19,6 +19,14 @@ FLAGS = [
     "--webgl-msaa-sample-count=0",
 ]
 
+DRAW_NOTHING = """
+for (const context of [WebGLRenderingContext, WebGL2RenderingContext])
+  for (const call of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced", "clear"])
+    if (call in context.prototype) context.prototype[call] = () => {};
+"""
+"""Script for pages of which a test reads the texts and uses the controls: of what such a browser costs, most is compiling
+shaders for the processor and drawing triangles that nobody looks at. All else of the page runs as it does for users."""
+
 
 def page_url(port: int) -> str:
     """Return the address of a view with the token of all tests."""

@@ -13,7 +13,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from support.browser import FLAGS
+from support.browser import DRAW_NOTHING, FLAGS
 from support.drawings import tracking_drawing
 from support.stand_in_server import StandIn
 from support.unsure_scene import MOVED, WALK, placed
@@ -129,6 +129,7 @@ def tab(server, chromium):
 def tabs(server, chromium, tab):
     """Two browsers; the second is opened late, because it draws in software like the first."""
     page = chromium.new_page()
+    page.add_init_script(DRAW_NOTHING)
     page.set_viewport_size(SMALL)
     return tab, Tab(page, server.viewer.url)
 
@@ -171,6 +172,7 @@ def test_the_canvas_shows_people_in_their_colours_sensors_in_theirs_and_the_fuse
     server.empty = True
     empty = settled(tab, lambda pixels: figures(server, pixels).max() < 0.05)
     tab.page.set_viewport_size(SMALL)  # the tests below look at no pixels
+    tab.page.evaluate(DRAW_NOTHING)
     assert canvas(shown).astype(float).var() > 50
     for colour in (person_colour(2), person_colour(3)):
         assert of_hue(canvas(shown), colour) > 100

@@ -306,11 +306,14 @@ def working(text: str, *, status: int) -> Iterator[None]:
 
 
 def get_ready(method: str, *, status: int = 0) -> None:
-    """Load a tracking method's compiled kernels; compile them first, with a note, if they are missing.
+    """Load a tracking method's compiled kernels; compile missing ones first, with a note on standard error.
 
     Args:
-        method: name of the tracking method.
-        status: exit status of the command if Ctrl-C interrupts it.
+        method: name of the tracking method; an unknown one has no kernels.
+        status: exit status of the command after Ctrl-C.
+
+    Raises:
+        typer.Exit: Ctrl-C was pressed meanwhile.
     """
     from mocapella.live.compilation import Compilation
     from mocapella.tracker import is_compiled, warm_up

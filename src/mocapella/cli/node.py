@@ -256,7 +256,10 @@ def openvr(
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
-    """Serve the poses of a headset's trackers and controllers, by the package openvr; serial numbers are their names.
+    """Serve the poses of a headset, its controllers and trackers, by the package openvr; names are serial numbers.
+
+    SteamVR must run on this computer. --space is a name of your choice for its coordinate system. Without --fps, 90
+    frames a second are sent, until Ctrl-C.
 
     Example:  mocapella node openvr --space vr
     """

@@ -63,11 +63,14 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
     The nodes of depth cameras and the ``arm`` commands make their detectors by this function.
 
     Args:
-        name: key of `arm_detectors`.
+        name: one of the names in `arm_detectors()`.
         camera: size and lens of the depth camera.
         settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
-            `mocapella.kinematics.gestures.GestureSettings`; missing ones have their defaults.
+            `mocapella.kinematics.gestures.GestureSettings`; missing ones, or all for None, have their defaults.
             The mapping is not changed.
+
+    Returns:
+        An `ArmDetector` that adds gestures to its arms. It remembers earlier images, so each camera needs its own.
 
     Raises:
         SettingsError: no such detector, an unknown setting, or one out of range; names valid ones.

@@ -142,13 +142,18 @@ def facing_session(session: StudySession) -> FacingSession | None:
 def facing_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[FacingSession]:
-    """Return the `facing_session` of each suitable study log of a folder.
+    """Return the `facing_session` of each suitable study log of a folder, by participant and file name.
+
+    A log is suitable if it has one person in all of Stationary, Steps and Walk, and a front sensor. Others are skipped.
 
     Args:
-        folder, participants, on_file: as in `mocapella.evaluation.study_pairs.study_sessions`.
+        folder: with ``Study_*.csv`` or ``.csv.gz``.
+        participants: numbers of the participants; None for all.
+        on_file: called with the name of each file before it is read.
 
     Raises:
-        InputError, SettingsError: as in `study_sessions`; also if no log is suitable.
+        InputError: no such folder, no log in it, one that cannot be read, or none that is suitable.
+        SettingsError: a participant without a file; lists the participants.
     """
     found = [facing_session(session) for session in study_sessions(folder, participants, on_file)]
     sessions = [session for session in found if session is not None]

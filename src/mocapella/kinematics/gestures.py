@@ -274,11 +274,13 @@ class GestureState:
     """A hand's gesture and grasp at an instant.
 
     Attributes:
-        gesture: name of the active gesture; empty if none is.
-        sure: score of the gesture times its digits' mean certainty, 0 to 1; falls to 0 while the score is not known.
-        grabbing: whether the hand grasps.
+        gesture: name of the active gesture, by default one of `GESTURES`; empty if none is.
+        sure: last known score of that gesture times the mean certainty of the digits that it needs, 0 to 1. It falls
+            linearly to 0 over ``hold_s`` of `GestureSettings` while the score is not known.
+        grabbing: whether the hand grasps. While ``known`` is False it does not change, until it ends after ``hold_s``.
         event: ``grab`` or ``release`` at the instant at which ``grabbing`` changes; empty otherwise.
-        known: whether the hand's closure is known at this instant.
+        known: whether the hand's `closure`, which decides ``grabbing``, is known at this instant; a gesture's score may
+            be known when it is not, and the reverse.
     """
 
     gesture: str

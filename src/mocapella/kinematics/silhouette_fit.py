@@ -167,8 +167,8 @@ def see(
 def seen_at(points: Float64, by: Eye) -> Float64:
     """Project world points (n, 3) [m] into the image, (n, 2) x, y [px], with distortion.
 
-    Points behind the camera or outside the range of the distortion model get -1e6, not NaN. Points beyond the image's
-    border get their coordinates there.
+    The centre of the first pixel is (0, 0); coordinates are not clipped to the image. Points that are NaN, less than
+    5 cm in front of the camera, or outside the range of the distortion model get -1e6 in both coordinates.
     """
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     _seeing().see(np.ascontiguousarray(points), by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)

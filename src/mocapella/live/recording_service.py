@@ -144,7 +144,16 @@ class RecordingService:
             record_path.leaving(node, end)
 
     def record_command(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> None:
-        """Record a command that was carried out, for the replay, and who sent it; without a take, do nothing."""
+        """Record a command that was carried out, for the replay; without a take, do nothing.
+
+        The replay carries it out before the session's next step. After ``start``, ``setup`` or ``use-rig``, which make
+        a new tracker, a new run of the take begins instead.
+
+        Args:
+            verb: name of the command.
+            arguments: its arguments by name, of types that msgspec encodes as JSON.
+            by: who sent it; empty if unknown.
+        """
         recorder = self.recorder
         if recorder is None:
             return

@@ -14,10 +14,10 @@ STEP_MS: Final = 0.01
 
 
 class BinnedValues:
-    """Minimum and median of values, which are rounded to a step and counted; ``+=`` adds another's counts.
+    """Minimum and median of the values that `add` takes, rounded to a step and counted; ``+=`` adds another's counts.
 
     Args:
-        step: resolution, in the unit of the values; equal in values that are added together.
+        step: resolution, in the unit of the values. ``+=`` needs equal steps and does not check them.
     """
 
     def __init__(self, step: float) -> None:

@@ -9,7 +9,7 @@ _T_co = TypeVar("_T_co", covariant=True)
 
 
 class Input(Protocol[_T_co]):
-    """Interface of an input in a browser's panel, or of a progress bar."""
+    """Interface for `set_value` of viser's inputs and progress bars: a readable ``value`` of the type parameter."""
 
     @property
     def value(self) -> _T_co:

@@ -189,13 +189,14 @@ class Perspectives:
         return copy.copy(self)  # its mappings are replaced, never changed
 
     def learn(self, scene: Scene, space: StageSpace | None = None) -> None:
-        """Update the poses from a scene's sensors and views, and drop absent people and sensors.
+        """Update the poses of the sensors and of people's views; forget people and sensors that the scene lacks.
 
-        A step number that goes back, or a change of all sensors' poses, begins a new world and forgets the places.
+        If the step number falls, or every sensor's pose changes by 10 cm or 3°, `world` grows and `places` keeps only
+        the scene's poses. In a scene without sensors' poses, `world` also grows if all of a person's views change so.
 
         Args:
             scene: the newest scene.
-            space: pose of the world on the stage; None if the scene's parts define none.
+            space: gives `T_free_world`; None if the scene's parts define none, then it is the identity.
         """
         self.T_free_world = np.eye(4) if space is None else space.T_stage_world
         now = places_of(scene)

@@ -111,13 +111,13 @@ class Plane:
         return placed
 
     def pixel(self, origin: Float64, direction: Float64) -> tuple[float, float] | None:
-        """Return x, y of the pixel where a ray meets the image, for clicks; None if the ray misses the image.
+        """Return x, y where a ray meets the image, from either side, for clicks; None if the ray misses the image.
 
-        The middle of the first pixel is (0, 0).
+        They are fractional pixels of the camera's image (`size_px`); the middle of the upper left pixel is (0, 0).
 
         Args:
-            origin: (3,) start of the ray in the view's space [m].
-            direction: (3,) direction of the ray, of any length.
+            origin: (3,) start of the ray in the view's space, the coordinates of the browser's 3D scene [m].
+            direction: (3,) direction of the ray, of any length above 0.
         """
         along = float(direction[2])
         if abs(along) < 1e-9 or (reach := float(self.middle[2] - origin[2]) / along) <= 0:

@@ -42,12 +42,15 @@ def tracking_title(stage: Stage, drawing: TrackingDrawing, perspective: str) -> 
 
 
 class TrackingStage:
-    """Scene nodes of the Tracking stage in one browser. A drawing that is already shown is not sent again.
+    """The Tracking stage in one browser's 3D scene: people, meshes, trails, sensors, labels and the floor.
+
+    A drawing that is already shown is not sent again.
 
     Args:
         scene: viser's 3D scene of the browser.
         colours: colours of the sensors.
-        fields: horizontal and vertical field of view of each sensor [°], by sensor.
+        fields: horizontal and vertical field of view of each sensor [°], by the sensor's name. Each `draw` reads it, so
+            later changes count; a missing sensor has `UNKNOWN_FIELD_OF_VIEW_DEG`.
     """
 
     def __init__(self, scene: viser.SceneApi, colours: SensorColours, fields: Fields) -> None:

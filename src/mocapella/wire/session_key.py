@@ -124,10 +124,16 @@ def read_session_key(text: str, session: str, path: Path) -> SessionKey:
 
 
 def renew_session_key(session: str) -> SessionKey:
-    """Replace the key of a session: at the next start of its server, every key given out before is void.
+    """Make a new key for a session, in place of any earlier one in `session_file`.
+
+    A running server keeps the key with which it started. From its next start, it refuses every key that was given out
+    before, also those of single sensors.
+
+    Args:
+        session: name of the session, as of `session_name`. A server admits only programs with a key of its session.
 
     Raises:
-        KeyFileError: it cannot be kept.
+        KeyFileError: the new key cannot be written; the earlier one stays.
     """
     return _keep(_new(session))
 

@@ -127,16 +127,17 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
         left: whether it is a left arm.
         points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
             landmark, see `arm_mesh`.
-        shoulder: (3,) position of the shoulder [m].
+        shoulder: (3,) position of the shoulder, which is none of ``points`` [m].
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
-        T_camera_palm: (4, 4) pose of the palm.
+        T_camera_palm: (4, 4) pose of the palm's frame, see `mocapella.model.hand`.
         seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the
             surface of its last bone from 8 mm before the landmark to the end) has at least 6 pixels in the image, or at
             least one pixel and 12 % of those that it would cover without any occlusion. Any other landmark is if the
             pixel at its projection belongs to a part of this arm that begins or ends at it.
-        self_occluded: (5,) whether a fingertip is seen, but the palm or another digit of this hand covers its
-            landmark's projection, in front of it or behind it.
-        tip_px: (5, 2) number of pixels of each tip's patch: in the image, and without any occlusion.
+        self_occluded: (5,) whether a fingertip, thumb to little finger, is seen, but the palm or another digit of this
+            hand is on the ray through its landmark, nearer or farther.
+        tip_px: (5, 2) number of pixels of each tip's patch: in the image before noise; and without any occlusion, there
+            also beyond the image's border.
         gesture: name of the gesture; empty without one.
         shape: the person's name in `arm_shapes`.
     """

@@ -35,14 +35,16 @@ UP = np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class GaitTracks:
-    """Position of the body and motion of the feet along a route, for each of the motion's poses.
+    """Position of the body and motion of the feet along a route, for each of the motion's poses (`POSE_HZ`).
+
+    Headings are in the world: 0 toward +z, π/2 toward +x. Pairs are left, right.
 
     Attributes:
         spots: (poses, 3) x, z [m] and heading [rad] of the body in the world.
-        ankles: (poses, 2, 3) positions of the left and the right ankle in the world [m].
-        yaws: (poses, 2) directions of the feet [rad].
-        swings: (poses, 2) phase of a foot's swing, 0 to 1; 0 on the floor.
-        across: (poses,) how far the right arm is held in front of the chest, 0 to 1.
+        ankles: (poses, 2, 3) positions of the ankles in the world [m].
+        yaws: (poses, 2) headings of the feet [rad].
+        swings: (poses, 2) phase of a foot's swing, from 0 to below 1; 0 on the floor.
+        across: (poses,) position of the right arm, from 0 (swings at the side) to 1 (held in front of the chest).
     """
 
     spots: Float64

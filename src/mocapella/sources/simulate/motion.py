@@ -43,7 +43,10 @@ class Motion:
         return len(self) * PERIOD_NS
 
     def padded(self, poses: int) -> Motion:
-        """Return the motion with a number of poses, at least its own, by repeating the first pose at the end."""
+        """Return a copy with a longer period: ``poses`` poses, at least as many as the motion has.
+
+        In the added time, the person stands still in the first pose.
+        """
         still = poses - len(self)
         return Motion(
             np.concatenate([self.root, np.repeat(self.root[:1], still, axis=0)]),
@@ -74,9 +77,10 @@ class Ensemble:
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
-        """Return the joints (people, 25, 3) at a room time [ns], also beyond the period, world [m].
+        """Return the joints (people, 25, 3) of `simulate.body.BODY` at a room time [ns], in the world [m].
 
-        Between two poses, root positions are interpolated, and directions are interpolated and normalised.
+        All motions repeat after `duration_ns`. Between two poses, root positions and bone directions are interpolated
+        linearly; the directions are then normalised, so bones keep their lengths.
         """
         index, rest = divmod(room_ns % self.duration_ns, PERIOD_NS)
         after, weight = (index + 1) % len(self.root), rest / PERIOD_NS

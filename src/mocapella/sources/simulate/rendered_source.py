@@ -52,7 +52,8 @@ class RenderedSource(ABC):
     def read(self, stop: threading.Event) -> Picture | None:
         """Render the next image that is not overdue, and wait until it is due; None only if ``stop`` is set.
 
-        See `PictureSource.read`.
+        Overdue images are skipped; `Picture.number` does not count them. An image that becomes overdue while it is
+        rendered is returned late. An image is due at its time on the scene's clock, see `begin`.
         """
         now_s = max(0.0, self._clock() - self._zero_s)
         self._turn = max(self._turn, math.ceil((now_s - self._phase_s) * self._fps))

@@ -44,9 +44,10 @@ class SimulatedFrame(msgspec.Struct, frozen=True, eq=False):
     """A frame, its arrival at the node, and the ground truth.
 
     Attributes:
-        due_s: room time at which it reaches the node [s].
-        frame: the sensor's frame; node_id and sent_ns are 0, since the node sets them.
-        truth: the room at the capture time.
+        due_s: room time (the scene's true time, from 0) at which it reaches the node: capture time plus latency [s].
+        frame: the sensor's frame, with the capture time on the sensor's own clock; node_id and sent_ns are 0, since
+            the node sets them.
+        truth: the room at the capture time, which is ``truth.room_ns`` in room time.
     """
 
     due_s: float
