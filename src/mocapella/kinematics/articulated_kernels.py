@@ -44,14 +44,14 @@ FIRST_VARIANCE = 0.0025
 
 
 class Measurements(NamedTuple):
-    """The joints of one frame, and their intermediate results in `correct`.
+    """The joints of one frame, in the world, and intermediate results that `correct` writes.
 
     Attributes:
         positions: (joints, 3) measured [m]; NaN where not measured.
         variances: (joints,) of a coordinate [m²]; not finite where not measured.
-        residuals: (joints, 3) measured − estimated [m].
-        weights: (joints,) information [1/m²].
-        robust: (joints,) weights of the robust loss, from 0 to 1.
+        residuals: (joints, 3) measured − estimated [m]; undefined where not measured. Written.
+        weights: (joints,) information [1/m²], the robust weight included; 0 where not measured. Written.
+        robust: (joints,) weights of the robust loss, from 0 to 1; 0 where not measured. Written.
     """
 
     positions: Float64

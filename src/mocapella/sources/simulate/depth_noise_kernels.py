@@ -162,7 +162,8 @@ def structured_light(
         key: key of the image's random numbers.
         noise: the camera's parameters.
         unit_m: length of a unit of the image [m].
-        out: (h, w) uint16 depth in units, written; 0 where nothing is measured.
+        out: (h, w) uint16 depth in units, written, at most 65535; 0 where nothing is measured or the depth is outside
+            of the camera's range.
     """
     h, w = depth.shape
     cell, edge, step, lateral = noise.shared_px, noise.edge, noise.step_per_m, noise.edge_px
