@@ -24,8 +24,8 @@ for (const context of [WebGLRenderingContext, WebGL2RenderingContext])
   for (const call of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced", "clear"])
     if (call in context.prototype) context.prototype[call] = () => {};
 """
-"""Script for pages of which a test reads the texts and uses the controls: of what such a browser costs, most is compiling
-shaders for the processor and drawing triangles that nobody looks at. All else of the page runs as it does for users."""
+"""Script for pages of which a test reads texts and uses controls. Most of what such a browser costs is to compile
+shaders for the processor, and to draw what nobody looks at. All else of the page runs as it does for users."""
 
 
 def page_url(port: int) -> str:
