@@ -61,5 +61,8 @@ def test_a_disk_that_is_too_slow_costs_no_command_and_what_it_costs_is_said(
     recorder.command("recalibrate", {}, SECOND, before_step=1, by="the view")
     health = recorder.close()
     assert (health.problem, health.scenes) == ("", 0)
-    assert [line.partition(" are left out")[0] for line in said] == ["scenes", "ground truths"]
+    assert [line.partition(": ")[0] for line in said] == [
+        "scenes of the session are not recorded",
+        "ground truths of front are not recorded",
+    ]
     assert [command.values["verb"] for command in read_take(tmp_path / "walk.mcap").commands()] == ["recalibrate"]

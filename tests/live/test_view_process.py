@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 from collections.abc import Iterator
@@ -46,7 +47,7 @@ def open_page(browser: Browser, port: int) -> Page:
 
 def expect_state(page: Page, state: str) -> None:
     """Wait until the headline says it, on a page that is not cut off."""
-    page.locator(".mocapella-status", has_text=state).wait_for()
+    page.locator(".mocapella-status", has_text=re.compile(rf"^\s*{state}")).wait_for()  # not "the tracking method"
     page.locator(".mocapella-lost").wait_for(state="hidden")
 
 

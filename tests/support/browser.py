@@ -27,6 +27,9 @@ for (const context of [WebGLRenderingContext, WebGL2RenderingContext])
 """Script for pages of which a test reads texts and uses controls. Most of what such a browser costs is to compile
 shaders for the processor, and to draw what nobody looks at. All else of the page runs as it does for users."""
 
+COARSE = "&fixedDpr=0.5"
+"""End of the URL of a page that draws a quarter of the pixels, enlarged: a parameter of viser."""
+
 
 def page_url(port: int) -> str:
     """Return the address of a view with the token of all tests."""

@@ -28,6 +28,7 @@ COMMIT_EVERY_S: Final = 0.08
 """Longest time from a frame's arrival to the write that makes it durable [s]."""
 _QUEUE_BYTES: Final = 512 * 1024 * 1024
 _CROWDED_BYTES: Final = 64 * 1024 * 1024
+_CROWDED_OUT: Final = f"the disk is too slow: {_QUEUE_BYTES >> 20} MiB wait for it"
 
 
 class NodeState(NamedTuple):
@@ -65,8 +66,9 @@ class Recorder:
     """Records one take on a thread of its own, which the constructor starts.
 
     The recorder receives every frame as it arrives, again from the tracker with its scene, and missing frames on
-    request. Messages are queued, and the methods return at once. Messages are dropped silently when the recording has
-    stopped by itself (`failed`), or while 512 MiB wait for the disk.
+    request. Messages are queued, and the methods return at once. When the recording has stopped by itself (`failed`),
+    they are dropped. While 512 MiB wait for the disk, frames are dropped, which are requested again later; scenes and
+    ground truths are dropped for good, which is said once.
 
     Args:
         writer: of the take; the recorder closes it.
@@ -155,12 +157,12 @@ class Recorder:
     def scene(self, data: bytes, at_ns: int) -> None:
         """Write an encoded scene, with the time [ns] on the server's monotonic clock."""
         if not self._put(len(data), partial(self._writer.write_scene, data, at_ns)):
-            self._leave_out("scenes")
+            self._refuse("the session", "scenes", _CROWDED_OUT)
 
     def truth(self, sensor: str, data: bytes, arrived_ns: int) -> None:
         """Write a simulation's encoded ground truth; one that cannot be decoded is refused, and reported once."""
         if not self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns)):
-            self._leave_out("ground truths")
+            self._refuse(sensor, "ground truths", _CROWDED_OUT)
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
         """Write the session's status."""
@@ -208,17 +210,14 @@ class Recorder:
         return self.health()
 
     def _put(self, size: int, write: Callable[[], None]) -> bool:
-        """Queue an entry; return whether there was room. What nobody can send again (size 0) is queued in any case."""
-        if self._problem or (size and self._waiting_bytes + size > _QUEUE_BYTES):
-            return bool(self._problem)  # which has been reported
+        """Queue an entry; return False if there is no room. One of size 0, which nobody can send again, has room."""
+        if self._problem:  # which has been said
+            return True
+        if size and self._waiting_bytes + size > _QUEUE_BYTES:
+            return False
         self._waiting_bytes += size
         self._queue.put(partial(self._take_out, size, write))
         return True
-
-    def _leave_out(self, what: str) -> None:
-        if ("", what) not in self._refused:
-            self._refused.add(("", what))
-            self._say(f"{what} are left out of the take: the disk is too slow; frames are asked for again")
 
     def _take_out(self, size: int, write: Callable[[], None]) -> None:
         self._waiting_bytes -= size
