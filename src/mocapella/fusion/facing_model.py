@@ -87,9 +87,11 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
         return np.asarray(_column(self.shape, shape_place(score), wraps=False) * seen[..., None])
 
     def motion_evidence(self, velocity: Float64) -> Float64:
-        """Return log-likelihoods (..., BINS) over the yaw in the frame of velocities (..., 3), y up [m/s].
+        """Return log-likelihoods (..., BINS) over the facing of persons with velocities (..., 3), y up [m/s].
 
-        They are 0 where the velocity is NaN or its horizontal speed is below the first of `SPEEDS`.
+        Bin i is the yaw i · `BIN` in the velocities' coordinates: 0 along +z, π/2 along +x. Speeds between two of
+        `SPEEDS` count as the lower one. The log-likelihoods are 0 where x or z is NaN, or where the horizontal speed is
+        below the first of `SPEEDS`.
         """
         speed = np.hypot(velocity[..., 0], velocity[..., 2])
         heading = np.arctan2(velocity[..., 0], velocity[..., 2])

@@ -118,9 +118,10 @@ class PairDepth:
         return np.asarray(self.pair.focal_px * (rays[..., 1, 0] - rays[..., 0, 0]))
 
     def swapped(self, pixels: Any) -> bool:
-        """Return whether most points have a negative disparity, so that left and right are exchanged.
+        """Return whether most finite disparities are negative: the cameras ``left`` and ``right`` are swapped.
 
-        ``pixels`` as in `disparity`.
+        It is False without a finite disparity. Left and right are as for a person who faces the cameras. ``pixels`` as
+        in `disparity`.
         """
         return swapped(self.disparity(pixels))
 

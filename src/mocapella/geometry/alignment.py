@@ -176,13 +176,14 @@ def cross_matrix(x: Any) -> Float64:
 def normal_equations(M: Float64, T: Float64, offset: Any = 0.0) -> tuple[Float64, Float64]:
     """Return the Gauss–Newton equations H d = g of seven unknowns d at T and offset, from the moments alone.
 
-    d is a twist in p's frame (translation [m], rotation [rad]: T ← exp(d₁…₆) T) and a change of the offset [s]. With
-    x = T (q + offset·v) and u = R v, a point's derivative is J = [I, −[x]×, u], H = Σ w JᵀJ and g = Σ w Jᵀ (p − x).
+    d is a twist in p's frame, translation [m] before rotation [rad] (T ← exp(d₁…₆) T), and a change of the offset [s].
+    With x = T (q + offset·v) and u = R v, a point's derivative is J = [I, −[x]×, u]; H = Σ w JᵀJ, g = Σ w Jᵀ (p − x).
+    H is singular where the points do not determine d, such as without velocities; that is no error here.
 
     Args:
         M: (..., `MOMENTS`).
-        T: (..., 4, 4).
-        offset: (...) [s].
+        T: (..., 4, 4) ``T_p_q``.
+        offset: (...) clock offset δ of q [s].
 
     Returns:
         H (..., 7, 7) and g (..., 7).

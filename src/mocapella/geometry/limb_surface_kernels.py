@@ -50,12 +50,14 @@ def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
 def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z: float, by_group: Float64) -> float:
     """Return the signed distance of a point (x, y, z) from the smooth union of all limbs [m]; negative inside.
 
+    `smooth_min` joins the limbs of each group, and then the groups. Without limbs, the distance is about 1000 m.
+
     Args:
         limbs: (n, `LIMB`), sorted by group.
-        within: (groups,) blending distance between limbs of a group [m].
-        between: blending distance between groups [m].
+        within: (groups,) blending distance k of `smooth_min` between limbs of a group [m].
+        between: blending distance k between groups [m].
         x, y, z: the point, in the frame of the limbs' ends [m].
-        by_group: (groups,) written: signed distance from each group alone [m].
+        by_group: (groups,) written, a second result: signed distance from each group alone [m]; 1000 m if empty.
     """
     by_group[:] = 1e3
     for i in range(len(limbs)):

@@ -385,12 +385,16 @@ class ArmModel:
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
     def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
-        """Return weights (m,) of points by distance from a predicted arm: 1 near the hand, 0.5 near the forearm.
+        """Return weights (m,) of points: 0.5 near a predicted forearm, else 1 near its hand, else ``beyond``.
+
+        Near the forearm is within 0.07 m of its axis, from the wrist to 0.05 m beyond its end. Near the hand is within
+        0.85 hand lengths of the point 0.45 hand lengths from the wrist, on the palm's z axis. All these lengths are
+        multiplied by the pose's hand size.
 
         Args:
-            points: (m, 3) camera frame [m].
+            points: (m, 3) camera frame [m]; a NaN point gets ``beyond``.
             pose: the predicted pose.
-            beyond: weight of all other points.
+            beyond: weight of all other points, such as near the upper arm.
         """
         out = np.empty(len(points))
         kernels().relevance(points, pose.R, pose.t, pose.v, self.length_m, self.forearm_m, beyond, out)

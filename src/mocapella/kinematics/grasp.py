@@ -68,7 +68,7 @@ class Grasp:
         self.reset()
 
     def reset(self) -> None:
-        """Reset to an object that is not touched."""
+        """Reset to the initial state: no fingertip touches the object, and it is not held."""
         self.touching = np.zeros(5, dtype=np.bool_)
         self.held = False
         self._since_s: float | None = None

@@ -50,7 +50,9 @@ class Held(Generic[T]):
         self._since_s = 0.0
 
     def update(self, fresh: T | None, now_s: float) -> T | None:
-        """Return the fresh value, or else the held one while it is at most `STALE_AFTER_S` old.
+        """Return the fresh value, or else the held one while it is at most `STALE_AFTER_S` old, or else None.
+
+        The age is the time since the call with the value, not since its capture.
 
         Args:
             fresh: the newest value; None if no new one has come.

@@ -112,18 +112,21 @@ def export_study_log(
     every: int = 1,
     kinect_ids: Mapping[str, str] | None = None,
 ) -> ExportReport:
-    """Write every n-th result, a scene with tracked people, as a study log, starting with the first.
+    """Write a study log of every n-th result, starting with the first; a result is a scene with tracked people.
+
+    The file appears complete or not at all.
 
     Args:
-        scenes: scenes, each with its ``tracker_time_ms``; those without tracking or people are skipped.
+        scenes: scenes, each with its ``tracker_time_ms`` as in `rows_of`; scenes that are no results are skipped.
         path: path of the new file, ``.csv`` or ``.csv.gz``.
         setup, reference, kinect_ids: as in `rows_of`.
         every: n; the thesis logs every other result.
 
     Raises:
-        SettingsError: ``every`` is below 1, or no result has a view of ``reference``; lists the sensors.
-        TakeExistsError, DiskFullError, RecordingError: as in `mocapella.recording.study_log.write_study_log`; also if
-            no scene is a result. Nothing is written then.
+        SettingsError: ``every`` is below 1, a Kinect's id cannot be a cell of the log, or no written result has a view
+            of ``reference``; lists the sensors.
+        RecordingError: no scene is a result.
+        TakeExistsError, DiskFullError, RecordingError: as in `mocapella.recording.study_log.write_study_log`.
     """
     check(every >= 1, "every", every, "1 or more")
     log = _Counting(setup, reference, every, dict(kinect_ids or {}))

@@ -22,10 +22,11 @@ MOST_PX: Final = 1 << 25
 
 
 def decode_image(frame: ImageFrame) -> UInt8:
-    """Return the pixels (height, width, 3) uint8 BGR of a frame; of a ``raw`` one its own array, not a copy.
+    """Return the pixels (height, width, 3) uint8 BGR of a frame; for a ``raw`` frame its own array, not a copy.
 
     Raises:
-        InputError: there is no image, its bytes are damaged or truncated, or its size is not the frame's.
+        InputError: the frame has no image or is a reference (format ``file``), its image is damaged, truncated or above
+            `MOST_PX`, or the image's size is not the frame's ``size_px``.
     """
     if isinstance(frame.data, np.ndarray):
         image: UInt8 | None = frame.data

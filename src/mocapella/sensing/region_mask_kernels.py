@@ -119,12 +119,15 @@ def replace(old: UInt8, new: UInt8) -> np.bool_:
 
 @njit(cache=True, error_model="numpy")
 def surety_of(contrast: Float32, inside: UInt8, out: Float32) -> None:
-    """Write how clearly the samples' values support the side that they are on [nats], as a binomial mean over 5 × 5.
+    """Write how clearly each sample and its neighbours support their sides of the contour [nats], 0 or more.
+
+    It is the binomial mean over 5 × 5 samples of ``contrast``, negated for samples outside. Unknown samples, and those
+    beyond the arrays, count as 0.
 
     Args:
-        contrast: (rows, columns) float32 log p1 − log p2, 0 where unknown.
+        contrast: (rows, columns) float32 log p1 − log p2 of each sample, p1 the density inside; 0 where unknown.
         inside: (rows, columns) uint8, 1 inside the contour.
-        out: (rows, columns) float32, written; 0 where the values support the other side.
+        out: (rows, columns) float32, written; 0 where the mean is negative and so supports the other sides.
     """
     rows, columns = contrast.shape
     line, across = np.zeros(columns + 4, np.float32), np.zeros((rows + 4, columns), np.float32)

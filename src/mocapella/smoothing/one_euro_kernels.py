@@ -101,11 +101,14 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Filter points as `smooth_points` does, but by the speed of each coordinate, as in the paper.
+    """Update the filter's state, in place, by the speed of each coordinate, as in the paper; write the filtered points.
+
+    All arrays must be C-contiguous.
 
     Args:
-        positions, velocities, seen_s, measured, at_s: see `smooth`; C-contiguous.
-        out: (points, dimensions) written: the filtered points; NaN where not seen.
+        positions, velocities, seen_s: the state, as in `smooth`; updated.
+        measured, at_s: as in `smooth`; a point with a NaN coordinate is not seen, and none of its coordinates changes.
+        out: (points, dimensions) written: the filtered points; all coordinates NaN for a point that is not seen.
         min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
     """
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True

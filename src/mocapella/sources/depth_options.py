@@ -62,12 +62,13 @@ class DepthOptions:
 
     Attributes:
         unit_m: length of a unit of the depth images [m].
-        kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths.
+        kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths; then ``unit_m`` is None. If
+            False without ``unit_m``, a file's ``depth.toml`` decides.
         lens: the nine numbers of `mocapella.geometry.lens`.
         fps: frame rate to assume for files, or to request from a camera [Hz].
         size_px: (width, height) to request from a camera.
 
-    None keeps the file's or camera's own value.
+    None keeps the file's or camera's own value. Nothing is checked here: see `complete` and `UnitCheck`.
     """
 
     unit_m: float | None = None

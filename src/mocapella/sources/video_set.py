@@ -71,25 +71,29 @@ def probe(path: Path) -> Video:
 class VideoSet:
     """The videos of a rig's cameras, as synchronised images. Each iteration reads them from the beginning.
 
+    An iteration yields a `FrameSet` for each selected frame, to the end of the shortest video. The constructor checks
+    all videos, and raises the errors below; `__iter__` describes its own.
+
     Args:
-        paths: a video, an image or a folder of images for each camera, by any name that `match_cameras` knows.
+        paths: a video, an image (one frame) or a folder of images for each camera, by any name that `match_cameras`
+            knows.
         rig: calibrated cameras; not all need a video.
         frames: selection of frames; None for all.
         rate_hz: frame rate [Hz]; None for that of the files.
-        other_size: how the images' size may differ from the calibration's, one of `OTHER_SIZES`; None refuses another
-            size.
+        other_size: how the images' size may differ from the calibration's: ``crop``, if only the right and lower border
+            is missing, or ``scale``, if the whole image was resized; None refuses another size.
 
     Attributes:
         rig: the cameras that have videos, with intrinsics for the videos' image sizes.
         videos: properties of the videos, by the rig's camera names.
         rate_hz: frame rate before the selection [Hz].
         count: number of selected frames, by the headers; None if unknown.
-        notes: choices and omissions to report, one line each; the iteration adds videos that end early.
+        notes: choices and omissions to report, one line each; the iteration adds a line for each video that ends early.
 
     Raises:
-        InputError: there is no video, none of the selected frames, or no known frame rate; or a video cannot be read,
-            is of a camera that the rig does not have, or has another frame rate than the others (unless ``rate_hz`` is
-            given) or another size than the calibration's.
+        InputError: no video is given, the videos have none of the selected frames, or no frame rate is known; or a
+            video cannot be read, is of a camera that the rig does not have or that has two videos, has another frame
+            rate than the others (unless ``rate_hz`` is given), or a size that ``other_size`` does not allow.
         SettingsError: unknown ``other_size``.
     """
 

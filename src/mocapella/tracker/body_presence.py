@@ -143,12 +143,16 @@ class SilhouettePresence:
     def update(
         self, number: int, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]
     ) -> tuple[dict[str, SeenBody], list[str]]:
-        """Decide which fitted bodies are present in a frame, and restart the fitters of the others.
+        """Decide which fitted bodies are present in a frame and which are lost; restart the fitters of the lost ones.
+
+        A body that is not seen stays present for `LOST_AFTER_S`. Then it is lost until enough cameras see it again. The
+        waiting pose is the last pose that enough cameras saw completely and clearly, at first that of `start`. The
+        fitter of a lost body is restarted where the images differ from the empty room, or else at its waiting pose.
 
         Args:
             number: number of the frame, for the messages.
-            found: results of the fitters for this frame, by name; after `start` of each.
-            images: (height, width, 3) uint8 BGR, by camera.
+            found: results of the fitters for this frame, by name; `start` must have been called for each.
+            images: (height, width, 3) uint8 BGR, by camera; at least the images that the fitters used.
 
         Returns:
             All of ``found`` by name, lost ones at their waiting pose; and messages about departures and arrivals.

@@ -93,10 +93,10 @@ class JointLayout(NamedTuple):
     """Joints of a topology that the kernels treat specially.
 
     Attributes:
-        mirror: (joints,) index of each joint's counterpart on the other side of the body.
-        root: index of the root.
-        lines: (2, 2) left and right joint of the shoulder line and of the hip line.
-        line_of: (joints,) index of the line that a joint belongs to; −1 for none.
+        mirror: (joints,) index of each joint's counterpart on the other side of the body; of a central joint, its own.
+        root: index of the skeleton's root joint.
+        lines: (2, 2) left and right shoulder, left and right hip; the shoulders again in a topology without hips.
+        line_of: (joints,) 0 for the two shoulders, 1 for the two hips, −1 for all other joints.
     """
 
     mirror: Rows

@@ -47,9 +47,9 @@ class ShownBoard:
     """Content of one board.
 
     Attributes:
-        words: text above the board.
-        picture: the camera's image; None if no image is available.
-        lines: lines drawn over the image; None for no lines.
+        words: the only text above the board; `ImageLines.words` of ``lines`` is not shown beside it.
+        picture: the camera's image; None shows an empty board.
+        lines: lines in pixels of the camera's image before scaling, drawn also on an empty board; None for no lines.
     """
 
     words: str

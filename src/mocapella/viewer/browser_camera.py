@@ -86,7 +86,9 @@ class BrowserCamera:
     def beat(self, now_s: float | None = None) -> None:
         """Process the camera positions that the browser has reported; call it in every update.
 
-        A reported position that was never sent to the browser counts as a move by the user.
+        Once the browser has reported a position that was sent to it, any other position is a move by the user: `follow`
+        has no effect from then on, until the browser reports `home` or `put` is called. Earlier reports of other
+        positions are ignored. Positions count as equal within `OURS_M`.
 
         Args:
             now_s: the present time on this process's monotonic clock [s]; None reads the clock.

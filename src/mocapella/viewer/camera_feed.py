@@ -185,14 +185,15 @@ class CameraFeed:
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
     def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
-        """Send the request that is longest due, without waiting for its answer. Call it in every update with a browser.
+        """Send the least recently sent of the due requests, for images or reports; do not wait for its answer.
 
-        It sends at most one request, and none before 1 / `FeedSettings.rate_hz` has passed since the last.
+        Call it in every update while a browser is connected. It sends at most one request: none before
+        1 / `FeedSettings.rate_hz` has passed since the last, and none while `FeedSettings.workers` are unanswered.
 
         Args:
-            cameras: names of the cameras that have a node now.
+            cameras: names of the cameras that have a node now; their reports are requested, also without an image.
             now_s: the present time on this process's monotonic clock [s].
-            plain: names of cameras whose nodes detect nothing in their images.
+            plain: names of cameras whose nodes detect nothing in images; requests are the same, but `looks` is False.
         """
         self._cameras, self._plain = set(cameras), set(plain)
         if now_s < self._next_s or len(self._under_way) >= self.settings.workers:

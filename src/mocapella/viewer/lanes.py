@@ -55,7 +55,12 @@ class LaneSpace:
 
 @dataclass(frozen=True, eq=False)
 class LaneDrawing:
-    """Drawing of a frame in its lane: strokes of lines and of balls, in the view's space."""
+    """Drawing of a frame in its lane, in the view's space of `mocapella.viewer.layout`: y up, x to the screen's left.
+
+    Attributes:
+        lines: strokes of bones and lines; ``scales`` are radius, length and radius [m].
+        balls: strokes of balls; ``scales`` are the ball's radius along each axis [m].
+    """
 
     lines: Strokes = NO_STROKES
     balls: Strokes = NO_STROKES

@@ -50,12 +50,14 @@ def open_node(connect: str, sensor: str = "") -> zenoh.Session:
     """Open a session that keeps trying the server at ``connect``; return without waiting for it.
 
     Args:
-        connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.
+        connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or the path of a file that contains a pairing code.
+            Without ``SESSION@``, the key paired for the address is used, or else that of `session_name`'s session.
         sensor: name of the sensor that the node serves; empty needs the key of all sensors.
 
     Raises:
-        BusError: ``connect`` is no address.
-        KeyFileError: there is no key for it.
+        BusError: ``connect`` is none of these, such as the path of a missing file.
+        KeyFileError: there is no key for the server and the sensor, or the key is damaged; says how to get one.
+        SettingsError: ``SESSION`` is no name of a session.
     """
     return open_node_at(find_door(connect, node_users(sensor)))
 

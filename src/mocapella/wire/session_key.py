@@ -91,10 +91,13 @@ def session_file(session: str) -> Path:
 
 
 def session_key(session: str) -> SessionKey:
-    """Return the key of a session of this user; make and keep it if there is none.
+    """Return this user's key of a session; if there is none, make it and write it to `session_file`.
+
+    An existing file is never replaced. The session's name is not checked; `session_name` does that.
 
     Raises:
-        KeyFileError: it cannot be read or kept, is damaged, or other users can read it.
+        KeyFileError: the file cannot be read or written, is damaged or of another session, belongs to another user, or
+            other users can open it.
     """
     path = session_file(session)
     text = read_private(path)

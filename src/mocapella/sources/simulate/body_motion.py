@@ -238,7 +238,10 @@ def _named(word: str, columns: tuple[str, ...]) -> list[str]:
 
 
 def turned(turns: Float64) -> Float64:
-    """Convert yaw, pitch and roll (..., 3) [rad] to rotations (..., 3, 3): first roll (z), then pitch (x), yaw (y)."""
+    """Convert yaw, pitch and roll (..., 3) [rad] to rotation matrices (..., 3, 3) R_y(yaw) R_x(pitch) R_z(roll).
+
+    The axes are fixed, roll comes first, and positive angles are right-handed.
+    """
     yaw, pitch, roll = np.moveaxis(turns, -1, 0)
     about_z = np.zeros((*roll.shape, 3, 3))
     about_z[..., 0, 0] = about_z[..., 1, 1] = np.cos(roll)
