@@ -19,7 +19,7 @@ import mocapella.sources.open_pictures as opening
 from mocapella.cli.silhouette_live import LiveWishes, open_live
 from mocapella.errors import InputError, SettingsError
 from mocapella.sources import paced_pictures
-from mocapella.sources.acquisition import AcquisitionSettings
+from mocapella.sources.acquisition import Acquisition, AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
 from mocapella.sources.live_set import LiveSet
 from mocapella.sources.paced_pictures import PacedPictures
@@ -236,6 +236,22 @@ def test_films_begin_with_the_first_frame_and_end_together(tmp_path):
     assert {int(image[0, 0, 0]) for image in found[0].images.values()} == {10}
     for one in found:
         assert len({int(image[0, 0, 0]) for image in one.images.values()}) == 1  # of one instant
+
+
+def test_what_films_drop_while_they_are_started_is_counted(tmp_path, monkeypatch):
+    shades = [np.full((48, 64, 3), 20 * k + 10, np.uint8) for k in range(6)]
+    write_folders(tmp_path, [{"c1": one} for one in shades])
+    start = Acquisition.start
+
+    def start_on_a_busy_machine(self, zero_s=None):
+        start(self, zero_s)
+        wait_until("all pictures have come", lambda: self.report().taken == len(shades))
+
+    monkeypatch.setattr(Acquisition, "start", start_on_a_busy_machine)
+    with LiveSet({"c1": PacedPictures(tmp_path / "c1", fps=20.0)}, RIG) as live:
+        found = list(live)
+        assert [int(one.images["c1"][0, 0, 0]) for one in found] == [110]
+        assert live.dropped == {"c1": len(shades) - 1}
 
 
 def test_the_command_asks_cameras_for_the_calibrations_size_and_takes_what_is_expected(monkeypatch):

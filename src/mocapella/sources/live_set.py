@@ -232,19 +232,20 @@ class LiveSet:
                 )  # fmt: skip
 
     def _begin(self) -> float:
-        """Start videos, and discard cameras' earlier images. Return the present time [s]."""
+        """Discard cameras' earlier images, and start videos. Return the present time [s]."""
         now_s = self._clock()
-        if self._zero_s is None:
-            self._zero_s = now_s
-            for camera in self._cameras.values():
-                if not camera.source.live:
-                    camera.start(now_s)
         for camera in self._cameras.values():
             if camera.source.live:
                 camera.take(0.0)
         self._set.begin()
         self._unused.update(dict.fromkeys(self._unused, 0))
         self._dropped_before = self._all_dropped()
+        # After the counts so far: what a video drops from its first image on is of this run.
+        if self._zero_s is None:
+            self._zero_s = now_s
+            for camera in self._cameras.values():
+                if not camera.source.live:
+                    camera.start(now_s)
         return now_s
 
     def _collect(self, say: Callable[[str], None]) -> bool:
