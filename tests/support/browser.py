@@ -6,6 +6,7 @@ import os
 
 FLAGS = [
     "--headless",
+    "--disable-gpu-compositing",
     "--no-sandbox",
     "--use-gl=angle",
     "--use-angle=swiftshader",
@@ -26,6 +27,12 @@ for (const context of [WebGLRenderingContext, WebGL2RenderingContext])
 """
 """Script for pages of which a test reads texts and uses controls. Most of what such a browser costs is to compile
 shaders for the processor, and to draw what nobody looks at. All else of the page runs as it does for users."""
+
+FEW_FRAMES = """
+window.requestAnimationFrame = (call) => setTimeout(() => call(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Script for pages that draw five times a second, where a test looks at what is drawn, but not at how it moves."""
 
 COARSE = "&fixedDpr=0.5"
 """End of the URL of a page that draws a quarter of the pixels, enlarged: a parameter of viser."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.browser import COARSE, FLAGS
+from support.browser import COARSE, FEW_FRAMES, FLAGS
 from support.fitted_scenes import body, left_out, scene, view
 from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
 from support.walkers import health, status
@@ -105,6 +105,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
+            page.add_init_script(FEW_FRAMES)
             page.goto(page_of_run.url + COARSE)
             page.locator(".mocapella-status", has_text="Getting ready").wait_for()
 
@@ -120,6 +121,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
             busy.set()
             other = browser.new_page(viewport={"width": 1100, "height": 640})
             other.set_default_timeout(WAIT_MS)
+            other.add_init_script(FEW_FRAMES)
             other.goto(page_of_run.url + COARSE)
             other.locator(".mocapella-status", has_text="Following").wait_for()
             wait_for(other, "the body stands there", lambda: len(body_columns(picture_of(other))) > 1500)
@@ -173,6 +175,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
+            page.add_init_script(FEW_FRAMES)
             page.goto(page_of_run.url + COARSE)
             page.locator(".mocapella-status", has_text="End").wait_for()
             page.locator(".mocapella-timeline", has_text="12 of 12").wait_for()
@@ -245,6 +248,7 @@ def test_a_session_shows_bodies_and_asks_for_the_pictures_that_are_shown_and_can
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             page = browser.new_page(viewport={"width": 1100, "height": 640})
             page.set_default_timeout(WAIT_MS)
+            page.add_init_script(FEW_FRAMES)
             page.goto(viewer.url + COARSE)
             page.locator(".mocapella-status", has_text="Tracking").wait_for()
             page.locator(".mocapella-overlaps", has_text="c2").wait_for()

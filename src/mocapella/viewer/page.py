@@ -106,7 +106,9 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     server.gui.main_panel.dock_right()
     server.gui.main_panel.set_width(panel_px)
     server.scene.set_up_direction("+y")
-    server.scene.configure_environment_map("studio", environment_intensity=0.3)
+    # An environment map would cost a processor that draws without a GPU seconds for each page that is opened.
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(70, 74, 90), intensity=3.0)
     shade = np.linspace(_TOP, _BOTTOM, 256)[:, None, :].repeat(8, axis=1)
     server.scene.set_background_image(shade.round().astype(np.uint8), format="png")
     return server
