@@ -55,7 +55,10 @@ class KernelDispatcher(CPUDispatcher):
             return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
-        """Register a compilation result ``cres``, so that Python's calls find it only if it has machine code."""
+        """Register a compilation result ``cres`` for other kernels; with machine code, also for calls from Python.
+
+        A call from Python does not find one without machine code, and compiles the signature again; see `compile`.
+        """
         if isinstance(cres.entry_point, Callee):
             self.overloads[tuple(cres.signature.args)] = cres
         else:

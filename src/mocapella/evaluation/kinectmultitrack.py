@@ -88,7 +88,14 @@ class Output(Protocol):
 
 
 class AsLogged:
-    """Output of the thesis' own method, for one session: the logged rows, unchanged."""
+    """Output of the thesis' own method, for one session: the logged rows, with unchanged positions and labels.
+
+    Args:
+        session: the study log.
+
+    Attributes:
+        wander_m_per_min: always 0, because no motion between sensors is estimated.
+    """
 
     wander_m_per_min = 0.0
 

@@ -73,6 +73,9 @@ def _design(alpha: Float64, toward: Float64, mirror: bool) -> Float64:
 def unexplained(view: LabelledViews, bias: Float64) -> Float64:
     """Return the difference (frames, joints, 3) of the two views after subtracting their biases [m].
 
+    It is d − b(α₁) + b(α₂) of `mocapella.evaluation.sensor_errors`, in the reference sensor's camera space. d is the
+    reference sensor's view minus the second sensor's. A joint that is NaN in a view is NaN.
+
     ``bias`` (25, `BIAS_BINS`, 3) is the result of `fit_bias` [m].
     """
     X = _design(view.alpha, view.raw.toward, mirror=False)

@@ -105,10 +105,15 @@ def _figure(means: Float64) -> dict[str, float]:
 
 
 def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:
-    """Return the JSON of one task and placement; ``problem`` is the reason if the row is not valid, else empty.
+    """Return a row of the tables: the figures of one task and placement, as a dictionary for JSON.
+
+    Its keys are the keys of `figures`, with repaired labels; ``raw_labels``, the same figures with the sensors' labels;
+    ``participants``, ``pairs`` and ``finite_joints``, the numbers of these; ``swaps_per_min``, the mean over the files;
+    ``wander_m_per_min``, the largest of any file; and ``problem``, the reason if the row is not valid, else empty.
+    Figures may be NaN until they are `rounded`.
 
     Args:
-        scored: scored pairs of all files.
+        scored: scored pairs of all files of this task and placement, at least of one.
         as_logged: numbers of pairs and joints in the logged rows.
     """
     found = count(scored)

@@ -51,12 +51,13 @@ LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True)
 class CameraServiceSettings:
-    """Limits of what is answered.
+    """Limits on queries, and on the images that are kept for them.
 
     Attributes:
-        waiting: queries that may wait; more are refused.
-        a_second: answers a second; more are refused.
-        pictures: number of requested images to keep, for clicks in them.
+        waiting: largest number of waiting queries; further ones are refused.
+        a_second: largest number of queries within a second; further ones are refused.
+        pictures: number of images to keep, the newest that were sent for `AskPicture` with ``keep``. `AskLearn` refers
+            to them, by the clicks of the user; it is refused if it refers to an image that is no longer kept.
     """
 
     waiting: int = 8
@@ -95,7 +96,7 @@ class PictureWork(Protocol):
         """Return counts, in the form of ``--json``."""
 
     def words(self) -> str:
-        """Return the report as one line."""
+        """Return the main counts of `report` as one line for the user."""
 
 
 class CameraService:

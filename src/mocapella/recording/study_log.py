@@ -38,11 +38,12 @@ _AT_THE_LENS: Final = 1e-6
 def read_study_log(path: Path | str) -> StudyLog:
     """Read a study log, ``.csv`` or ``.csv.gz``, with any of the three known headers.
 
-    Joints at −9999 or at (0, 0, 0) are missing and become NaN. The columns ``Study_Id`` and ``Kinect_Config``, which
-    the oldest files lack, become −9999.
+    Joints with all three coordinates −9999, or all three within 10⁻⁶ m of 0, are missing and become NaN. The columns
+    ``Study_Id`` and ``Kinect_Config``, which the oldest files lack, become −9999.
 
     Raises:
-        InputError: the file cannot be read, has no rows, or has an invalid row or field; names row and field.
+        InputError: the file cannot be read, has no rows, or has an invalid row or field, such as a joint with only some
+            coordinates −9999; or a column of the header is unknown, repeated or missing. Names row and field.
     """
     file = str(path)
     blocks = text_blocks(Path(path), fix=_WANTED)

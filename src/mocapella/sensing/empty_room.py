@@ -66,16 +66,18 @@ class EmptyRoom:
         return name in self._images
 
     def differs(self, name: str, image: UInt8, taken: Silhouette, others: Bool | None = None) -> float:
-        """Return the share of a segmented body, 0 to 1, that differs from the empty room; NaN if most was never learnt.
+        """Return the share of a segmented body, 0 to 1, that differs from the empty room; NaN if it is unknown.
 
         Args:
             name: name of the camera.
-            image: (height, width, 3) uint8 BGR.
+            image: (height, width, 3) uint8 BGR, of the size that was learnt.
             taken: the segmented body.
-            others: (height, width) bool where other people are, whose pixels are left out.
+            others: (height, width) bool where other people are, whose pixels are left out first.
 
         Returns:
-            The share; NaN, too, for a camera that was never learnt, or if nothing of the body is in the image.
+            The share of the body's remaining pixels at which the room was learnt. NaN if the room was never learnt at
+            half of the remaining pixels or more, if no pixel of the body remains, or for a camera that was never
+            learnt.
         """
         empty = self._images.get(name)
         if empty is None:

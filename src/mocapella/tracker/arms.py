@@ -147,7 +147,7 @@ class ArmsTracker:
         return SensorLayout(VERSION, False, sensors, [])
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._tracks).items() if name != "settings"},
@@ -157,7 +157,7 @@ class ArmsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.

@@ -31,7 +31,7 @@ FEWEST: Final = 8
 MEETING_M: Final = 0.4
 """Largest distance of a line of sight from the object's centre [m]; some cameras see only a part of the object."""
 COVERED: Final = 0.45
-"""Least mean overlap of body and foreground; below, the object is something else."""
+"""Least overlap of body and foreground, as a mean over cameras; below, the object is something else."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """Rotations that are tried, about the body's own axis, relative to its last orientation."""
 STEPS_M: Final = (0.2, 0.1, 0.05)
@@ -45,12 +45,14 @@ def reacquire(
 ) -> TreePose | None:
     """Return one of the poses ``before``, moved and rotated to the foreground, to restart a lost body's tracking there.
 
-    None is returned if no two cameras see one object, or if no posture covers enough of it (`COVERED`).
+    None is returned if no two cameras see one object, or if every posture's overlap with it is below `COVERED`. The
+    overlap is the intersection over union of body and foreground, as a mean over the cameras that see the object.
 
     Args:
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
-        before: poses, upright, whose postures are tried in this order until one is good enough; not changed.
+        before: poses whose postures are tried in this order until one is good enough; not changed. The body is rotated
+            only about its own long axis, so that its inclination stays that of the pose.
         eyes: the cameras of ``seen``, by name.
     """
     masks = {name: _coarse(one, eyes[name].size_px) for name, one in seen.items()}

@@ -146,7 +146,7 @@ class DefaultTracker:
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people = None if self._people is None else (self._people.topology, self._people.state())
         parts = [own, vars(self._arrivals), vars(self._jumps), vars(self._tracks), people, self._calibration.memory()]
@@ -154,7 +154,7 @@ class DefaultTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.

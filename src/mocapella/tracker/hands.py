@@ -206,7 +206,7 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         parts = [
             {name: getattr(self, name) for name in _OWN_MEMORY},
             {name: value for name, value in vars(self._rays).items() if name not in _RAYS_MADE_OF},
@@ -220,7 +220,7 @@ class HandsTracker:
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.

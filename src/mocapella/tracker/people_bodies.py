@@ -46,10 +46,12 @@ class PeopleBodiesSettings:
     """Which bodies are fitted, and how they are assigned to people.
 
     Attributes:
-        silhouettes: the settings of the method ``silhouettes``; if empty, images are rejected.
+        silhouettes: the settings of the method ``silhouettes``; if empty, no body is fitted, and images are counted as
+            rejected frames.
         alignment: estimation of the rig's pose in the world.
-        take_m: largest mean distance of their joints for a body to be assigned to a person [m].
-        keep_m: largest such distance for a body to stay assigned [m].
+        take_m: largest mean distance between the joints of a body and a person for the body to be assigned [m]. The
+            joints are `LIMBS`, as far as the body has them and they are tracked in the person.
+        keep_m: largest such distance for a body to stay assigned; from ``take_m`` to 5 [m].
     """
 
     silhouettes: dict[str, Any] = field(default_factory=dict)

@@ -36,15 +36,16 @@ def learn_noise(
 ) -> None:
     """Learn the variance of each joint's jumps in a view, beyond its motion, into ``noise`` (joints,).
 
-    The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n.
+    The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n. Joints that are
+    NOT_TRACKED in the present view, or NaN in a view or in the velocities, keep their variance.
 
     Args:
         before, seen: (joints, 3) the sensor's previous and present view of the person [m].
         dt: time between them [s].
-        states: (joints,) `JointState` of the present view.
+        states: (joints,) `JointState` of the present view; INFERRED counts like TRACKED.
         velocities: (joints, 3) of the person [m/s].
         memory_s: time constant of the learning [s].
-        noise: (joints,) variance of a coordinate, updated [m²].
+        noise: (joints,) variance of a coordinate, updated; 0 before the first update [m²].
     """
     part = -np.expm1(-dt / memory_s)
     for j in range(len(noise)):

@@ -65,11 +65,13 @@ def scene_at(
 ) -> Scene:
     """Return the scene of a step, with time and sensor of the arrival. All trackers create their scenes by it.
 
+    Parts and sensors are neither sorted nor checked nor copied; `Scene` defines their order.
+
     Args:
         arrival: the frame that the scene is the result of.
         step: number of the scene, from 0.
         state: state of the tracker.
-        parts: the scene's parts, by the name of their type.
+        parts: the scene's parts, by the name of their registered type (`mocapella.model.part_types`).
         topology: topology of the skeletons; ``kinect_v2`` if None, for scenes without skeletons.
         sensors: poses of the sensors.
     """
@@ -97,10 +99,10 @@ class Tracker(Protocol):
         """Forget everything, as if newly made."""
 
     def snapshot(self) -> bytes:
-        """Return all state: a new tracker of the same settings that restores it continues identically, to the bit."""
+        """Return all state, for `restore`: a tracker made with the same arguments continues identically, to the bit."""
 
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.

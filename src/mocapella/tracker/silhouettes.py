@@ -159,13 +159,13 @@ class SilhouettesTracker:
         return notes
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([_FORMAT, own, [part.memory() for part in self._parts()]], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         `seen` is None until the next complete set of images.
 

@@ -97,13 +97,13 @@ class StandStillTracker:
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:
-        """Return all state as bytes; a tracker of the same settings that restores them continues identically."""
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         return pack([own, *map(vars, self._stages())], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
-        """Replace all state by that of a `snapshot` of a tracker with the same settings.
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.

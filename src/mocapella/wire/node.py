@@ -52,9 +52,10 @@ class JoinReply:
     """The server's answer to a node that asks to serve a sensor, or that leaves.
 
     Attributes:
-        accepted: whether the node serves the sensor.
-        message: why not; empty if it does.
-        recording: whether a take is being recorded.
+        accepted: False if another node holds the sensor's name, or if a leaving node gives an invalid frame number;
+            True otherwise, for a leaving node, too.
+        message: why the node is not accepted; empty if it is.
+        recording: whether a take is being recorded; a leaving node then waits until its frames are acknowledged.
     """
 
     accepted: bool
