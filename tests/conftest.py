@@ -204,6 +204,15 @@ def _make_filmed_bodies_ready() -> None:
     scene.masks(0)
 
 
+def _make_triangulation_ready() -> None:
+    from mocapella.geometry.triangulation import triangulate, views
+
+    lens = [900.0, 900.0, 320.0, 240.0, 0.1, 0.0, 0.0, 0.0, 0.0]
+    beside = np.eye(4)
+    beside[0, 3] = 0.5
+    triangulate(np.full((1, 2, 2), 300.0), views([lens, lens], [np.eye(4), beside]))
+
+
 def _compile_parts_of_people() -> None:
     for part in METHODS["default"].warm_up_parts:
         load(part)()
@@ -214,6 +223,7 @@ PARTS = {
     "people": lambda: warm_up("default"),
     "parts of people": _compile_parts_of_people,
     "arms": _make_arms_ready,
+    "triangulation": _make_triangulation_ready,
     "hands": lambda: warm_up("hands"),
     "pictures of hands": _make_pictures_ready,
     "filmed bodies": _make_filmed_bodies_ready,

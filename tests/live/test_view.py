@@ -48,7 +48,7 @@ def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monke
     shown, stop = list[int](), threading.Event()
 
     class Viewer:
-        url, pages = "http://127.0.0.1:1", 0
+        url, watch_url, pages = "http://127.0.0.1:1", "http://127.0.0.1:1", 0
 
         def __init__(self, *_: Any, **__: Any) -> None:
             pass

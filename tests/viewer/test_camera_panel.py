@@ -48,12 +48,12 @@ class Node:
 class Rig:
     """A panel, its feed, and the loop that shows it; its clock runs ten times as fast."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, *, learns: bool = True) -> None:
         self.node, self.now_s, self.cameras = Node(), 0.0, ["left"]
         self.plain: list[str] = []
         self.said: list[tuple[str, str, bool]] = []
         self.feed = CameraFeed(self.node.ask)
-        self.panel = CameraPanel(gui, self.feed, lambda *words: self.said.append(words))
+        self.panel = CameraPanel(gui, self.feed, lambda *words: self.said.append(words), learns=learns)
 
     def until(self, holds: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + 10.0
@@ -102,6 +102,25 @@ def test_there_is_no_folder_without_cameras_and_nothing_is_asked_while_off(rig: 
     rig.until(lambda: rig.now_s > 5.0, "time passes")
     assert {question["ask"] for question in rig.node.asked} == {"report"}
     assert rig.panel.large is None
+
+
+def test_who_watches_sees_the_picture_and_orders_nothing(server: viser.ViserServer) -> None:
+    server.gui.reset()
+    rig = Rig(server.gui, learns=False)
+    rig.node.unsaved = True
+    rig.panel._shown.value = FeedMode.PICTURE
+    rig.until(lambda: "<img" in rig.panel._view.content, "the picture is there")
+    panel = rig.panel
+    for button in (panel._begin, panel._learn, panel._save, panel._discard, panel._repeat, panel._cancel):
+        assert not button.visible
+    for act in (panel._freeze, panel._send_clicks, lambda: panel._finish("save", "Save"), panel._add_background):
+        panel._wish(act)
+    panel.click((1.0, 2.0))
+    begun_s = rig.now_s
+    rig.until(lambda: rig.now_s > begun_s + 3.0, "time passes")
+    rig.feed.close()
+    assert {question["ask"] for question in rig.node.asked} == {"report", "picture"}
+    assert not any(question.get("keep") for question in rig.node.asked)
 
 
 def test_a_picture_is_shown_and_is_large_where_that_is_wanted(rig: Rig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import logging
 import os
 import socket
 import stat
@@ -28,7 +29,7 @@ from mocapella.model.session import CommandReply
 from mocapella.viewer import Viewer
 from mocapella.viewer.commands import MOST_WAITING, Commander
 from mocapella.viewer.gui_guard import LONGEST_TEXT, may_change
-from mocapella.viewer.page import MAX_MESSAGE_BYTES
+from mocapella.viewer.page import MAX_MESSAGE_BYTES, MOST_CONNECTIONS, MOST_PAGES
 from mocapella.viewer.page_door import TOKEN_VARIABLE, PageDoor, users_token
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
@@ -36,10 +37,15 @@ TOKEN = os.environ[TOKEN_VARIABLE]
 
 
 @pytest.fixture(scope="module")
-def port() -> Iterator[int]:
-    viewer = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
-    yield viewer._server.get_port()
-    viewer.close()
+def viewer() -> Iterator[Viewer]:
+    made = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def port(viewer: Viewer) -> int:
+    return viewer._server.get_port()
 
 
 def get(port: int, path: str, **headers: str) -> tuple[int, str, str]:
@@ -131,7 +137,7 @@ def test_a_huge_message_ends_its_connection(port: int) -> None:
 )
 def test_the_host_is_an_address_of_this_view(listens: str, named: str, ours: bool) -> None:
     door = PageDoor(TOKEN, listens)
-    assert (door.refusal(f"/{door.query()}", {"Host": named}) == "") == ours
+    assert (door.admit(f"/{door.query()}", {"Host": named}, 80).refusal == "") == ours
 
 
 @example("//[", {"Host": "127.0.0.1"})
@@ -141,9 +147,88 @@ def test_the_host_is_an_address_of_this_view(listens: str, named: str, ours: boo
 @given(st.text(max_size=200), st.dictionaries(st.sampled_from(["Host", "Origin", "Cookie"]), st.text(max_size=80)))
 def test_any_request_is_answered_or_refused(path: str, headers: dict[str, str]) -> None:
     door = PageDoor(TOKEN, "127.0.0.1")
+    admission = door.admit(path, headers, 80)
     if TOKEN not in path and TOKEN not in headers.get("Cookie", ""):
-        assert door.refusal(path, headers)
-    assert door.cookie(path, 80) is None
+        assert admission.refusal
+        assert admission.kind
+    assert not admission.operates
+    assert admission.cookie is None
+
+
+def test_the_address_opened_last_gives_the_right() -> None:
+    """Law: a known token in the query counts, else the one in this port's cookie; a watcher's never operates."""
+    door, named = PageDoor(TOKEN, "127.0.0.1"), {"Host": "127.0.0.1:80"}
+    right = {TOKEN: True, door.watch_token: False}
+    for asked in (TOKEN, door.watch_token, "wrong", ""):
+        for kept in (TOKEN, door.watch_token, "wrong"):
+            cookies = f"mocapella-view-81={TOKEN}; mocapella-view-80={kept}"
+            admission = door.admit(f"/?token={asked}", {**named, "Cookie": cookies}, 80)
+            token = asked if asked in right else kept
+            assert admission.operates == right.get(token, False)
+            assert (admission.refusal == "") == (token in right)
+            given = f"mocapella-view-80={asked}; Path=/; HttpOnly; SameSite=Strict"
+            assert admission.cookie == (given if asked in right else None)
+
+
+def test_a_watchers_token_does_not_tell_the_operators() -> None:
+    door, other = PageDoor(TOKEN, "127.0.0.1"), PageDoor("another" + TOKEN, "127.0.0.1")
+    assert len({TOKEN, door.watch_token, other.watch_token}) == 3
+    assert TOKEN not in door.query(watch=True)
+    assert PageDoor(door.watch_token, "127.0.0.1").watch_token != TOKEN
+
+
+def test_each_refusal_is_counted_and_the_first_of_a_kind_is_logged(
+    viewer: Viewer, port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    refusals = viewer._server.refusals
+    before = refusals._counts.copy()
+    refusals._logged_s.clear()
+    with caplog.at_level(logging.WARNING, "mocapella.viewer"):
+        for _ in range(3):
+            get(port, "/?token=wrong")
+            get(port, f"/?token={TOKEN}", Host="evil.example")
+            opens_socket(port, f"/?token={TOKEN}", Origin="http://evil.example")
+    now = refusals._counts - before
+    assert dict(now) == {"token": 3, "host": 3, "origin": 3}
+    assert sorted(record.reason for record in caplog.records) == ["host", "origin", "token"]
+    assert any("a page of 'http://evil.example' may not use this view" in line for line in refusals.lines)
+    assert all(TOKEN not in text for text in (caplog.text, *refusals.lines))
+
+
+def test_connections_that_send_nothing_keep_nobody_out(viewer: Viewer, port: int) -> None:
+    before = viewer._server.refusals._counts["connections"]
+    with contextlib.ExitStack() as stack:
+        mute = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30))
+            for _ in range(MOST_CONNECTIONS + 5)
+        ]
+        assert get(port, f"/?token={TOKEN}")[0] == 200
+        for first in mute[:5]:  # had to go
+            with contextlib.suppress(ConnectionResetError):
+                assert first.recv(1) == b""
+        mute[-1].setblocking(False)
+        with pytest.raises(BlockingIOError):  # it may still ask
+            mute[-1].recv(1)
+        assert viewer._server.refusals._counts["connections"] - before >= 5
+
+
+def test_the_pages_are_bounded_and_a_closed_one_makes_room(viewer: Viewer, port: int) -> None:
+    at = f"ws://127.0.0.1:{port}/?token={TOKEN}"
+    with contextlib.ExitStack() as stack:
+        pages = [stack.enter_context(connect(at, subprotocols=[PROTOCOL], open_timeout=30)) for _ in range(MOST_PAGES)]
+        with pytest.raises(InvalidStatus) as refused:
+            connect(at, subprotocols=[PROTOCOL], open_timeout=30)
+        assert refused.value.response.status_code == 503
+        pages[0].close()
+
+        def opens() -> bool:
+            try:
+                connect(at, subprotocols=[PROTOCOL], open_timeout=30).close()
+            except InvalidStatus:
+                return False
+            return True
+
+        wait_until("there is room", opens)
 
 
 def test_a_users_token_stays_and_only_the_user_can_read_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,10 +302,32 @@ def test_a_flood_of_one_browser_does_not_delay_another_and_ends_with_it() -> Non
     for k in range(1000):
         commander.send("recalibrate", {}, flood)  # type: ignore[arg-type]
         commander.send("name", {"person": k}, flood)  # type: ignore[arg-type]
-    assert len(commander._waiting) == MOST_WAITING
+    assert [len(own) for own in commander._waiting.values()] == [MOST_WAITING]
     commander.send("record", {"name": "a"}, other)  # type: ignore[arg-type]
     commander.forget(flood)  # type: ignore[arg-type]
     go_on.set()
     wait_until("the other's command", lambda: "record" in done)
     commander.close()
     assert done == ["first", "record"]
+
+
+def test_browsers_take_turns_and_each_ones_commands_keep_their_order() -> None:
+    begun, go_on, done = threading.Event(), threading.Event(), list[tuple[str, int]]()
+
+    def command(verb: str, arguments: dict[str, Any]) -> CommandReply:
+        begun.set()
+        go_on.wait(60)
+        done.append((verb, arguments["number"]))
+        return CommandReply(True)
+
+    browsers = {name: Browser() for name in ("a", "b", "c")}
+    commander = Commander(command)
+    commander.send("first", {"number": 0}, browsers["a"])  # type: ignore[arg-type]
+    assert begun.wait(60)
+    for name, count in (("a", 4), ("b", 2), ("c", 1)):
+        for number in range(count):
+            commander.send(name, {"number": number}, browsers[name])  # type: ignore[arg-type]
+    go_on.set()
+    wait_until("all are sent", lambda: len(done) == 8)
+    commander.close()
+    assert done[1:] == [("a", 0), ("b", 0), ("c", 0), ("a", 1), ("b", 1), ("a", 2), ("a", 3)]

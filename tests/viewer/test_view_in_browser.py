@@ -7,6 +7,8 @@ import dataclasses
 import re
 import shutil
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import cv2
@@ -22,6 +24,7 @@ from support.walkers import HEIGHT_M, KINECT, Room, in_picture
 from mocapella.geometry.rigid import apply
 from mocapella.model.part_types import PART_TYPES, PartType
 from mocapella.model.session import RecordingHealth, SensorPose, Setup
+from mocapella.viewer.gui_guard import may_change
 from mocapella.viewer.layout import SENSORS_SCALE, Look, lane_origins
 from mocapella.viewer.palette import SENSORS, person_colour
 from mocapella.viewer.panel import Aim
@@ -675,3 +678,31 @@ def test_a_perspective_that_is_chosen_while_the_view_is_drawn_has_its_own_eyes(s
     browser._stage.draw = chosen_meanwhile
     wanted = [0.0, server.frames["front"].height, 0.0]
     until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")
+
+
+def test_who_has_the_watchers_address_sees_all_and_controls_nothing(server, chromium, tab):
+    server.change(running=True, phase="tracking")
+    with urllib.request.urlopen(server.viewer.url) as answer:
+        assert answer.status == 200
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(server.viewer.url.partition("?")[0])
+    tab.expect("the view refused 1 request, the latest because the token is missing or wrong")
+    page = chromium.new_page()
+    page.add_init_script(DRAW_NOTHING)
+    watcher = Tab(page, server.viewer.watch_url)
+    watcher.expect_state("Tracking")
+    watcher.expect("You watch.")
+    for name in ("Start", "Stop", "Recalibrate", "Record", "Stop recording", "Setup"):
+        assert watcher.button(name).count() == 0, name
+    assert page.get_by_text("the view refused").count() == 0
+    until(watcher, lambda: len(panels(server)) > 1, "it is there")
+    panel = panels(server)[-1]
+    assert not panel._operates
+    for control in (panel._start, panel._stop, panel._record, panel._record_stop, panel._name):
+        assert not may_change(control, {"value": control.value})
+    panel._send("stop", {})
+    panel._send_setup({"participant": 3})
+    watcher.choose("Perspective", "free")  # its own view is its own
+    watcher.page.wait_for_timeout(500)
+    assert server.commands == []
+    page.close()

@@ -131,7 +131,9 @@ def demo(
             webbrowser.open(url)
 
     with stop_on_signals() as stop:
-        with live_session(served, stop, view_port=page_port, on_url=show, view_words=show_of.view) as session:
+        with live_session(
+            served, stop, view_port=page_port, on_url=show, tell_watch_url=False, view_words=show_of.view
+        ) as session:
             if take is not None:
                 say(session.server.record_to(take))
             start_together(session, [[*words, "--connect", listen] for words in show_of.nodes])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from mocapella.cli.common import (
     PAGE_DRAWN,
+    WATCH_URL,
     console,
     get_ready,
     most_of,
@@ -94,6 +95,7 @@ def live_session(
     *,
     view_port: int | None,
     on_url: Callable[[str], None] = say_url,
+    tell_watch_url: bool = True,
     view_words: Sequence[str] = (),
     track_at_once: bool = False,
     link: ServerLink | None = None,
@@ -108,6 +110,7 @@ def live_session(
         stop: event that ends the session.
         view_port: TCP port of the view; None for no view.
         on_url: is called with the view's URL.
+        tell_watch_url: whether the view's URL for watchers is printed.
         view_words: further options of ``mocapella view``.
         track_at_once: whether kernels are compiled before the server listens, so that every frame is tracked.
         link: link of the server that listens already; None to make one.
@@ -162,7 +165,12 @@ def live_session(
         else:
             own = str(address._replace(session=session_name(address.session)))  # not a key that was paired
             arguments = ["view", "--connect", own, "--view-port", str(view_port), "--host", VIEW_HOST]
-            view.start([*arguments, *view_words], lambda line: _pass_on(line, show_url, shown.set))
+
+            def hear(line: str) -> None:
+                if tell_watch_url or not line.startswith(WATCH_URL):
+                    _pass_on(line, show_url, shown.set)
+
+            view.start([*arguments, *view_words], hear)
         nodes = stack.enter_context(Children())
         yield LiveSession(server, view, nodes, stop, compilation, begins, shown)
 

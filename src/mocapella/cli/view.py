@@ -11,6 +11,7 @@ from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     DEFAULT_VIEW_PORT,
     PAGE_DRAWN,
+    WATCH_URL,
     Connect,
     Host,
     ViewPort,
@@ -41,6 +42,10 @@ def view(
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.view import run_view
 
+    def tell(url: str, watch_url: str) -> None:
+        say(f"view: {url}")
+        say(f"{WATCH_URL}{watch_url}")
+
     warn_if_open("the view is", host, view_port)
     with stop_on_signals() as stop:
         run_view(
@@ -50,7 +55,7 @@ def view(
             stop,
             cloth=cloth,
             scenery=scenery,
-            on_ready=lambda url: say(f"view: {url}"),
+            on_ready=tell,
             on_page=lambda: say(PAGE_DRAWN),
             on_waiting=lambda reason: say(f"{reason}; waiting for it (Ctrl-C ends)"),
         )

@@ -188,15 +188,16 @@ def run_view(
     *,
     cloth: bool = False,
     scenery: str | None = None,
-    on_ready: Callable[[str], None] = lambda url: None,
+    on_ready: Callable[[str, str], None] = lambda url, watch_url: None,
     on_page: Callable[[], None] = lambda: None,
     on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
     """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
 
     ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
-    obstacles are drawn. ``on_ready`` is called with the page's URL, ``on_page`` once, when the first
-    browser draws the view, and ``on_waiting`` with the reason if no server there admits it yet.
+    obstacles are drawn. ``on_ready`` is called with the page's URLs for operators and for watchers,
+    ``on_page`` once, when the first browser draws the view, and ``on_waiting`` with the reason if no
+    server there admits it yet.
 
     Raises:
         AddressInUseError: the port is in use.
@@ -213,7 +214,7 @@ def run_view(
             props["scenery"] = partial(scenery_of, scenery)
         viewer = Viewer(host, port, command=boards.command, methods=stages, props=props, ask=link.ask)
         try:
-            on_ready(viewer.url)
+            on_ready(viewer.url, viewer.watch_url)
             picture = ViewState()
             errors = Boundary()  # the log has them, and a line in the terminal
             drawn = False

@@ -19,6 +19,7 @@ from mocapella.viewer.framing import Framing
 from mocapella.viewer.gallery import LANE_TAG_SIZE, GalleryDrawing, SensorsStage, lane_tags
 from mocapella.viewer.layout import Look
 from mocapella.viewer.legend import Legend
+from mocapella.viewer.page_refusals import PageRefusals
 from mocapella.viewer.panel import Aim, Panel, PanelNews
 from mocapella.viewer.perspective import FREE, StageSpace
 from mocapella.viewer.picture_plane import Plane
@@ -109,6 +110,8 @@ class Browser:
         commander: sends commands to the server; None without a server.
         methods: names of the tracking methods that the Setup form offers.
         known: memory of the view, shared by all browsers.
+        operates: whether the browser may control the session; if not, it only watches.
+        refusals: the view's refused requests, which operators see.
         feed: requests camera images, for all browsers.
         timeline: the stored moments, shared by all browsers.
         now_s: time of the connection on this process's monotonic clock [s].
@@ -126,6 +129,8 @@ class Browser:
         methods: Sequence[str],
         known: ViewMemory,
         *,
+        operates: bool,
+        refusals: PageRefusals,
         feed: CameraFeed,
         timeline: Timeline,
         now_s: float,
@@ -148,8 +153,9 @@ class Browser:
         self._picture_before = ""
         self._hears_clicks = self._before_picture = False
         self._panel = Panel(
-            client, commander, methods, known, aim=self._want, feed=feed, timeline=timeline, playhead=self.playhead
-        )
+            client, commander, methods, known, operates=operates, refusals=refusals, aim=self._want, feed=feed,
+            timeline=timeline, playhead=self.playhead,
+        )  # fmt: skip
 
     @property
     def live(self) -> bool:

@@ -60,13 +60,14 @@ class CameraPanel:
         gui: controls of the browser.
         feed: requests camera images.
         say: shows a short notice in the browser.
+        learns: whether the browser may let cameras learn colours; if not, it only looks.
 
     Attributes:
         large: the image to show large in front of the 3D scene; None for none.
     """
 
-    def __init__(self, gui: viser.GuiApi, feed: CameraFeed, say: Say) -> None:
-        self._feed, self._say = feed, say
+    def __init__(self, gui: viser.GuiApi, feed: CameraFeed, say: Say, *, learns: bool) -> None:
+        self._feed, self._say, self._learns = feed, say, learns
         self.large: Large | None = None
         self._wishes: deque[Callable[[], None]] = deque()
         self._lesson = Lesson.NONE
@@ -157,7 +158,7 @@ class CameraPanel:
             Lesson.LEARNING: camera_html.waiting_html("The colours are learnt …"),
             Lesson.LEARNT: self._learnt,
         }[lesson]
-        self._begin.visible = lesson is Lesson.NONE and looks
+        self._begin.visible = lesson is Lesson.NONE and looks and self._learns
         self._shown.disabled = lesson not in (Lesson.NONE, Lesson.LEARNT)
         for handle in (self._markers, self._moves, self._learn, self._background):
             handle.visible = at_work
@@ -165,7 +166,8 @@ class CameraPanel:
         self._background.disabled = len(self._backgrounds) >= _MOST_BACKGROUNDS
         self._cancel.visible = lesson in (Lesson.FREEZING, Lesson.POINTING)
         self._repeat.visible = learnt
-        self._save.visible = self._discard.visible = learnt or (unsaved and lesson is Lesson.NONE)
+        savable = learnt or (unsaved and lesson is Lesson.NONE)
+        self._save.visible = self._discard.visible = savable and self._learns
 
     def _note(self) -> str:
         if not self._enlarge.value:
@@ -261,7 +263,8 @@ class CameraPanel:
         self._feed.order(self._camera, question, take)
 
     def _wish(self, wish: Callable[[], None]) -> None:
-        self._wishes.append(wish)
+        if self._learns:
+            self._wishes.append(wish)
 
     def _add(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Cameras", visible=False) as self._folder:

@@ -24,13 +24,13 @@ _SECONDS_SHOWN = 8.0
 class _Waiting(NamedTuple):
     verb: str
     arguments: dict[str, Any]
-    client: viser.ClientHandle
 
 
 class Commander:
-    """Sends the commands of all browsers to the server, one at a time, in the order of the clicks, on its own thread.
+    """Sends the commands of all browsers to the server, one at a time, on its own thread.
 
-    At most `MOST_WAITING` commands of a browser wait; further ones, and repetitions of a waiting one, are dropped.
+    Browsers take turns; each browser's commands keep their order. At most `MOST_WAITING` commands of a browser wait;
+    further ones, and repetitions of a waiting one, are dropped.
 
     Args:
         command: sends a command with its arguments to the server and returns the reply; may block. A `MocapellaError`
@@ -39,7 +39,7 @@ class Commander:
 
     def __init__(self, command: SendCommand) -> None:
         self._command = command
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: dict[viser.ClientHandle, deque[_Waiting]] = {}  # whose turn it is comes first
         self._lock = threading.Lock()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
@@ -52,16 +52,16 @@ class Commander:
             client: viser's connection to the browser that sends it. A success without a message shows nothing.
         """
         with self._lock:
-            own = [one for one in self._waiting if one.client is client]
-            if any((one.verb, one.arguments) == (verb, arguments) for one in own) or len(own) >= MOST_WAITING:
+            own = self._waiting.get(client, deque())
+            if _Waiting(verb, arguments) in own or len(own) >= MOST_WAITING:
                 return
-            self._waiting.append(_Waiting(verb, arguments, client))
+            self._waiting.setdefault(client, own).append(_Waiting(verb, arguments))
         self._worker.submit(self._next).add_done_callback(_raise_again)
 
     def forget(self, client: viser.ClientHandle) -> None:
         """Drop the waiting commands of a browser that has disconnected."""
         with self._lock:
-            self._waiting = deque(one for one in self._waiting if one.client is not client)
+            self._waiting.pop(client, None)
 
     def close(self) -> None:
         """Send no more commands; drop the waiting ones, without waiting for the one under way."""
@@ -71,8 +71,12 @@ class Commander:
         with self._lock:
             if not self._waiting:  # of a browser that has left
                 return
-            command = self._waiting.popleft()
-        self._carry_out(*command)
+            client = next(iter(self._waiting))
+            own = self._waiting.pop(client)
+            command = own.popleft()
+            if own:
+                self._waiting[client] = own
+        self._carry_out(*command, client)
 
     def _carry_out(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
         try:

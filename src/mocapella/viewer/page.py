@@ -10,6 +10,7 @@ import io
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -24,6 +25,7 @@ from websockets.http11 import Request, Response
 from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.viewer.gui_guard import hear_nothing_unused
 from mocapella.viewer.page_door import PageDoor, users_token
+from mocapella.viewer.page_refusals import PageRefusals
 
 _THEIR_TITLE: Final = b"<title>Viser</title>"
 _TITLE: Final = b"<title>Mocapella</title>"
@@ -31,6 +33,10 @@ _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 """The ground's colours, from the top of the picture to its bottom."""
 MAX_MESSAGE_BYTES: Final = 1 << 20
 """Longest message of a browser, in bytes; a longer one ends the browser's connection."""
+MOST_CONNECTIONS: Final = 256
+"""Largest number of open connections."""
+MOST_PAGES: Final = 64
+"""Largest number of open pages, which each have one connection."""
 HANDSHAKE_S: Final = 10.0
 """Longest duration of a browser's request; then its connection is closed [s]."""
 
@@ -63,9 +69,11 @@ class PageServer(viser.ViserServer):
 
     Attributes:
         door: decides which requests are answered.
+        refusals: counts those that are not.
     """
 
     door: PageDoor
+    refusals: PageRefusals
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Return None instead of opening a public tunnel, so that no page can publish images of people."""
@@ -73,9 +81,22 @@ class PageServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Address of the page, with its token."""
+        """Address of the page, with the operator's token."""
+        return self._address(self.door.query())
+
+    @property
+    def watch_url(self) -> str:
+        """Address of the page, with the watcher's token."""
+        return self._address(self.door.query(watch=True))
+
+    def operates(self, client: viser.ClientHandle) -> bool:
+        """Return whether a browser's socket was opened with the operator's token; False after it has left."""
+        sockets: Any = self._websock_server
+        return getattr(sockets._live_connections.get(client.client_id), "operates", False)
+
+    def _address(self, query: str) -> str:
         host = self.get_host()
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}/{self.door.query()}"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}/{query}"
 
 
 def open_page(host: str, port: int, panel_px: int) -> PageServer:
@@ -87,17 +108,17 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
         panel_px: width of the panel.
 
     Returns:
-        The running server; its ``url`` has the access token.
+        The running server; its ``url`` has the operator's token.
 
     Raises:
         AddressInUseError: the port is in use.
         SettingsError: this machine cannot listen at the address, or the view's token cannot be stored.
     """
     _check_free(host, port)
-    door = PageDoor(users_token(), host)
-    with unprinted(), _own_socket(door):
+    door, refusals = PageDoor(users_token(), host), PageRefusals()
+    with unprinted(), _own_socket(door, refusals):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
-    server.door = door
+    server.door, server.refusals = door, refusals
     hear_nothing_unused(server.gui)
     if port not in (0, server.get_port()):
         server.stop()
@@ -141,18 +162,74 @@ class _PageSocket(viser.infra.WebsockServer):
     """The library's web server, which serves its page under our title and behind a door."""
 
     door: PageDoor
+    refusals: PageRefusals
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
         keywords["http_server_root"] = _Page(http_server_root)
         super().__init__(*args, **keywords)
 
     def _background_worker(self, ready_sem: threading.Semaphore) -> None:
-        _AT.door = self.door  # this thread serves
+        _AT.door, _AT.seats = self.door, _Seats(self.refusals)  # this thread serves
         super()._background_worker(ready_sem)  # type: ignore[no-untyped-call,unused-ignore]
 
 
 _AT: Final = threading.local()
-"""The door of the page that a thread serves."""
+"""The door and the seats of the page that a thread serves."""
+
+
+class _Seats:
+    """Bounds the connections of a page; used on the serving thread only.
+
+    A connection beyond `MOST_CONNECTIONS` takes the place of the oldest whose request is not answered yet, so that
+    connections that send nothing keep nobody out.
+    """
+
+    def __init__(self, refusals: PageRefusals) -> None:
+        self.refusals = refusals
+        self._asking: dict[_Connection, None] = {}
+        self._pages: set[_Connection] = set()
+
+    def take(self, connection: _Connection) -> None:
+        self._asking[connection] = None
+        if len(self._asking) + len(self._pages) > MOST_CONNECTIONS:
+            oldest = next(iter(self._asking))
+            del self._asking[oldest]
+            oldest.transport.abort()
+            self.refusals.add("connections", f"more than {MOST_CONNECTIONS} connections were open")
+
+    def take_page(self, connection: _Connection) -> str:
+        """Let a connection become a page's socket; return the reason if it may not."""
+        if len(self._pages) >= MOST_PAGES:
+            return f"{MOST_PAGES} pages are open; close one"
+        self._asking.pop(connection, None)
+        self._pages.add(connection)
+        return ""
+
+    def leave(self, connection: _Connection) -> None:
+        self._asking.pop(connection, None)
+        self._pages.discard(connection)
+
+
+class _Connection(ServerConnection):
+    """A connection that has a seat.
+
+    Attributes:
+        operates: whether its request had the operator's token.
+    """
+
+    operates = False
+
+    def __init__(self, *args: Any, seats: _Seats, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        self._seats = seats
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self._seats.take(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._seats.leave(self)
+        super().connection_lost(exc)
 
 
 class _GuardedServe(serve):
@@ -160,25 +237,33 @@ class _GuardedServe(serve):
 
     def __init__(self, handler: Any, *args: Any, process_request: Callable[..., Any], **keywords: Any) -> None:
         door: PageDoor = _AT.door
+        seats: _Seats = _AT.seats
+
+        def refuse(connection: _Connection, status: http.HTTPStatus, kind: str, reason: str) -> Response:
+            seats.refusals.add(kind, reason)
+            return connection.respond(status, f"{reason}\n")
 
         async def guarded(connection: ServerConnection, request: Request) -> Response | None:
+            assert isinstance(connection, _Connection)
             headers = {name: request.headers.get_all(name) for name in ("Host", "Origin", "Cookie")}
             repeated = [name for name, values in headers.items() if len(values) > 1]
-            refusal = (
-                f"the header {repeated[0]} is repeated"
-                if repeated
-                else door.refusal(request.path, {name: values[0] for name, values in headers.items() if values})
-            )
-            if refusal:
-                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+            if repeated:
+                return refuse(connection, http.HTTPStatus.FORBIDDEN, "header", f"the header {repeated[0]} is repeated")
+            first = {name: values[0] for name, values in headers.items() if values}
+            admission = door.admit(request.path, first, connection.local_address[1])
+            if admission.refusal:
+                return refuse(connection, http.HTTPStatus.FORBIDDEN, admission.kind, admission.refusal)
+            connection.operates = admission.operates
             response = process_request(connection, request)
             if inspect.isawaitable(response):
                 response = await response
-            cookie = door.cookie(request.path, connection.local_address[1])
-            if response is not None and cookie is not None:
-                response.headers["Set-Cookie"] = cookie
+            if response is None and (full := seats.take_page(connection)):
+                return refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "pages", full)
+            if response is not None and admission.cookie is not None:
+                response.headers["Set-Cookie"] = admission.cookie
             return response  # type: ignore[no-any-return]
 
+        keywords["create_connection"] = partial(_Connection, seats=seats)
         keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
         super().__init__(handler, *args, process_request=guarded, **keywords)
 
@@ -197,11 +282,11 @@ _THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 
 
 @contextlib.contextmanager
-def _own_socket(door: PageDoor) -> Iterator[None]:
+def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
     """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
     usual = infra.WebsockServer
-    infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door})
+    infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
     _INFRA.websockets = _GuardedSockets()
     try:
         yield

@@ -1,12 +1,14 @@
 """Access control of the live view: decide which requests may load the page and open its socket.
 
 A page of another site that runs in the user's browser can send requests to this machine, and so can every local user.
-So a request needs the view's token, and must name this view as its host and its origin. The token is in the URL that is
-printed; the answer to that URL sets a cookie, which the page's further requests carry.
+So a request needs one of the view's two tokens, and must name this view as its host and its origin. The operator's
+token allows to control the session, the watcher's to watch it. A token is in the URL that is printed; the answer to
+that URL sets a cookie, which the page's further requests carry.
 """
 
 from __future__ import annotations
 
+import hashlib
 import http.cookies
 import ipaddress
 import os
@@ -14,7 +16,7 @@ import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from mocapella.decoding import read_whole
@@ -24,10 +26,27 @@ TOKEN_VARIABLE: Final = "MOCAPELLA_VIEW_TOKEN"
 """Environment variable with a token that replaces the one in the user's file."""
 SHORTEST_TOKEN: Final = 16
 _TOKEN_BYTES: Final = 24
+_WATCH_DIGITS: Final = 48
 _MOST_BYTES: Final = 1000
 _PARAMETER: Final = "token"
 _ANY: Final = ("0.0.0.0", "::")  # compared with, not listened at
 _LOCAL: Final = ("localhost", "127.0.0.1", "::1")
+
+
+class Admission(NamedTuple):
+    """Decision about one HTTP request.
+
+    Attributes:
+        refusal: reason for which the request is refused; empty if it is allowed.
+        kind: short name of the reason, for counting: ``host``, ``origin`` or ``token``; empty if it is allowed.
+        operates: whether the request has the operator's token. If not, its page only watches.
+        cookie: header ``Set-Cookie`` for the answer; None unless the request is allowed and its query has a token.
+    """
+
+    refusal: str = ""
+    kind: str = ""
+    operates: bool = False
+    cookie: str | None = None
 
 
 @dataclass(frozen=True)
@@ -35,67 +54,74 @@ class PageDoor:
     """Decides which HTTP requests are answered.
 
     Attributes:
-        token: secret that a request must contain, in its query or its cookie.
+        token: the operator's token; a request must contain it, or `watch_token`, in its query or its cookie.
         host: address of the network interface that the page is served on.
     """
 
     token: str
     host: str
 
-    def refusal(self, path: str, headers: Mapping[str, str]) -> str:
-        """Return the reason for which a request is refused; an empty text if it is allowed.
+    @property
+    def watch_token(self) -> str:
+        """The watcher's token, a hash of the operator's, which cannot be derived from it."""
+        return hashlib.sha256(f"mocapella watch {self.token}".encode()).hexdigest()[:_WATCH_DIGITS]
+
+    def admit(self, path: str, headers: Mapping[str, str], port: int) -> Admission:
+        """Decide whether a request is answered, and with which right.
+
+        A token in the query counts before one in the cookie, so a browser has the right of the address opened last.
 
         Args:
             path: the request's path and query.
             headers: the request's headers by name; ``Host``, ``Origin`` and ``Cookie`` are read.
+            port: TCP port of the view, which is part of the cookie's name.
         """
         named = headers.get("Host", "")
         if not self._is_ours(_host_of(named)):
-            return f"the host {named[:80]!r} is not this view; open the address that mocapella printed"
+            return Admission(
+                f"the host {named[:80]!r} is not this view; open the address that mocapella printed", "host"
+            )
         origin = headers.get("Origin")
         if origin is not None and origin != f"http://{named}":
-            return f"a page of {origin[:80]!r} may not use this view"
-        presented = (self._in_query(path), self._in_cookie(headers.get("Cookie", "")))
-        if not any(self._is_token(one) for one in presented):
-            return "the token is missing or wrong; open the address that mocapella printed, with its ?token="
-        return ""
+            return Admission(f"a page of {origin[:80]!r} may not use this view", "origin")
+        in_query = self._known(_in_query(path))
+        token = in_query or self._known(_in_cookie(headers.get("Cookie", ""), _cookie_name(port)))
+        if not token:
+            return Admission(
+                "the token is missing or wrong; open the address that mocapella printed, with its ?token=", "token"
+            )
+        cookie = f"{_cookie_name(port)}={in_query}; Path=/; HttpOnly; SameSite=Strict" if in_query else None
+        return Admission(operates=token == self.token, cookie=cookie)
 
-    def cookie(self, path: str, port: int) -> str | None:
-        """Return the header ``Set-Cookie`` for the answer to a request; None unless its query has the token.
-
-        Args:
-            path: the request's path and query.
-            port: TCP port of the view, which is part of the cookie's name.
-        """
-        if not self._is_token(self._in_query(path)):
-            return None
-        return f"{_cookie_name(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-
-    def query(self) -> str:
-        """Return the query of the page's URL, which contains the token."""
-        return f"?{_PARAMETER}={self.token}"
+    def query(self, *, watch: bool = False) -> str:
+        """Return the query of the page's URL, with the operator's token, or the watcher's if ``watch``."""
+        return f"?{_PARAMETER}={self.watch_token if watch else self.token}"
 
     def _is_ours(self, host: str) -> bool:
         if host == self.host or (host in _LOCAL and self.host in (*_LOCAL, *_ANY)):
             return True
         return self.host in _ANY and _is_address(host)  # a name could be another site's, bound to this machine
 
-    def _is_token(self, text: str) -> bool:
-        return secrets.compare_digest(text.encode("utf-8", "surrogateescape"), self.token.encode())
+    def _known(self, text: str) -> str:
+        """Return the one of the two tokens that the text is; empty if it is none."""
+        given = text.encode("utf-8", "surrogateescape")
+        matches = [token for token in (self.token, self.watch_token) if secrets.compare_digest(given, token.encode())]
+        return matches[0] if matches else ""
 
-    def _in_query(self, path: str) -> str:
-        try:
-            return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
-        except ValueError:  # a path that is none, such as //[
-            return ""
 
-    def _in_cookie(self, header: str) -> str:
-        try:
-            cookies = http.cookies.SimpleCookie(header)
-        except http.cookies.CookieError:
-            return ""
-        values = [cookie.value for name, cookie in cookies.items() if name.startswith(_COOKIE)]
-        return self.token if any(map(self._is_token, values)) else ""
+def _in_query(path: str) -> str:
+    try:
+        return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
+    except ValueError:  # a path that is none, such as //[
+        return ""
+
+
+def _in_cookie(header: str, name: str) -> str:
+    try:
+        found = http.cookies.SimpleCookie(header).get(name)
+    except http.cookies.CookieError:
+        return ""
+    return "" if found is None else found.value
 
 
 _COOKIE: Final = "mocapella-view-"

@@ -22,6 +22,7 @@ from mocapella.viewer.camera_panel import CameraPanel
 from mocapella.viewer.commands import Commander, notify
 from mocapella.viewer.controls import (
     FIRST_TAKE,
+    Allowed,
     allowed,
     default_perspective,
     part_names,
@@ -30,6 +31,7 @@ from mocapella.viewer.controls import (
     take_name,
 )
 from mocapella.viewer.inputs import set_value
+from mocapella.viewer.page_refusals import PageRefusals
 from mocapella.viewer.part_panel import MakePanel, PanelPlace, PanelState, PartPanel
 from mocapella.viewer.perspective import FREE
 from mocapella.viewer.room import called, drawing_of
@@ -49,7 +51,14 @@ _BESIDE: Final = 0.01
 
 
 class Aim(StrEnum):
-    """Targets of the browser's camera that the user can choose."""
+    """Views of the 3D scene that the user can choose; the values are the labels of the buttons.
+
+    Attributes:
+        BOTH: the stage, the sensors' lanes, and the cameras' pictures.
+        TRACKING: the stage.
+        SENSORS: the sensors' lanes, and the cameras' pictures.
+        EYES: the stage from the pose of the sensor that is chosen as perspective; if none is, of the default one.
+    """
 
     BOTH = "Both"
     TRACKING = "Tracking"
@@ -84,6 +93,9 @@ class Panel:
         commander: sends commands to the server; None without a server, which hides the controls for commands.
         methods: names of the tracking methods that the Setup form offers.
         known: memory of the view, shared by all browsers.
+        operates: whether the browser may control the session; if not, no command is sent, and the controls for commands
+            are hidden.
+        refusals: the view's refused requests, which operators see among the notices.
         aim: is called with the camera's target when the user chooses one, from viser's callbacks.
         feed: requests camera images.
         timeline: the stored moments.
@@ -100,6 +112,8 @@ class Panel:
         methods: Sequence[str],
         known: ViewMemory,
         *,
+        operates: bool,
+        refusals: PageRefusals,
         aim: Callable[[Aim], None],
         feed: CameraFeed,
         timeline: Timeline,
@@ -107,6 +121,7 @@ class Panel:
     ) -> None:
         self._client, self._commander, self._aim = client, commander, aim
         self._known, self._colours = known, known.colours
+        self._operates, self._refusals = operates, refusals
         self._timeline, self._playhead = timeline, playhead
         self._status: SessionStatus | None = None
         self._shown: tuple[object, ...] | None = None
@@ -118,6 +133,7 @@ class Panel:
         self._watchdog = Watchdog(gui)
         self._headline = gui.add_html(readout.status_html(None) if commander else readout.run_html("", None, 0, 0, 0))
         served = commander is not None
+        gui.add_html(readout.watching_html(), visible=served and not operates)
         self._progress = gui.add_progress_bar(0.0, visible=False, animated=True, color="blue")
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
@@ -126,16 +142,16 @@ class Panel:
         self._stage_order = gui.add_html("", visible=False).order
         with gui.add_folder("Sensors", visible=served) as sensors:
             self._sensors = gui.add_html(readout.sensors_html(None, known.colours))
-        self.cameras = CameraPanel(gui, feed, self._tell)
+        self.cameras = CameraPanel(gui, feed, self._tell, learns=operates)
         self._boards = BoardPlace(
             lambda expanded: BoardPanel(
                 gui, known.colours, self._send, self._say_no, order=sensors.order + 0.5, expanded=expanded
             )
         )
         self._part_order = gui.add_html("", visible=False).order
-        self._add_recording_folder(gui, visible=served)
+        self._add_recording_folder(gui, visible=served, operates=operates)
         self._add_camera_folder(gui)
-        self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse, visible=served)
+        self._setup = SetupPanel(gui, methods, self._send_setup, self._refuse, visible=served and operates)
         with gui.add_folder("Notices", visible=served) as self._notices_folder:
             self._notices = gui.add_html(readout.notices_html(None))
 
@@ -173,12 +189,13 @@ class Panel:
         self.cameras.show(news.now_s)
         self._timeline_panel.show(news.now_s)
         self._show_pictures(news.pictures)
-        can = allowed(status)
+        can = allowed(status) if self._operates else Allowed()
+        refused = self._refusals.lines if self._operates else ()
         self._setup.show(status, enabled=can.setup)
-        self._boards.show(status, news.board)
+        self._boards.show(status, news.board if self._operates else None)
         self._show_perspectives(status)
         live = self._playhead.number is None
-        shown = (status, self._known.troubles.lines, None if live and self._commander else moment, live)
+        shown = (status, self._known.troubles.lines, refused, None if live and self._commander else moment, live)
         changed = self._shown is None or any(a is not b for a, b in zip(shown, self._shown, strict=True))
         self._show_parts(news, changed=changed, can_name=can.name and live)
         if not changed:
@@ -198,7 +215,7 @@ class Panel:
         self._recording.content = readout.recording_html(status.recording if status else None)
         troubles = self._known.troubles.lines
         self._notices_folder.visible = self._commander is not None or bool(troubles)
-        self._notices.content = readout.notices_html(status, troubles)
+        self._notices.content = readout.notices_html(status, troubles, refused)
         places = {place.sensor: place for place in moment.scene.sensors} if moment.scene else {}
         self._sensors.content = readout.sensors_html(status, self._colours, places)
 
@@ -243,11 +260,12 @@ class Panel:
     def _made(self, what: str, make: MakePanel | None, order: float) -> PartPanel | None:
         if make is None:
             return None
-        place = PanelPlace(self._client.gui, order, None if self._commander is None else self._send)
+        sends = self._commander is not None and self._operates
+        place = PanelPlace(self._client.gui, order, self._send if sends else None)
         return self._known.troubles.attempt(f"panel of {what}", lambda: make(place), None)
 
     def _button(self, label: str, verb: str, icon: Any, colour: Any) -> viser.GuiButtonHandle:
-        served = self._commander is not None
+        served = self._commander is not None and self._operates
         button = self._client.gui.add_button(label, disabled=True, icon=icon, color=colour, visible=served)
 
         @button.on_click
@@ -291,9 +309,10 @@ class Panel:
                 self._chosen = sensor
             self._aim(aim)
 
-    def _add_recording_folder(self, gui: viser.GuiApi, *, visible: bool) -> None:
+    def _add_recording_folder(self, gui: viser.GuiApi, *, visible: bool, operates: bool) -> None:
         with gui.add_folder("Recording", visible=visible):
-            self._name = gui.add_text("Take", FIRST_TAKE, hint="The take's name; nothing is ever overwritten")
+            hint = "The take's name; nothing is ever overwritten"
+            self._name = gui.add_text("Take", FIRST_TAKE, hint=hint, visible=operates)
             self._record = self._button("Record", "record", viser.Icon.PLAYER_RECORD, "red")
             self._record_stop = self._button("Stop recording", "record-stop", viser.Icon.PLAYER_STOP, "gray")
             self._recording = gui.add_html(readout.recording_html(None))
@@ -317,7 +336,7 @@ class Panel:
             set_value(self._perspective, now)
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> None:
-        if self._commander is not None:
+        if self._commander is not None and self._operates:
             self._commander.send(verb, arguments, self._client)
 
     def _send_setup(self, arguments: dict[str, Any]) -> None:

@@ -165,16 +165,23 @@ def recording_html(recording: RecordingHealth | None) -> str:
     return _note(f"<div>{headline}</div><div>{facts} · {lost}</div>{problem}", "inherit")
 
 
-def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = ()) -> str:
-    """Return the server's problems, drawing errors and the newest notices, newest first, as HTML.
+def watching_html() -> str:
+    """Return the line for a browser that only watches, as HTML."""
+    return _note("You watch. To control the session, open the operator's address.", _GREY)
+
+
+def notices_html(status: SessionStatus | None, troubles: tuple[str, ...] = (), refused: tuple[str, ...] = ()) -> str:
+    """Return problems, drawing errors, refused requests and the newest notices, newest first, as HTML.
 
     Args:
         status: status of the session; None without a server.
         troubles: messages of `PluginErrors`.
+        refused: lines of `PageRefusals`.
     """
     newest = status.notices[-_NEWEST_NOTICES:][::-1] if status else ()
     problems = (*(status.health.problems() if status else ()), *troubles)
     wrong = "".join(f'<div style="padding:2px 0;color:{_AMBER}">{escape(text)}</div>' for text in problems)
+    wrong += "".join(f'<div style="padding:2px 0">{escape(text)}</div>' for text in refused)
     if not newest:
         return _note(wrong or "Nothing to report.", "inherit" if wrong else _GREY)
     lines = (

@@ -102,8 +102,13 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """URL of the page, with the access token."""
+        """URL of the page, with the operator's token."""
         return self._server.url
+
+    @property
+    def watch_url(self) -> str:
+        """URL of the page for who may only watch."""
+        return self._server.watch_url
 
     def show(
         self,
@@ -251,8 +256,8 @@ class Viewer:
             if number not in self._browsers:
                 guard_controls(client)
                 self._browsers[number] = Browser(
-                    client, self._commander, self._methods, self._known, feed=self._feed,
-                    timeline=self.timeline, now_s=now_s,
+                    client, self._commander, self._methods, self._known, operates=self._server.operates(client),
+                    refusals=self._server.refusals, feed=self._feed, timeline=self.timeline, now_s=now_s,
                 )  # fmt: skip
 
 
