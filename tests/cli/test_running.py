@@ -25,7 +25,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("demo")
     return Recorded(
         folder,
-        result(folder, "demo", "--no-view", "--seconds", "18", "--record", "./whole", "--port", str(free_port())),
+        result(folder, "demo", "--no-view", "--seconds", "14", "--record", "./whole", "--port", str(free_port())),
     )
 
 
@@ -86,7 +86,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
 
 def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
-        tmp_path, "demo", "arm", "--no-view", "--seconds", "8", "--record", "./arm", "--port", str(free_port())
+        tmp_path, "demo", "arm", "--no-view", "--seconds", "6", "--record", "./arm", "--port", str(free_port())
     )
     assert [row["name"] for row in summary["sensors"]] == ["arm"]
     assert summary["frames_in"] == summary["frames_out"] > 0
