@@ -51,7 +51,7 @@ def run(quick: bool = False) -> list[Row]:
             session.run(kills)
         finally:
             session.kill_all()
-        logs = [_read_log(path) for path in sorted(Path(folder).glob("*.log")) if path.stat().st_size]
+        logs = [read_log(path) for path in sorted(Path(folder).glob("*.log")) if path.stat().st_size]
         path = Path(folder) / "take.mcap"
         rows = _rows(kills, session, logs, read_take(path))
         merge_frames(path, sorted((Path(folder) / "spool").glob("*.mcap")), reserve_bytes=0)
@@ -173,7 +173,7 @@ def _lags_ms(logs: list[Log], quiet_ns: list[tuple[int, int]]) -> list[float]:
     ]
 
 
-def _read_log(path: Path) -> Log:
+def read_log(path: Path) -> Log:
     log = Log(0)
     for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
         first, *rest = line.split()

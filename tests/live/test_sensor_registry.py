@@ -13,7 +13,7 @@ from mocapella.model.limits import MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
 from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.session import SensorHealth, SensorPose, Setup
 from mocapella.model.topology import topology
-from mocapella.wire.clock import ClockEstimate
+from mocapella.wire.clock import ClockProbe
 from mocapella.wire.keys import NodeKey
 
 A, B = NodeKey("front", 1), NodeKey("front", 2)
@@ -131,10 +131,18 @@ def test_latency_is_reckoned_on_one_clock() -> None:
     registry.set_connected(A, True, 0)
     registry.arrived(frame(0), A, 0)
     assert registry.finished(A, sent_ns=5 * S, now_ns=S) is None
-    registry.set_clock(A, ClockEstimate(offset_ns=5 * S, bound_ns=100))
+    assert registry.compare_clock(B, [ClockProbe(0, 9 * S, 200)], 200) is None  # it does not hold the name
+    estimate = registry.compare_clock(A, [ClockProbe(0, 5 * S + 100, 200)], 200)
+    assert estimate is not None
+    assert estimate.offset == 5.0
     assert registry.finished(A, sent_ns=5 * S + 1, now_ns=3_000_001) == pytest.approx(0.003)
     assert row(registry, 0).latency == pytest.approx(0.003)
-    assert row(registry, 0).clock_offset == 5.0
+    assert row(registry, 200).clock_offset == 5.0
+    assert row(registry, 200).clock_bound == pytest.approx(100e-9, abs=2e-9)
+    assert row(registry, S).clock_bound == pytest.approx(1e-3, rel=1e-3)  # nobody asks it any more
+    registry.take_notices()
+    registry.compare_clock(A, [ClockProbe(S, 70 * S, S + 200)], S + 200)
+    assert registry.take_notices() == ['sensor "front": its clock jumped against the server\'s']
 
 
 def test_a_rejected_message_is_counted_and_told_once() -> None:

@@ -7,27 +7,114 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import WireError
-from mocapella.wire.clock import ClockProbe, SensorClock, estimate_offset, read_clock
+from mocapella.wire.clock import (
+    DRIFT_FROM_S,
+    DRIFT_OVER_S,
+    MOST_DRIFT_PPM,
+    ClockProbe,
+    OffsetFilter,
+    SensorClock,
+    read_clock,
+)
 
-DELAYS = st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=12)
+SECOND = 10**9
+DELAY = st.integers(0, 3 * 10**8)
+STEPS = st.lists(st.tuples(st.integers(0, 40 * SECOND), st.integers(-900, 900), DELAY, DELAY), min_size=1, max_size=30)
+"""Of successive probes: time before it [ns], drift from there on [ppm], time to the far clock and back [ns]."""
 
 
-@given(offset=st.integers(-(10**15), 10**15), delays=DELAYS)
-def test_the_truth_is_always_within_the_bound(offset: int, delays: list[tuple[int, int]]) -> None:
-    probes = []
-    now = 10**12
-    for out, back in delays:
-        probes.append(ClockProbe(now, now + out + offset, now + out + back))
-        now += out + back + 1
-    estimate = estimate_offset(probes)
+class Clocks:
+    """Two clocks that drift apart, at another rate from each probe on."""
+
+    def __init__(self, offset: int) -> None:
+        self.near, self._since, self._then, self._ppm = 10**12, 10**12, offset, 0
+
+    def offset(self, near: int) -> int:
+        return self._then + self._ppm * (near - self._since) // 10**6
+
+    def drift(self, ppm: int) -> None:
+        self._then, self._since, self._ppm = self.offset(self.near), self.near, ppm
+
+    def probe(self, out: int, back: int) -> ClockProbe:
+        sent, read = self.near, self.near + out
+        self.near = read + back
+        return ClockProbe(sent, read + self.offset(read), self.near)
+
+
+@given(offset=st.integers(-(10**15), 10**15), steps=STEPS, later=st.integers(0, 100 * SECOND))
+def test_the_truth_is_always_within_the_bound(offset: int, steps: list[tuple[int, int, int, int]], later: int) -> None:
+    """Whatever the delays are, while the clocks drift, and however long no probe comes."""
+    clocks, found = Clocks(offset), OffsetFilter()
+    for pause, ppm, out, back in steps:
+        clocks.near += pause
+        clocks.drift(ppm)
+        found.update([clocks.probe(out, back)])
+        for near in (clocks.near, clocks.near + later):
+            estimate = found.estimate(near)
+            assert estimate is not None
+            assert abs(estimate.offset_ns - clocks.offset(near)) <= estimate.bound_ns
+        at_once = found.estimate(clocks.near)
+        assert at_once is not None
+        assert at_once.bound_ns <= (out + back + 1) // 2 + MOST_DRIFT_PPM * (out + back) // 10**6 + 2
+        assert at_once.offset_ns == found.offset_ns
+    assert found.restarts == 0
+
+
+@given(st.lists(st.tuples(DELAY, DELAY), min_size=1, max_size=20))
+def test_the_fastest_question_and_the_fastest_answer_count_even_of_different_probes(
+    delays: list[tuple[int, int]],
+) -> None:
+    clocks, found = Clocks(5), OffsetFilter()
+    found.update([clocks.probe(out, back) for out, back in delays])
+    estimate = found.estimate(clocks.near)
     assert estimate is not None
-    assert abs(estimate.offset_ns - offset) <= estimate.bound_ns
-    assert estimate.bound_ns <= (min(out + back for out, back in delays) + 1) // 2
+    fastest = min(out for out, _ in delays) + min(back for _, back in delays)
+    widened = MOST_DRIFT_PPM * sum(out + back for out, back in delays) // 10**6
+    assert fastest // 2 <= estimate.bound_ns <= fastest // 2 + widened + len(delays) + 2
+
+
+@given(
+    ppm=st.integers(-900, 900),
+    delays=st.lists(st.tuples(st.integers(0, 10**7), st.integers(0, 10**7)), min_size=90, max_size=90),
+)
+def test_the_drift_is_within_its_bound_and_the_bound_is_that_of_a_minute(
+    ppm: int, delays: list[tuple[int, int]]
+) -> None:
+    clocks, found = Clocks(-(10**12)), OffsetFilter()
+    clocks.drift(ppm)
+    for second, (out, back) in enumerate(delays):
+        clocks.near = 10**12 + second * SECOND
+        found.update([clocks.probe(out, back)])
+        estimate = found.estimate(clocks.near)
+        assert estimate is not None
+        assert (estimate.drift_ppm is None) == (second < DRIFT_FROM_S + 1) or second == DRIFT_FROM_S
+        if estimate.drift_ppm is not None and estimate.drift_bound_ppm is not None:
+            assert abs(estimate.drift_ppm - ppm) <= estimate.drift_bound_ppm + 1e-6
+    assert estimate.drift_bound_ppm is not None
+    assert estimate.drift_bound_ppm <= (10_000 + 10_000) * 1.01 / DRIFT_OVER_S + 1
+
+
+@given(step=st.integers(10**9, 10**15), sign=st.sampled_from([-1, 1]))
+def test_after_a_step_of_a_clock_only_later_probes_count(step: int, sign: int) -> None:
+    clocks, found = Clocks(0), OffsetFilter()
+    for _ in range(20):
+        clocks.near += SECOND
+        found.update([clocks.probe(10**5, 10**5)])
+    clocks._then += sign * step
+    clocks.near += SECOND
+    found.update([clocks.probe(10**6, 10**6)])
+    estimate = found.estimate(clocks.near)
+    assert estimate is not None
+    assert found.restarts == 1
+    assert abs(estimate.offset_ns - sign * step) <= estimate.bound_ns < 2 * 10**6
+    assert estimate.drift_ppm is None
 
 
 def test_no_answer_is_no_estimate() -> None:
-    assert estimate_offset([]) is None
-    assert estimate_offset([ClockProbe(10, 5, 9)]) is None
+    found = OffsetFilter()
+    found.update([])
+    found.update([ClockProbe(10, 5, 9)])
+    assert found.estimate(10) is found.offset_ns is None
 
 
 @given(offset=st.integers(-(10**12), 10**12), latencies=st.lists(st.integers(0, 10**8), min_size=1, max_size=60))

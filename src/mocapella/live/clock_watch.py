@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import asdict
 from functools import partial
 
 from mocapella.errors import WireError
 from mocapella.live.recording_service import RecordingService
 from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.supervision import Boundary
-from mocapella.wire.clock import estimate_offset
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import ServerLink
 
 PROBE_EVERY_S = 1.0
-_ANSWER_S = 0.5
+_ANSWER_S = 1.0
+"""Longest time for the answers of a node [s]."""
 
 
 class ClockWatch:
@@ -40,7 +41,7 @@ class ClockWatch:
         self._link, self._registry, self._lock, self._recording, self._errors = link, registry, lock, recording, errors
 
     def run(self, ended: threading.Event) -> None:
-        """Compare all clocks every `PROBE_EVERY_S`, until ``ended`` is set; a failed probe keeps the last offset."""
+        """Compare all clocks every `PROBE_EVERY_S`, until ``ended`` is set; without an answer, bounds widen."""
         while not ended.wait(PROBE_EVERY_S):
             with self._lock:
                 nodes = self._registry.nodes()
@@ -55,13 +56,11 @@ class ClockWatch:
             with self._lock:
                 self._registry.rejected(node, str(error))
             return
-        estimate = estimate_offset(probes)
-        if estimate is None:
-            return
+        now_ns = time.monotonic_ns()
         with self._lock:
-            self._registry.set_clock(node, estimate)
+            estimate = self._registry.compare_clock(node, probes, now_ns)
         recorder = self._recording.recorder
-        if recorder is not None:
+        if recorder is not None and estimate is not None:
             times = [[p.sent_ns, p.far_ns, p.received_ns] for p in probes]
-            row = {"sensor": node.sensor, "node_id": node.node_id, "probes": times}
-            recorder.clock(row, time.monotonic_ns())
+            row = {"sensor": node.sensor, "node_id": node.node_id, "probes": times, "estimate": asdict(estimate)}
+            recorder.clock(row, now_ns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -15,7 +15,7 @@ from mocapella.model.limits import MOST_REFUSED_NODES, MOST_SENSORS, MOST_UNPROV
 from mocapella.model.scene import SensorPlace
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorHealth, Setup
-from mocapella.wire.clock import ClockEstimate, SensorClock
+from mocapella.wire.clock import ClockEstimate, ClockProbe, OffsetFilter, SensorClock
 from mocapella.wire.keys import NodeKey
 
 SILENT_AFTER_S = 2.0
@@ -48,7 +48,7 @@ class _Entry:
     left: bool = False
     local: bool = False
     clock: SensorClock = field(default_factory=SensorClock)
-    offset: ClockEstimate | None = None
+    offset: OffsetFilter = field(default_factory=OffsetFilter)
     last_frame: SensorFrame | None = None
     heard_ns: int = 0
     silent: bool = False
@@ -184,10 +184,22 @@ class SensorRegistry:
         if self.holds(node):
             self._entries[node.sensor].local = local
 
-    def set_clock(self, node: NodeKey, offset: ClockEstimate) -> None:
-        """Set the measured offset of the node's clock."""
-        if self.holds(node):
-            self._entries[node.sensor].offset = offset
+    def compare_clock(self, node: NodeKey, probes: Iterable[ClockProbe], now_ns: int) -> ClockEstimate | None:
+        """Use further probes of the node's clock; return the estimate of its offset, None if there is none.
+
+        Args:
+            node: the node; ignored if another holds the name.
+            probes: in the order of their times.
+            now_ns: the present time on the server's monotonic clock [ns].
+        """
+        if not self.holds(node):
+            return None
+        entry = self._entries[node.sensor]
+        restarts = entry.offset.restarts
+        entry.offset.update(probes)
+        if entry.offset.restarts > restarts:
+            self._notices.append(f'sensor "{node.sensor}": its clock jumped against the server\'s')
+        return entry.offset.estimate(now_ns)
 
     def arrived(self, frame: SensorFrame, node: NodeKey, arrived_ns: int) -> int:
         """Count a frame of the node that holds the name; return its capture time on the server's clock [ns].
@@ -250,9 +262,10 @@ class SensorRegistry:
             now_ns: the present time on the server's monotonic clock [ns].
         """
         entry = self._entries[node.sensor]
-        if entry.offset is None or sent_ns == 0:
+        offset_ns = entry.offset.offset_ns
+        if offset_ns is None or sent_ns == 0:
             return None
-        latency = (now_ns - (sent_ns - entry.offset.offset_ns)) / 1e9
+        latency = (now_ns - (sent_ns - offset_ns)) / 1e9
         entry.latencies.append(latency)
         return latency
 
@@ -338,6 +351,7 @@ def _health(
         problem = f"silent for {(now_ns - entry.heard_ns) / 1e9:.0f} s"
     else:
         problem = entry.rejection
+    clock = entry.offset.estimate(now_ns)
     frames_before, dropped_before = entry.before or (entry.frames, entry.skipped)
     return SensorHealth(
         name=entry.node.sensor,
@@ -351,8 +365,8 @@ def _health(
         frames=entry.frames,
         dropped=entry.skipped,
         rejected=entry.rejected,
-        clock_offset=entry.offset.offset if entry.offset else None,
-        clock_bound=entry.offset.bound if entry.offset else None,
+        clock_offset=clock.offset if clock else None,
+        clock_bound=clock.bound if clock else None,
         stored=stored,
         lost=lost,
         tilt=pose.tilt if pose else getattr(frame, "tilt", 0.0),  # marker frames do not have it
@@ -365,4 +379,6 @@ def _health(
         behind=entry.behind,
         calibration="" if place is None else place.problem or place.quality,
         capture_offset=None if entry.clock.offset_ns is None else entry.clock.offset_ns / 1e9,
+        clock_drift_ppm=clock.drift_ppm if clock else None,
+        clock_drift_bound_ppm=clock.drift_bound_ppm if clock else None,
     )

@@ -122,7 +122,7 @@ class SensorHealth:
         dropped: number of live frames that were skipped for a newer one, or lost in transfer.
         rejected: number of rejected messages.
         clock_offset: node's monotonic clock minus the server's [s]; None until measured.
-        clock_bound: largest error of the offset, half the round trip [s].
+        clock_bound: largest error of the offset [s]; it grows while the node does not answer.
         stored: number of frames of the record path that are in the take.
         lost: number of frames of the record path that are known to be missing from the take.
         tilt: upward tilt, as configured, or else from its frames [rad].
@@ -135,6 +135,8 @@ class SensorHealth:
         frames_before, dropped_before: of ``frames`` and ``dropped``, those before tracking began.
         behind: number of ``dropped`` frames that waited for the tracker when newer ones came.
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
+        clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
+        clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
     """
 
     name: str
@@ -162,6 +164,8 @@ class SensorHealth:
     dropped_before: int = 0
     behind: int = 0
     calibration: str = ""
+    clock_drift_ppm: float | None = None
+    clock_drift_bound_ppm: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,16 @@
-"""Estimate the offset between two clocks, with an error bound.
+"""Estimate the offset between two clocks continuously, with an error bound that holds while the clocks drift apart.
 
-Cristian's algorithm (1989): of several probes, use the one with the smallest round trip, and assume that the far clock
-was read in its middle; half the round trip bounds the error.
+A probe bounds the offset (Cristian 1989): the far clock was read between question and answer. The bounds of all probes
+are intersected, as in the intersection algorithm of Marzullo and Owicki (1983), so that the fastest question and the
+fastest answer count, even if they are of different probes. As the clocks drift, older bounds widen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from mocapella.errors import WireError
 
@@ -41,11 +44,15 @@ class ClockEstimate:
 
     Attributes:
         offset_ns: far clock minus near clock [ns].
-        bound_ns: largest error of the offset, half the smallest round trip [ns].
+        bound_ns: largest error of the offset [ns].
+        drift_ppm: mean rate of change of the offset over the last minute or so [µs/s]; None until it is known.
+        drift_bound_ppm: largest error of the drift [µs/s]; None until it is known.
     """
 
     offset_ns: int
     bound_ns: int
+    drift_ppm: float | None = None
+    drift_bound_ppm: float | None = None
 
     @property
     def offset(self) -> float:
@@ -54,7 +61,7 @@ class ClockEstimate:
 
     @property
     def bound(self) -> float:
-        """Half the smallest round trip [s]."""
+        """Largest error of the offset [s]."""
         return self.bound_ns / 1e9
 
 
@@ -69,14 +76,100 @@ def read_clock(answer: bytes) -> int:
     return int(answer)
 
 
-def estimate_offset(probes: Sequence[ClockProbe]) -> ClockEstimate | None:
-    """Return the estimate of the best probe; None if no probe has consistent times."""
-    sane = [probe for probe in probes if probe.round_trip_ns >= 0]
-    if not sane:
-        return None
-    best = min(sane, key=lambda probe: probe.round_trip_ns)
-    middle = best.sent_ns + best.round_trip_ns // 2
-    return ClockEstimate(best.far_ns - middle, (best.round_trip_ns + 1) // 2)
+MOST_DRIFT_PPM: Final = 1000
+"""Largest drift between two clocks for which bounds hold [µs/s]: two clocks that are each slewed by 500 µs/s."""
+DRIFT_OVER_S: Final = 60
+"""Time over which the drift is measured [s]."""
+DRIFT_FROM_S: Final = 10
+"""Shortest time over which the drift is measured [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """The offset was between ``low_ns`` and ``high_ns`` at ``at_ns`` of the near clock."""
+
+    at_ns: int
+    low_ns: int
+    high_ns: int
+
+    @property
+    def middle_ns(self) -> int:
+        return (self.low_ns + self.high_ns) // 2
+
+    def later(self, at_ns: int) -> _Bounds:
+        """Return the bounds at a later time, widened by the largest drift; at an earlier one the same."""
+        passed = max(at_ns - self.at_ns, 0)
+        change = -(-passed * MOST_DRIFT_PPM // 1_000_000)
+        return _Bounds(self.at_ns + passed, self.low_ns - change, self.high_ns + change)
+
+
+class OffsetFilter:
+    """Bounds the offset between two monotonic clocks from all probes so far.
+
+    The truth is within the bounds as long as the clocks drift apart by less than `MOST_DRIFT_PPM`. Probes that
+    contradict this, after a step of a clock, restart the filter.
+
+    Attributes:
+        restarts: number of contradictions so far.
+    """
+
+    def __init__(self) -> None:
+        self.restarts = 0
+        self._bounds: _Bounds | None = None
+        self._past: deque[_Bounds] = deque()
+
+    def update(self, probes: Iterable[ClockProbe]) -> None:
+        """Use further probes, in the order of their times; those with inconsistent times are ignored."""
+        for probe in probes:
+            if probe.round_trip_ns >= 0:
+                self._add(probe)
+        bounds = self._bounds
+        if bounds is None:
+            return
+        if not self._past or bounds.at_ns >= self._past[-1].at_ns + 1_000_000_000:
+            self._past.append(bounds)
+        while bounds.at_ns - self._past[0].at_ns > DRIFT_OVER_S * 1_000_000_000:
+            self._past.popleft()
+
+    @property
+    def offset_ns(self) -> int | None:
+        """Far clock minus near clock [ns], the middle of the bounds; None without a probe."""
+        return None if self._bounds is None else self._bounds.middle_ns
+
+    def estimate(self, now_ns: int) -> ClockEstimate | None:
+        """Return the estimate at a time on the near clock [ns], not before the last probe; None without a probe."""
+        if self._bounds is None:
+            return None
+        now = self._bounds.later(now_ns)
+        drift, drift_bound = self._drift(self._bounds)
+        return ClockEstimate(now.middle_ns, now.high_ns - now.middle_ns, drift, drift_bound)
+
+    def _add(self, probe: ClockProbe) -> None:
+        # Read between question and answer: these are bounds at that instant, and so, widened, at the answer.
+        new = _Bounds(probe.sent_ns, probe.far_ns - probe.received_ns, probe.far_ns - probe.sent_ns)
+        new = new.later(probe.received_ns)
+        if self._bounds is not None:
+            old = self._bounds.later(new.at_ns)
+            new = new.later(old.at_ns)
+            low, high = max(old.low_ns, new.low_ns), min(old.high_ns, new.high_ns)
+            if low <= high:
+                new = _Bounds(old.at_ns, low, high)
+            else:
+                self.restarts += 1
+                self._past.clear()
+        self._bounds = new
+
+    def _drift(self, now: _Bounds) -> tuple[float, float] | tuple[None, None]:
+        """Return mean drift and its largest error [µs/s], from the past bounds that tell it best."""
+        best: tuple[float, float] | None = None
+        for past in self._past:
+            seconds = (now.at_ns - past.at_ns) / 1e9
+            if seconds < DRIFT_FROM_S:
+                break
+            low, high = (now.low_ns - past.high_ns) / seconds / 1e3, (now.high_ns - past.low_ns) / seconds / 1e3
+            if best is None or high - low < 2 * best[1]:
+                best = (low + high) / 2, (high - low) / 2
+        return (None, None) if best is None else best
 
 
 _JUMP_NS = 2_000_000_000

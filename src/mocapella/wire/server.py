@@ -181,18 +181,22 @@ class ServerLink:
             on_end()
 
     def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
-        """Query the node's monotonic clock eight times in sequence, or until it leaves a query unanswered.
+        """Query the node's monotonic clock eight times in sequence, as far as it answers within ``timeout`` seconds.
 
-        Each query waits up to ``timeout`` seconds. The list is empty if the node does not answer.
+        The list is empty if the node does not answer in that time.
 
         Raises:
             WireError: an answer is no time.
         """
         answers: list[ClockProbe] = []
         key = keys.of_node("clock", node)
+        deadline = time.monotonic() + timeout
         for asked in range(_PROBES):
+            left_s = deadline - time.monotonic()
+            if left_s <= 0:
+                break
             sent = time.monotonic_ns()
-            for reply in self._session.get(key, timeout=timeout):
+            for reply in self._session.get(key, timeout=left_s):
                 received = time.monotonic_ns()
                 if reply.ok is not None:
                     answers.append(ClockProbe(sent, read_clock(reply.ok.payload.to_bytes()), received))
