@@ -49,8 +49,8 @@ class PeopleBodiesSettings:
         silhouettes: the settings of the method ``silhouettes``; if empty, no body is fitted, and images are counted as
             rejected frames.
         alignment: estimation of the rig's pose in the world.
-        take_m: largest mean distance between the joints of a body and a person for the body to be assigned [m]. The
-            joints are `LIMBS`, as far as the body has them and they are tracked in the person.
+        take_m: largest mean distance between a body and a person for the body to be assigned, over the joints `LIMBS`
+            that the body has and that are tracked in the person [m].
         keep_m: largest such distance for a body to stay assigned; from ``take_m`` to 5 [m].
     """
 
