@@ -189,8 +189,9 @@ def _order(point: EntryPoint) -> tuple[bool, str, str]:
 
 def plugin_points() -> list[EntryPoint]:
     """Return all entry points of other packages in Mocapella's groups, without importing them."""
-    groups = [group for group in entry_points().groups if group.startswith(f"{OURS}.")]
-    return sorted((p for group in groups for p in entry_points(group=group) if _distribution(p) != OURS), key=_order)
+    found = entry_points()  # reads the metadata of all packages
+    groups = [group for group in found.groups if group.startswith(f"{OURS}.")]
+    return sorted((p for group in groups for p in found.select(group=group) if _distribution(p) != OURS), key=_order)
 
 
 def wrong_groups(groups: Iterable[str]) -> list[Skipped]:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
 LONGEST_ERROR = 4000
@@ -48,16 +49,25 @@ def run(arguments: Sequence[str]) -> None:
     # What takes any time to import comes here, so that Ctrl-C finds a handler.
     import typer
 
-    import_commands()
-    from mocapella.cli.app import app
     from mocapella.errors import MocapellaError
     from mocapella.supervision import printable
 
     try:
-        app(list(arguments), prog_name="mocapella")
+        _command()(list(arguments), prog_name="mocapella")
     except MocapellaError as error:
         typer.secho(f"mocapella: {printable(str(error), LONGEST_ERROR)}", fg=typer.colors.RED, err=True)
         sys.exit(1)
+
+
+@cache
+def _command() -> Callable[..., object]:
+    """Return the command line with all commands, made once in a process."""
+    import typer.main
+
+    import_commands()
+    from mocapella.cli.app import app
+
+    return typer.main.get_command(app)
 
 
 def import_commands() -> None:
