@@ -27,8 +27,9 @@ T = TypeVar("T")
 
 DEFAULT_PORT = 7447
 PAGE_DRAWN: Final = "view: drawn in a browser"
-WATCH_URL: Final = "view, to watch only: "
 """Line that the command `view` prints when the first browser draws the view."""
+WATCH_URL: Final = "view, to watch only: "
+"""Beginning of the line with the view's URL for watchers."""
 DEFAULT_VIEW_PORT = 7448
 DEFAULT_TAKES = Path("takes")
 DEFAULT_SCENE: Final = "obstacle"

@@ -63,7 +63,7 @@ class PageDoor:
 
     @property
     def watch_token(self) -> str:
-        """The watcher's token, a hash of the operator's, which cannot be derived from it."""
+        """The watcher's token: a hash of the operator's token, so that it does not reveal that one."""
         return hashlib.sha256(f"mocapella watch {self.token}".encode()).hexdigest()[:_WATCH_DIGITS]
 
     def admit(self, path: str, headers: Mapping[str, str], port: int) -> Admission:
