@@ -10,14 +10,19 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 from unittest.mock import patch
 
+from support.warm_start import WarmProcess
+
 from mocapella import cli
+
+Process = subprocess.Popen[Any] | WarmProcess
 
 
 def free_port() -> int:
@@ -34,6 +39,15 @@ def wait_until(what: str, holds: Callable[[], bool], timeout: float = 90.0) -> N
         time.sleep(0.05)
 
 
+def start(folder: Path, module: str, arguments: Sequence[str], out: IO[Any], err: IO[Any]) -> Process:
+    """``python -m module arguments``; started by Python itself only where processes cannot be forked and watched."""
+    environment = {**os.environ, "COLUMNS": "200"}
+    if hasattr(os, "pidfd_open"):
+        return WarmProcess(module, arguments, folder, environment, out.fileno(), err.fileno())
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment)
+
+
 class Program:
     """``mocapella <arguments>`` as a process of its own; its output goes to a file that a failing test can show.
 
@@ -43,14 +57,7 @@ class Program:
     def __init__(self, folder: Path, name: str, *arguments: str, module: str = "mocapella") -> None:
         self.log = folder / f"{name}.log"
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "COLUMNS": "200"},
-            )
+            self.process = start(folder, module, arguments, log, log)
 
     @property
     def output(self) -> str:
@@ -86,16 +93,15 @@ class Program:
 
 def run(folder: Path, *arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
     """``mocapella <arguments>`` to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", "mocapella", *arguments],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-        env={**os.environ, "COLUMNS": "200"},
-    )
+    with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as err:
+        process = start(folder, "mocapella", arguments, out, err)
+        try:
+            status = process.wait(timeout)
+        finally:
+            process.kill()
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(["mocapella", *arguments], status, out.read(), err.read())
 
 
 def result(folder: Path, *arguments: str, timeout: float = 120.0) -> Any:
