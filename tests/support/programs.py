@@ -43,7 +43,7 @@ def start(folder: Path, module: str, arguments: Sequence[str], out: IO[Any], err
     """``python -m module arguments``; started by Python itself only where processes cannot be forked and watched."""
     environment = {**os.environ, "COLUMNS": "200"}
     if hasattr(os, "pidfd_open"):
-        return WarmProcess(module, arguments, folder, environment, out.fileno(), err.fileno())
+        return WarmProcess(module, arguments, folder, environment, (out.fileno(), err.fileno()))
     command = [sys.executable, "-m", module, *arguments]
     return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment)
 

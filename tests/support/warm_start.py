@@ -33,18 +33,23 @@ class WarmProcess:
         module, arguments: what is run.
         folder: working directory.
         environment: all its variables.
-        out, err: file descriptors for its output.
+        outputs: file descriptors for its output and its errors.
     """
 
     def __init__(
-        self, module: str, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], out: int, err: int
+        self,
+        module: str,
+        arguments: Sequence[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        outputs: tuple[int, int],
     ) -> None:
         self.returncode: int | None = None
         request = json.dumps([module, list(arguments), str(folder), dict(environment)]).encode()
         reports, report = os.pipe()
-        with open(report, "wb"):
-            socket.send_fds(_requests(), [request], [out, err, report])
-        self._reports = open(reports, encoding="ascii")  # noqa: SIM115
+        socket.send_fds(_requests(), [request], [*outputs, report])
+        os.close(report)
+        self._reports = os.fdopen(reports, encoding="ascii")
         self.pid = int(self._reports.readline())
 
     def poll(self) -> int | None:
@@ -97,7 +102,7 @@ def _import_everything() -> None:
     for module in pkgutil.walk_packages(mocapella.__path__, "mocapella."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    assert len(os.listdir("/proc/self/task")) == 1, "an import starts a thread: nothing can be forked safely"
+    assert len(list(Path("/proc/self/task").iterdir())) == 1, "an import starts a thread: nothing can be forked safely"
 
 
 def _serve(requests: socket.socket) -> tuple[str, list[str]]:
