@@ -90,7 +90,7 @@ def _requests() -> socket.socket:
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "COLUMNS": "200"},
+            env={**os.environ, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"},
         )
     atexit.register(lambda: (ours.close(), started.wait()))
     return ours
