@@ -98,6 +98,7 @@ def _requests() -> socket.socket:
 
 def _import_everything() -> None:
     import mocapella
+    from support import numba_loaded  # noqa: F401
 
     for module in pkgutil.walk_packages(mocapella.__path__, "mocapella."):
         if not module.name.endswith("__main__"):
@@ -143,6 +144,7 @@ def _serve(requests: socket.socket) -> tuple[str, list[str]]:
 
 
 if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
     _import_everything()
     name, sys.argv[1:] = _serve(socket.socket(fileno=int(sys.argv[1])))
     runpy.run_module(name, run_name="__main__", alter_sys=True)
