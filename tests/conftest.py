@@ -204,7 +204,9 @@ def _make_filmed_bodies_ready() -> None:
     scene.masks(0)
 
 
-def _make_triangulation_ready() -> None:
+def _make_hands_ready() -> None:
+    """What hands and triangulation share is compiled once if one process compiles both."""
+    warm_up("hands")
     from mocapella.geometry.triangulation import triangulate, views
 
     lens = [900.0, 900.0, 320.0, 240.0, 0.1, 0.0, 0.0, 0.0, 0.0]
@@ -213,18 +215,18 @@ def _make_triangulation_ready() -> None:
     triangulate(np.full((1, 2, 2), 300.0), views([lens, lens], [np.eye(4), beside]))
 
 
-def _compile_parts_of_people() -> None:
+def _make_people_ready() -> None:
+    """The whole method, and its parts, which a server compiles in processes of their own."""
+    warm_up("default")
     for part in METHODS["default"].warm_up_parts:
         load(part)()
 
 
 PARTS = {
     "silhouettes": lambda: warm_up("silhouettes"),
-    "people": lambda: warm_up("default"),
-    "parts of people": _compile_parts_of_people,
+    "people": _make_people_ready,
     "arms": _make_arms_ready,
-    "triangulation": _make_triangulation_ready,
-    "hands": lambda: warm_up("hands"),
+    "hands": _make_hands_ready,
     "pictures of hands": _make_pictures_ready,
     "filmed bodies": _make_filmed_bodies_ready,
     "rooms": _make_rooms_ready,

@@ -97,8 +97,9 @@ def _requests() -> socket.socket:
 
 
 def _import_everything() -> None:
-    import mocapella
     from support import numba_loaded  # noqa: F401
+
+    import mocapella
 
     for module in pkgutil.walk_packages(mocapella.__path__, "mocapella."):
         if not module.name.endswith("__main__"):
