@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,15 @@ def bent(mesh: RiggedMesh, degrees: dict[str, float], place: tuple[float, float,
     return TreePose(T, angles)
 
 
+@cache
+def _wall(seed: int, camera: int, size_px: tuple[int, int]) -> UInt8:
+    width, height = size_px
+    coarse = np.random.default_rng([seed, camera]).integers(60, 200, (-(-height // 8), -(-width // 8), 3))
+    wall = coarse.astype(np.uint8).repeat(8, axis=0).repeat(8, axis=1)[:height, :width]
+    wall.flags.writeable = False
+    return wall
+
+
 @dataclass
 class Room:
     """Cameras, a body, and walls of another colour at every few pixels."""
@@ -64,14 +74,10 @@ class Room:
     seed: int = 0
 
     def walls(self) -> dict[str, UInt8]:
-        """The room without anybody, as each camera sees it."""
-        out = {}
-        for k, (name, placed) in enumerate(self.rig.cameras.items()):
-            rng = np.random.default_rng([self.seed, k])
-            width, height = placed.camera.size_px
-            coarse = rng.integers(60, 200, (-(-height // 8), -(-width // 8), 3))
-            out[name] = np.kron(coarse, np.ones((8, 8, 1)))[:height, :width].astype(np.uint8)
-        return out
+        """The room without anybody, as each camera sees it; images that nobody changes."""
+        return {
+            name: _wall(self.seed, k, placed.camera.size_px) for k, (name, placed) in enumerate(self.rig.cameras.items())
+        }
 
     def masks(self, pose: TreePose) -> dict[str, Bool]:
         """Where the body is."""
