@@ -75,9 +75,8 @@ class Room:
 
     def walls(self) -> dict[str, UInt8]:
         """The room without anybody, as each camera sees it; images that nobody changes."""
-        return {
-            name: _wall(self.seed, k, placed.camera.size_px) for k, (name, placed) in enumerate(self.rig.cameras.items())
-        }
+        cameras = self.rig.cameras.items()
+        return {name: _wall(self.seed, k, placed.camera.size_px) for k, (name, placed) in enumerate(cameras)}
 
     def masks(self, pose: TreePose) -> dict[str, Bool]:
         """Where the body is."""
