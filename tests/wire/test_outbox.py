@@ -147,6 +147,17 @@ def test_a_spooler_makes_room_with_the_oldest_part_and_says_what_is_lost() -> No
     spooler.close()
 
 
+def test_frames_are_spilled_when_the_oldest_has_waited_longer_than_the_limit() -> None:
+    shelf = Shelf()
+    outbox = filled(2, shelf=shelf)
+    outbox.update(OPEN, 0)
+    spooler = Spooler(outbox, shelf, print)
+    spooler.update(int(SPILL_AFTER_S * 1e9))
+    assert shelf.parts == {}
+    spooler.update(int(SPILL_AFTER_S * 1e9) + 1)
+    assert sorted(shelf.parts) == [0]
+
+
 def test_what_a_closed_take_lacks_is_kept_in_a_file_at_once_and_not_held_any_more() -> None:
     shelf, said = Shelf(), list[str]()
     outbox = filled(4, shelf=shelf)
