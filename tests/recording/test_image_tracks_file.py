@@ -9,7 +9,7 @@ import pytest
 
 from mocapella.errors import InputError
 from mocapella.model.camera_rig_file import load_camera_rig
-from mocapella.recording.image_tracks_file import BODY_25, BODY_25B, read_image_tracks
+from mocapella.recording.image_tracks_file import BODY_25, BODY_25B, CALISCOPE_COLUMNS, OWN_COLUMNS, read_image_tracks
 from mocapella.recording.measured_distances import read_measured_distances
 from mocapella.recording.point_recordings import read_point_recording
 
@@ -51,6 +51,15 @@ def test_caliscopes_csv_sorts_by_number(tmp_path: Path) -> None:
     assert (tracks.cameras, tracks.points) == (("2", "10"), ("9", "100"))
     np.testing.assert_array_equal(tracks.pixels[0, 1, 1], [10, 100])
     assert (tracks.confidences == 1).all()
+
+
+@pytest.mark.parametrize("columns", [CALISCOPE_COLUMNS, OWN_COLUMNS])
+def test_no_more_columns_are_needed_than_those_of_a_point(tmp_path: Path, columns: tuple[str, ...]) -> None:
+    cells = {"frame": "0", "sync_index": "0", "camera": "7", "port": "7", "point": "3", "point_id": "3"}
+    row = ",".join(cells.get(column, "1.5") for column in columns)
+    tracks = read_image_tracks([written(tmp_path, "xy.csv", f"{','.join(columns)}\n{row}\n")])
+    assert (tracks.cameras, tracks.points) == (("7",), ("3",))
+    np.testing.assert_array_equal(tracks.pixels[0, 0, 0], [1.5, 1.5])
 
 
 def test_openposes_folders_and_the_surest_person(tmp_path: Path) -> None:
