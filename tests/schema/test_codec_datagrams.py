@@ -151,6 +151,8 @@ def test_a_marker_with_one_coordinate_is_written_as_not_seen(pair: tuple[float, 
         (b"639.5,0", b"639.51,0"),
         (b"0,479.5", b"0,479.51"),
         (b"#%d;1,2" % MAX_SEQUENCE, b"#%d;1,2" % (MAX_SEQUENCE + 1)),
+        (b"#9223372036854775807;1,2", b"#9223372036854775808;1,2"),  # what 64 bits hold
+        (b"#0,9007199254740992;1,2", b"#0,9007199254740993;1,2"),  # what a 64-bit float holds
         (b"#0,%d;1,2" % MAX_TIME_US, b"#0,%d;1,2" % (MAX_TIME_US + 1)),
         (b"1,2" + b" " * (MAX_DATAGRAM_BYTES - 3), b"1,2" + b" " * (MAX_DATAGRAM_BYTES - 2)),
     ],
