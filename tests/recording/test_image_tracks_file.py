@@ -53,6 +53,14 @@ def test_caliscopes_csv_sorts_by_number(tmp_path: Path) -> None:
     assert (tracks.confidences == 1).all()
 
 
+def test_images_that_a_camera_lacks_are_counted(tmp_path: Path) -> None:
+    for camera, numbers in (("left", (0, 1, 2)), ("right", (0, 1)), ("top", (0, 2))):
+        for number in numbers:
+            openpose(tmp_path, camera, number, [person(1, 0.5)])
+    tracks = read_image_tracks([tmp_path / camera for camera in ("left", "right", "top")])
+    assert tracks.notes == ("2 frames are missing in some camera",)
+
+
 @pytest.mark.parametrize("columns", [CALISCOPE_COLUMNS, OWN_COLUMNS])
 def test_no_more_columns_are_needed_than_those_of_a_point(tmp_path: Path, columns: tuple[str, ...]) -> None:
     cells = {"frame": "0", "sync_index": "0", "camera": "7", "port": "7", "point": "3", "point_id": "3"}
@@ -169,8 +177,11 @@ def test_measured_distances(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("distance_cm\n1\n", "field disparity_px: a column is missing"),
-        ("distance_cm,disparity_px\n1,2\n0,3\n", "row 3: field distance_cm: '0'"),
-        ("distance_cm,disparity_px\n1,x\n", "row 2: field disparity_px: 'x'"),
+        (
+            "distance_cm,disparity_px\n1,2\n0,3\n",
+            "not a number above 0",
+        ),
+        ("distance_cm,disparity_px\n1,x\n", "not a number of pixels"),
     ],
 )
 def test_measured_distances_of_no_use_are_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -362,6 +362,7 @@ def test_other_separators(tmp_path: Path, text: str) -> None:
         ("Head_Y", "1e999", "is not finite"),
         ("Head_Z", "-9999", "Head has a part of its coordinates"),
         ("Head_Z", "12000", "is 9999 m away or farther"),
+        ("Head_Z", "9999", "is 9999 m away or farther"),
         ("Skeleton_Init_Angle", "left", "is no number"),
         ("Kinect_Height", "NaN", "is not finite"),
         ("Person_Id", "1.5", "is no whole number"),

@@ -188,3 +188,12 @@ def test_history_that_comes_again_is_counted_and_gaps_are_known(tmp_path: Path) 
     assert (first.first, first.last, first.stored, first.missing, first.lost) == (10, 20, 5, ((12, 12), (15, 19)), 6)
     assert (second.node_id, second.missing) == (2, ())
     assert keys(read_take(report.path))[-1] == ("front", 2, 3)
+
+
+def test_a_takes_time_is_from_its_beginning_to_its_last_entry(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(100 * 10**9), reserve_bytes=0)
+    assert writer.seconds == 0.0
+    write_frame(writer, "front", 1, 101 * 10**9)
+    write_frame(writer, "front", 2, 102 * 10**9 + 10**9 // 2)
+    assert writer.seconds == 2.5
+    writer.close()

@@ -230,6 +230,10 @@ def test_an_image_has_sides_and_an_area_within_limits(width: int, height: int, f
             image_size(width, height, "DepthFrame")
 
 
+def test_scenes_of_three_megabytes_are_read() -> None:
+    assert len(read("people", "reason", "x" * 3_000_000).state.reason) == 3_000_000
+
+
 def test_a_message_may_be_as_long_as_the_limit() -> None:
     data = encode_frame(plain_frame(1))
     assert parse(pb.BodyFrame, data, len(data)).sensor == "front"

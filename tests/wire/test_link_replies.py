@@ -11,7 +11,7 @@ import msgspec
 import pytest
 import zenoh
 
-from mocapella.errors import NameTakenError, NoServerError
+from mocapella.errors import BusError, NameTakenError, NoServerError
 from mocapella.model.limits import MAX_COMMAND_BYTES
 from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus, Setup
 from mocapella.wire import keys
@@ -19,6 +19,7 @@ from mocapella.wire import node as node_module
 from mocapella.wire import session as session_module
 from mocapella.wire.delivery import FrameRequest
 from mocapella.wire.node import JoinReply, NodeLink
+from mocapella.wire.questions import AskPicture, NodeAnswer, ask_node, write_answer
 from mocapella.wire.reader import Newest, send_command
 from mocapella.wire.server import Answer, ServerLink
 from mocapella.wire.session import open_client_at
@@ -157,6 +158,43 @@ def test_a_leaving_node_waits_no_longer_than_told(
     node.outbox.add(b"0", 0)
     node.outbox.update(FrameRequest("take", 0), 0)
     assert 25 <= farewell(node, monkeypatch, seconds=0.51) <= 26  # of 0.02 s each
+
+
+@pytest.mark.parametrize(
+    ("request_of_take", "ended"),
+    [
+        (FrameRequest("take", 0), False),
+        (FrameRequest("take", 0, end=0), True),
+        (FrameRequest("take", 0, closed=True), True),
+    ],
+)
+def test_a_node_hears_that_a_take_has_ended_or_is_closed(
+    request_of_take: FrameRequest,
+    ended: bool,
+    make_node: Callable[[Session], NodeLink],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    node = make_node(Session())
+    monkeypatch.setattr(node._spooler, "begin", nothing)
+    replies: list[bytes] = []
+    query = SimpleNamespace(
+        payload=payload(msgspec.json.encode(request_of_take)),
+        reply=lambda _, data, **__: replies.append(data),
+        drop=nothing,
+    )
+    node._deliver(query)  # type: ignore[arg-type]
+    assert node._ended.is_set() == ended
+    assert json.loads(replies[-1])["next"] == 0
+
+
+def test_the_first_answer_of_a_node_counts_and_a_refusal_of_the_bus_is_none() -> None:
+    answer = NodeAnswer(False, "no picture yet")
+    denied = reply(b"denied", refused=True)
+    session = Session([denied, reply(write_answer(answer))], [denied], [])
+    assert ask_node(session, "left", AskPicture()) == answer  # type: ignore[arg-type]
+    for _ in range(2):
+        with pytest.raises(BusError, match="left: no answer within 2 s"):
+            ask_node(session, "left", AskPicture(), timeout=2.0)  # type: ignore[arg-type]
 
 
 def test_a_status_is_read_once_and_what_is_none_is_counted() -> None:

@@ -281,3 +281,33 @@ def test_a_request_that_is_nonsense_is_answered_with_an_error() -> None:
     finally:
         server.close()
     assert nonsense == []
+
+
+def test_memory_is_crowded_beyond_what_it_is_meant_for() -> None:
+    outbox = Outbox(4)
+    outbox.update(OPEN, 0)
+    crowded = []
+    for number in range(6):
+        outbox.add(b"%d" % number, number)
+        crowded.append(outbox.crowded)
+    assert crowded == [False, False, False, False, True, True]
+
+
+def test_an_answer_ends_with_the_frame_that_fills_it() -> None:
+    outbox = Outbox(8)
+    for number in range(8):
+        outbox.add(bytes(1024 * 1024), number)
+    assert sum(1 for _ in outbox.wanted(FrameRequest("take", 0, wanted=[(0, 7)]))) == 4
+
+
+def test_frames_that_come_while_others_are_spilled_stay_in_memory() -> None:
+    class Slow(Shelf):
+        def write(self, first: int, frames: Sequence[bytes]) -> None:
+            super().write(first, frames)
+            outbox.add(b"4", 4)
+
+    outbox = filled(4, shelf=Slow())
+    outbox.update(OPEN, 0)
+    assert outbox.spill()
+    assert outbox.oldest == 0
+    assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4]
