@@ -151,8 +151,11 @@ def test_a_new_tracker_without_a_new_run_is_reported(tmp_path: Path) -> None:
     writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
     record(writer, 0, 2)
     record(writer, 2, 1)
+    record(writer, 3, 1, step=1)
     take = read_take(writer.close().path)
-    assert take.problems == ("run 0: step 0 follows step 3; a new tracker is a new run",)
+    assert take.problems == tuple(
+        f"run 0: step {step} follows step {before}; a new tracker is a new run" for step, before in ((0, 3), (1, 1))
+    )
 
 
 def test_status_truth_and_how_it_was_made_come_back(tmp_path: Path) -> None:

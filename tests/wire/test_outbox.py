@@ -158,6 +158,36 @@ def test_frames_are_spilled_when_the_oldest_has_waited_longer_than_the_limit() -
     assert sorted(shelf.parts) == [0]
 
 
+def test_each_loss_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    outbox, said = Outbox(2), list[str]()
+    outbox.update(OPEN, 0)
+    spooler = Spooler(outbox, None, said.append)
+    for number in range(5):
+        outbox.add(b"%d" % number, number)
+    spooler.update(10)
+    for number in range(5, 8):
+        outbox.add(b"%d" % number, number)
+    spooler.update(10)
+    spooler.update(10)
+    assert [int(line.split()[0]) for line in said] == [1, 3]
+
+
+def test_only_frames_that_a_take_needs_are_spilled() -> None:
+    shelf = Shelf()
+    free = filled(2, shelf=shelf)
+    assert not free.spill()  # no take
+    empty = Outbox(4, shelf)
+    empty.update(OPEN, 0)
+    assert not empty.spill()
+    nowhere = filled(2)
+    nowhere.update(OPEN, 0)
+    assert not nowhere.spill()
+    assert shelf.parts == {}
+    free.update(OPEN, 0)
+    assert free.spill()
+    assert shelf.parts == {0: [b"0", b"1"]}
+
+
 def test_what_a_closed_take_lacks_is_kept_in_a_file_at_once_and_not_held_any_more() -> None:
     shelf, said = Shelf(), list[str]()
     outbox = filled(4, shelf=shelf)
