@@ -14,7 +14,7 @@ FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 def existing() -> set[str]:
     """Return the paths of all Python files below the folders with code, and each of their endings."""
     paths: set[str] = set()
-    for folder in ("src", "tests", "examples", "benchmarks", "docs"):
+    for folder in ("src", "tests", "examples", "benchmarks", "docs", "scripts"):
         for path in (ROOT / folder).rglob("*.py"):
             parts = path.relative_to(ROOT).parts
             paths |= {"/".join(parts[k:]) for k in range(len(parts))}

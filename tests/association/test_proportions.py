@@ -140,3 +140,10 @@ def test_without_lengths_who_comes_back_elsewhere_is_somebody_new() -> None:
     door.seen(8.0)
     (other,) = door.seen(2.0, (4.0, unknown))
     assert other not in (one, None)
+
+
+@pytest.mark.parametrize("measured", range(len(unknown_size()[0]) + 1))
+def test_a_size_is_known_from_half_of_its_lengths_on(measured: int) -> None:
+    size = unknown_size().copy()
+    size[0, :measured], size[1, :measured] = 0.3, 1 + np.arange(measured)
+    assert known_size(size) == (measured >= size.shape[1] / 2)

@@ -15,6 +15,7 @@ from mocapella.geometry.twists import exp_twist
 from mocapella.model.twist_tree import TreePose
 from mocapella.recording.bodies_file import (
     ALONE,
+    PEOPLE_FORMAT,
     FollowedBody,
     FollowedPeople,
     check_person_name,
@@ -75,6 +76,21 @@ def test_a_file_that_is_none_is_named(tmp_path, changes, said):
     (tmp_path / "no.json").write_text("{")
     with pytest.raises(InputError, match=r"no\.json: is no JSON"):
         read_followed_body(tmp_path / "no.json")
+
+
+@pytest.mark.parametrize(
+    ("data", "body", "people"),
+    [
+        ({"frames": []}, True, False),
+        ({"format": PEOPLE_FORMAT}, False, True),
+        ({"format": "other"}, False, False),
+        (["frames"], False, False),
+        ("frames", False, False),
+        ({}, False, False),
+    ],
+)
+def test_what_a_file_has_is_told_by_its_fields(data, body, people):
+    assert (is_followed_body(data), is_followed_people(data)) == (body, people)
 
 
 names = st.text(st.characters(categories=("L", "N", "P", "Zs")), min_size=1, max_size=40).filter(

@@ -9,7 +9,7 @@ import pytest
 
 from mocapella.errors import InputError
 from mocapella.model.camera_rig_file import load_camera_rig
-from mocapella.recording.image_tracks_file import BODY_25, BODY_25B, read_image_tracks
+from mocapella.recording.image_tracks_file import BODY_25, BODY_25B, CALISCOPE_COLUMNS, OWN_COLUMNS, read_image_tracks
 from mocapella.recording.measured_distances import read_measured_distances
 from mocapella.recording.point_recordings import read_point_recording
 
@@ -51,6 +51,23 @@ def test_caliscopes_csv_sorts_by_number(tmp_path: Path) -> None:
     assert (tracks.cameras, tracks.points) == (("2", "10"), ("9", "100"))
     np.testing.assert_array_equal(tracks.pixels[0, 1, 1], [10, 100])
     assert (tracks.confidences == 1).all()
+
+
+def test_images_that_a_camera_lacks_are_counted(tmp_path: Path) -> None:
+    for camera, numbers in (("left", (0, 1, 2)), ("right", (0, 1)), ("top", (0, 2))):
+        for number in numbers:
+            openpose(tmp_path, camera, number, [person(1, 0.5)])
+    tracks = read_image_tracks([tmp_path / camera for camera in ("left", "right", "top")])
+    assert tracks.notes == ("2 frames are missing in some camera",)
+
+
+@pytest.mark.parametrize("columns", [CALISCOPE_COLUMNS, OWN_COLUMNS])
+def test_no_more_columns_are_needed_than_those_of_a_point(tmp_path: Path, columns: tuple[str, ...]) -> None:
+    cells = {"frame": "0", "sync_index": "0", "camera": "7", "port": "7", "point": "3", "point_id": "3"}
+    row = ",".join(cells.get(column, "1.5") for column in columns)
+    tracks = read_image_tracks([written(tmp_path, "xy.csv", f"{','.join(columns)}\n{row}\n")])
+    assert (tracks.cameras, tracks.points) == (("7",), ("3",))
+    np.testing.assert_array_equal(tracks.pixels[0, 0, 0], [1.5, 1.5])
 
 
 def test_openposes_folders_and_the_surest_person(tmp_path: Path) -> None:
@@ -160,8 +177,11 @@ def test_measured_distances(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("distance_cm\n1\n", "field disparity_px: a column is missing"),
-        ("distance_cm,disparity_px\n1,2\n0,3\n", "row 3: field distance_cm: '0'"),
-        ("distance_cm,disparity_px\n1,x\n", "row 2: field disparity_px: 'x'"),
+        (
+            "distance_cm,disparity_px\n1,2\n0,3\n",
+            "not a number above 0",
+        ),
+        ("distance_cm,disparity_px\n1,x\n", "not a number of pixels"),
     ],
 )
 def test_measured_distances_of_no_use_are_refused(tmp_path: Path, text: str, said: str) -> None:

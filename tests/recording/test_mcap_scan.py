@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from mocapella.recording.mcap_file import MAGIC
-from mocapella.recording.mcap_scan import End, scan
+from mocapella.recording.mcap_scan import End, _next_chunk, _read_tail, _record_at, scan
 
 EMPTY = b"\x06" + struct.pack("<QQQQIIQ", 40, 0, 0, 0, 0, 0, 0)
 """A chunk without messages."""
@@ -58,3 +58,40 @@ def test_records_that_claim_the_rest_of_the_file_are_read_a_few_times_at_most(he
         assert isinstance(events[-1], End)
         counts.append(file.read_bytes)
     assert counts[1] < 5 * counts[0]  # four times the length
+
+
+@pytest.mark.parametrize("record", [metadata(0), EMPTY, metadata(2) + b"ab"])
+def test_a_record_that_ends_with_the_file_is_read_and_one_byte_less_is_none(record: bytes) -> None:
+    """Also one without content, and a chunk without messages."""
+    for before in (0, 8):
+        file, end = io.BytesIO(bytes(before) + record), before + len(record)
+        assert _record_at(file, before, end) == record
+        assert _record_at(file, before, end - 1) is None
+
+
+@pytest.mark.parametrize("before", [0, 20, 5000])
+def test_the_next_chunk_is_one_that_ends_before_the_end(before: int) -> None:
+    whole = b"\x06" + struct.pack("<QQQQIIQ", 50, 0, 0, 10, 0, 0, 10) + bytes(10)
+    file, end = io.BytesIO(bytes(before) + whole + bytes(100)), before + len(whole)
+    assert _next_chunk(file, 0, end) == before
+    assert _next_chunk(file, 0, end + 100) == before
+    assert _next_chunk(file, 0, end - 1) is None
+    assert _next_chunk(file, before + 1, end) is None
+
+
+@pytest.mark.parametrize(("before", "there"), [(8, True), (7, False), (0, False)])
+def test_the_end_of_a_file_is_behind_its_magic(before: int, there: bool) -> None:
+    """The end of the data, without a summary, is nowhere else."""
+    end = b"\x0f" + struct.pack("<QI", 4, 0) + b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + MAGIC
+    data = bytes(before) + end
+    tail = _read_tail(io.BytesIO(data), len(data))
+    assert (tail is not None) == there
+    if tail is not None:
+        assert tail.data_end == before
+
+
+def test_the_end_of_the_data_and_the_foot_of_the_file_do_not_overlap() -> None:
+    end = b"\x0f" + struct.pack("<Q", 4)
+    foot = b"\x02" + struct.pack("<QQQI", 20, 8 + 13, 0, 0) + MAGIC
+    data = MAGIC + end + foot  # whose first bytes are the checksum of the data
+    assert _read_tail(io.BytesIO(data), len(data)) is None

@@ -54,6 +54,15 @@ def test_frames_come_back_from_the_spool_as_they_were(tmp_path: Path) -> None:
     assert not (tmp_path / "spool").exists()
 
 
+def test_a_spool_may_be_as_large_as_its_largest_size(tmp_path: Path) -> None:
+    size = sum(map(len, frames(range(3))))
+    place = spool(tmp_path, SpoolLimits(0, most_bytes=2 * size))
+    place.write(0, frames(range(3)))
+    place.write(3, frames(range(3)))
+    with pytest.raises(DiskFullError, match=f"largest size, {2 * size} bytes"):
+        place.write(6, [b"x"])
+
+
 def test_a_spool_leaves_the_reserve_and_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DiskFullError, match="largest size"):
         spool(tmp_path, SpoolLimits(0, most_bytes=10)).write(0, frames(range(3)))

@@ -149,6 +149,24 @@ def test_a_joint_at_the_origin_or_at_9999_is_missing(tmp_path: Path, text: str, 
     assert missing.sum() == 3
 
 
+def test_a_joint_is_missing_within_a_micrometre_of_the_origin_and_not_at_it(tmp_path: Path, text: str) -> None:
+    for axis in "XYZ":
+        text = examples.edited(text, 2, f"Neck_{axis}", "1e-6")
+        text = examples.edited(text, 3, f"Neck_{axis}", "9.999e-7")
+    missing = np.isnan(read_study_log(examples.saved(tmp_path, text)).positions)
+    assert missing[1, 2].all()
+    assert missing.sum() == 3
+
+
+def test_a_missing_joint_before_a_wrong_field_is_not_named_for_it(tmp_path: Path, text: str) -> None:
+    for axis in "XYZ":
+        text = examples.edited(text, 5, f"Head_{axis}", "-9999")
+    last = text.partition("\n")[0].split(", ")[-1]
+    message = _refusal(examples.saved(tmp_path, examples.edited(text, 5, last, "abc")))
+    assert f"row 5: field {last}: " in message
+    assert "is no number" in message
+
+
 def test_zeros_that_went_to_the_world_and_back_are_missing_too(real_logs: dict[str, StudyLog]) -> None:
     log = real_logs["Study_20_Kinect_1_Time_1_30_34_PM.csv.gz"]
     assert np.isnan(log.positions[..., 0]).sum() == 24  # 8 at exactly 0, 16 at −3e-8
@@ -344,6 +362,7 @@ def test_other_separators(tmp_path: Path, text: str) -> None:
         ("Head_Y", "1e999", "is not finite"),
         ("Head_Z", "-9999", "Head has a part of its coordinates"),
         ("Head_Z", "12000", "is 9999 m away or farther"),
+        ("Head_Z", "9999", "is 9999 m away or farther"),
         ("Skeleton_Init_Angle", "left", "is no number"),
         ("Kinect_Height", "NaN", "is not finite"),
         ("Person_Id", "1.5", "is no whole number"),

@@ -156,3 +156,11 @@ def test_takes_and_their_folders_are_for_this_user_only(tmp_path: Path) -> None:
     assert tmp_path.stat().st_mode & 0o777 == 0o755  # one that is there is not changed
     with pytest.raises(RecordingError, match="cannot be the folder"):
         disk.ensure_folder(folder / "walk.mcap")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders cannot be opened there")
+def test_a_new_names_folder_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flushed: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda fd: flushed.append(os.fstat(fd).st_ino))
+    disk.sync_folder(tmp_path)
+    assert flushed == [tmp_path.stat().st_ino]

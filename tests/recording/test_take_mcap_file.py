@@ -1,11 +1,15 @@
 """Other MCAP programs read what we write: here the library of the format's authors, every checksum and index."""
 
 import os
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import MessageIndex, SummaryOffset
 from mcap.stream_reader import StreamReader
 from support.take_making import frame_bytes, info, record, small_take
 
@@ -44,6 +48,56 @@ def test_each_message_index_points_at_its_messages(tmp_path: Path) -> None:
     every = [log_ns for log_ns, _ in read_take(path).scenes()]
     assert late == [t for t in every if t >= 200_000_000]
     assert reverse == every[::-1]
+
+
+def test_every_offset_of_the_index_is_that_of_what_it_names(tmp_path: Path) -> None:
+    """Of chunks, the messages in them, their message index, the metadata, and the groups of the summary."""
+    path = small_take(tmp_path / "a.mcap", count=10)
+    data = path.read_bytes()
+
+    def record_at(at: int, opcode: Opcode) -> tuple[bytes, int]:
+        length = int.from_bytes(data[at + 1 : at + 9], "little")
+        assert data[at] == opcode
+        return data[at + 9 : at + 9 + length], 9 + length
+
+    with path.open("rb") as file:
+        records = list(StreamReader(file).records)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == 4
+    assert summary.metadata_indexes
+    for chunk in summary.chunk_indexes:
+        body, length = record_at(chunk.chunk_start_offset, Opcode.CHUNK)
+        assert length == chunk.chunk_length
+        content = body[40:]  # of an uncompressed chunk
+        assert len(content) == chunk.compressed_size == chunk.uncompressed_size
+        times, at = [], chunk.chunk_start_offset + chunk.chunk_length
+        assert chunk.message_index_length == sum(
+            record_at(offset, Opcode.MESSAGE_INDEX)[1] for offset in chunk.message_index_offsets.values()
+        )
+        assert min(chunk.message_index_offsets.values()) == at
+        for channel, offset in chunk.message_index_offsets.items():
+            body, _ = record_at(offset, Opcode.MESSAGE_INDEX)
+            index = MessageIndex.read(ReadDataStream(BytesIO(body)))
+            assert index.channel_id == channel
+            for log_ns, place in index.records:
+                assert content[place] == Opcode.MESSAGE
+                assert int.from_bytes(content[place + 9 : place + 11], "little") == channel
+                assert int.from_bytes(content[place + 15 : place + 23], "little") == log_ns
+                times.append(log_ns)
+        assert (min(times), max(times)) == (chunk.message_start_time, chunk.message_end_time)
+    for metadata in summary.metadata_indexes:
+        body, length = record_at(metadata.offset, Opcode.METADATA)
+        assert length == metadata.length
+        assert metadata.name.encode() in body
+    groups = [record for record in records if isinstance(record, SummaryOffset)]
+    assert len(groups) == 5
+    for group in groups:
+        at = group.group_start
+        while at < group.group_start + group.group_length:
+            at += record_at(at, Opcode(group.group_opcode))[1]
+        assert at == group.group_start + group.group_length
 
 
 def test_the_schema_in_the_take_is_enough_to_read_a_frame(tmp_path: Path) -> None:

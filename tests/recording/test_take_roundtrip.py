@@ -151,8 +151,11 @@ def test_a_new_tracker_without_a_new_run_is_reported(tmp_path: Path) -> None:
     writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
     record(writer, 0, 2)
     record(writer, 2, 1)
+    record(writer, 3, 1, step=1)
     take = read_take(writer.close().path)
-    assert take.problems == ("run 0: step 0 follows step 3; a new tracker is a new run",)
+    assert take.problems == tuple(
+        f"run 0: step {step} follows step {before}; a new tracker is a new run" for step, before in ((0, 3), (1, 1))
+    )
 
 
 def test_status_truth_and_how_it_was_made_come_back(tmp_path: Path) -> None:
@@ -188,3 +191,12 @@ def test_history_that_comes_again_is_counted_and_gaps_are_known(tmp_path: Path) 
     assert (first.first, first.last, first.stored, first.missing, first.lost) == (10, 20, 5, ((12, 12), (15, 19)), 6)
     assert (second.node_id, second.missing) == (2, ())
     assert keys(read_take(report.path))[-1] == ("front", 2, 3)
+
+
+def test_a_takes_time_is_from_its_beginning_to_its_last_entry(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(100 * 10**9), reserve_bytes=0)
+    assert writer.seconds == 0.0
+    write_frame(writer, "front", 1, 101 * 10**9)
+    write_frame(writer, "front", 2, 102 * 10**9 + 10**9 // 2)
+    assert writer.seconds == 2.5
+    writer.close()

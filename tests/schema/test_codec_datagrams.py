@@ -136,3 +136,34 @@ def test_the_vectors_are_those_of_the_script_and_have_every_problem() -> None:
     assert {row["refused"] for row in VECTORS.values() if "refused" in row} == set(DatagramProblem)
     said = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
     assert (tuple(said["order"]), tuple(said["size_px"])) == (MARKERS, SIZE_PX)
+
+
+@pytest.mark.parametrize("pair", [(np.nan, 3.0), (3.0, np.nan), (np.inf, 3.0), (3.0, -np.inf)])
+def test_a_marker_with_one_coordinate_is_written_as_not_seen(pair: tuple[float, float]) -> None:
+    assert encode_marker_datagram(MarkerDatagram(np.array([pair, (1.0, 2.0)]))) == b",;1.00,2.00\n"
+
+
+@pytest.mark.parametrize(
+    ("last", "beyond"),
+    [
+        (b"-0.5,0", b"-0.51,0"),
+        (b"0,-0.5", b"0,-0.51"),
+        (b"639.5,0", b"639.51,0"),
+        (b"0,479.5", b"0,479.51"),
+        (b"#%d;1,2" % MAX_SEQUENCE, b"#%d;1,2" % (MAX_SEQUENCE + 1)),
+        (b"#9223372036854775807;1,2", b"#9223372036854775808;1,2"),  # what 64 bits hold
+        (b"#0,9007199254740992;1,2", b"#0,9007199254740993;1,2"),  # what a 64-bit float holds
+        (b"#0,%d;1,2" % MAX_TIME_US, b"#0,%d;1,2" % (MAX_TIME_US + 1)),
+        (b"1,2" + b" " * (MAX_DATAGRAM_BYTES - 3), b"1,2" + b" " * (MAX_DATAGRAM_BYTES - 2)),
+    ],
+)
+def test_the_last_value_is_read_and_the_next_is_refused(last: bytes, beyond: bytes) -> None:
+    decode_marker_datagram(last, names(1), (640, 480))
+    with pytest.raises(DatagramError):
+        decode_marker_datagram(beyond, names(1), (640, 480))
+
+
+@pytest.mark.parametrize(("length", "shown"), [(40, f"'{40 * 'x'}'"), (41, f"'{39 * 'x'}…'")])
+def test_a_strangers_text_is_shown_up_to_forty_characters(length: int, shown: str) -> None:
+    with pytest.raises(DatagramError, match=f"^{shown} has no pairs"):
+        decode_marker_datagram(b"x" * length, names(2), (640, 480))

@@ -120,6 +120,7 @@ def forged(size: int) -> bytes:
         ({"depth": packed(24)[:-3]}, "cannot be unpacked"),
         ({"depth": packed(24) + b"x"}, "cannot be unpacked"),
         ({"depth": packed(24, told=False)}, "has no unpacked size"),
+        ({"depth": packed(0)}, "unpacks to 0 bytes"),
         ({"depth": forged(20)}, "cannot be unpacked"),
         ({"depth": forged(30)}, "cannot be unpacked"),
         ({"sensor": "-"}, "sensor name"),

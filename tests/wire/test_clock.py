@@ -94,6 +94,20 @@ def test_the_drift_is_within_its_bound_and_the_bound_is_that_of_a_minute(
     assert estimate.drift_bound_ppm <= (10_000 + 10_000) * 1.01 / DRIFT_OVER_S + 1
 
 
+def test_the_drift_is_known_from_its_shortest_time_on_and_is_that_of_the_longest() -> None:
+    clocks, found = Clocks(0), OffsetFilter()
+    clocks.drift(100)
+    for second in range(2 * DRIFT_OVER_S + 1):
+        clocks.near = 10**12 + second * SECOND
+        found.update([clocks.probe(0, 0)])
+        estimate = found.estimate(clocks.near)
+        assert estimate is not None
+        assert (estimate.drift_ppm is not None) == (second >= DRIFT_FROM_S)
+        assert found._past[0].at_ns == 10**12 + max(0, second - DRIFT_OVER_S) * SECOND
+    assert estimate.drift_ppm == pytest.approx(100)
+    assert estimate.drift_bound_ppm == pytest.approx(0, abs=1e-6)
+
+
 @given(step=st.integers(10**9, 10**15), sign=st.sampled_from([-1, 1]))
 def test_after_a_step_of_a_clock_only_later_probes_count(step: int, sign: int) -> None:
     clocks, found = Clocks(0), OffsetFilter()
@@ -142,6 +156,34 @@ def test_a_jump_of_the_sensors_clock_begins_anew() -> None:
     far = 3600 * 10**9
     assert clock.update(far, 400_000_000) == 400_000_000
     assert clock.update(far + 33_000_000, 433_000_100) == 433_000_000
+
+
+@pytest.mark.parametrize(("later", "jumped"), [(20 * SECOND - 1, False), (20 * SECOND, True)])
+def test_frames_that_are_later_by_a_jump_begin_anew_and_by_less_do_not(later: int, jumped: bool) -> None:
+    clock = SensorClock(window_s=1000.0)
+    clock.update(0, 100)
+    clock.update(10, 110 + later)
+    assert clock.offset_ns == (100 + later if jumped else 100)
+
+
+@pytest.mark.parametrize(("earlier", "jumped"), [(2 * SECOND - 1, False), (2 * SECOND, True)])
+def test_frames_that_are_earlier_by_a_jump_begin_a_new_window(earlier: int, jumped: bool) -> None:
+    clock = SensorClock(window_s=10.0)
+    clock.update(0, SECOND)
+    clock.update(2 * SECOND + earlier, 3 * SECOND)
+    assert clock.offset_ns == SECOND - earlier
+    for arrival in (6 * SECOND + 1, 11 * SECOND + 3):  # more than half a window after the first frame, and again
+        clock.update(arrival - SECOND, arrival)
+    assert clock.offset_ns == (SECOND - earlier if jumped else SECOND)
+
+
+def test_the_smallest_latency_counts_for_half_a_window_and_then_half_a_window_more() -> None:
+    clock, begin = SensorClock(window_s=2.0), SECOND
+    assert clock.update(begin - 100, begin) == begin
+    for arrival, latency in ((2 * SECOND, 300), (2 * SECOND + 1, 400), (3 * SECOND + 1, 500)):
+        assert clock.update(arrival - latency, arrival) == arrival - latency + 100
+    clock.update(3 * SECOND + 2 - 600, 3 * SECOND + 2)
+    assert clock.offset_ns == 400
 
 
 @given(st.integers(0, 2**63 - 1))

@@ -147,6 +147,47 @@ def test_a_spooler_makes_room_with_the_oldest_part_and_says_what_is_lost() -> No
     spooler.close()
 
 
+def test_frames_are_spilled_when_the_oldest_has_waited_longer_than_the_limit() -> None:
+    shelf = Shelf()
+    outbox = filled(2, shelf=shelf)
+    outbox.update(OPEN, 0)
+    spooler = Spooler(outbox, shelf, print)
+    spooler.update(int(SPILL_AFTER_S * 1e9))
+    assert shelf.parts == {}
+    spooler.update(int(SPILL_AFTER_S * 1e9) + 1)
+    assert sorted(shelf.parts) == [0]
+
+
+def test_each_loss_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    outbox, said = Outbox(2), list[str]()
+    outbox.update(OPEN, 0)
+    spooler = Spooler(outbox, None, said.append)
+    for number in range(5):
+        outbox.add(b"%d" % number, number)
+    spooler.update(10)
+    for number in range(5, 8):
+        outbox.add(b"%d" % number, number)
+    spooler.update(10)
+    spooler.update(10)
+    assert [int(line.split()[0]) for line in said] == [1, 3]
+
+
+def test_only_frames_that_a_take_needs_are_spilled() -> None:
+    shelf = Shelf()
+    free = filled(2, shelf=shelf)
+    assert not free.spill()  # no take
+    empty = Outbox(4, shelf)
+    empty.update(OPEN, 0)
+    assert not empty.spill()
+    nowhere = filled(2)
+    nowhere.update(OPEN, 0)
+    assert not nowhere.spill()
+    assert shelf.parts == {}
+    free.update(OPEN, 0)
+    assert free.spill()
+    assert shelf.parts == {0: [b"0", b"1"]}
+
+
 def test_what_a_closed_take_lacks_is_kept_in_a_file_at_once_and_not_held_any_more() -> None:
     shelf, said = Shelf(), list[str]()
     outbox = filled(4, shelf=shelf)
@@ -270,3 +311,33 @@ def test_a_request_that_is_nonsense_is_answered_with_an_error() -> None:
     finally:
         server.close()
     assert nonsense == []
+
+
+def test_memory_is_crowded_beyond_what_it_is_meant_for() -> None:
+    outbox = Outbox(4)
+    outbox.update(OPEN, 0)
+    crowded = []
+    for number in range(6):
+        outbox.add(b"%d" % number, number)
+        crowded.append(outbox.crowded)
+    assert crowded == [False, False, False, False, True, True]
+
+
+def test_an_answer_ends_with_the_frame_that_fills_it() -> None:
+    outbox = Outbox(8)
+    for number in range(8):
+        outbox.add(bytes(1024 * 1024), number)
+    assert sum(1 for _ in outbox.wanted(FrameRequest("take", 0, wanted=[(0, 7)]))) == 4
+
+
+def test_frames_that_come_while_others_are_spilled_stay_in_memory() -> None:
+    class Slow(Shelf):
+        def write(self, first: int, frames: Sequence[bytes]) -> None:
+            super().write(first, frames)
+            outbox.add(b"4", 4)
+
+    outbox = filled(4, shelf=Slow())
+    outbox.update(OPEN, 0)
+    assert outbox.spill()
+    assert outbox.oldest == 0
+    assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4]

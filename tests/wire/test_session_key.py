@@ -66,6 +66,12 @@ def test_a_code_beyond_all_measure_is_not_read() -> None:
         read_code(write_code(msgspec.structs.replace(KEY, own=Certified(b"c", b"x" * 9000))))
 
 
+@pytest.mark.parametrize(("length", "said"), [(8192, "is damaged"), (8193, "is no key")])
+def test_a_code_is_decoded_up_to_its_longest_length(length: int, said: str) -> None:
+    with pytest.raises(KeyFileError, match=said):
+        read_code(write_code(KEY).ljust(length, "A"))
+
+
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no file modes")
 def test_a_key_of_another_user_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     session_key("lab")

@@ -1,0 +1,1 @@
+"""Commands for those who change Mocapella; not part of the package."""

@@ -1,0 +1,42 @@
+"""Questions and answers of cameras: there and back, and the sizes up to which they are read."""
+
+from __future__ import annotations
+
+import pytest
+
+from mocapella.errors import WireError
+from mocapella.wire.questions import (
+    MAX_ANSWER_BYTES,
+    MAX_QUESTION_BYTES,
+    AskPicture,
+    NodeAnswer,
+    read_answer,
+    read_question,
+    write_answer,
+    write_question,
+)
+
+
+def test_a_question_is_read_up_to_its_limit() -> None:
+    data = write_question(AskPicture(scale=0.5))
+    assert read_question(data) == AskPicture(scale=0.5)
+    assert read_question(data.ljust(MAX_QUESTION_BYTES)) == AskPicture(scale=0.5)
+    with pytest.raises(WireError, match=f"at most {MAX_QUESTION_BYTES}"):
+        read_question(data.ljust(MAX_QUESTION_BYTES + 1))
+
+
+def test_an_answer_is_read_up_to_its_limit_which_leaves_room_for_a_picture() -> None:
+    answer = NodeAnswer(True, "x" * 6_000_000)
+    data = write_answer(answer)
+    assert read_answer(data) == answer
+    assert read_answer(data.ljust(MAX_ANSWER_BYTES)) == answer
+    with pytest.raises(WireError, match=f"at most {MAX_ANSWER_BYTES}"):
+        read_answer(data.ljust(MAX_ANSWER_BYTES + 1))
+
+
+def test_an_answer_beyond_the_limit_is_a_refusal_with_a_remedy() -> None:
+    room = MAX_ANSWER_BYTES - len(write_answer(NodeAnswer(True, "x"))) + 1
+    assert len(write_answer(NodeAnswer(True, "x" * room))) == MAX_ANSWER_BYTES
+    refusal = read_answer(write_answer(NodeAnswer(True, "x" * (room + 1))))
+    assert not refusal.ok
+    assert "ask for jpeg, or with a smaller scale" in refusal.message
