@@ -1,8 +1,9 @@
 """The record path of a take: acknowledges stored frames to their nodes, and requests missing ones.
 
 A request acknowledges what the last commit stored, and lists the gaps; the answer has those frames in order and the
-number of the node's next frame. After an outage, several requests to a node are under way, each for other frames. A take is complete once each node has said
-its end and nothing before it is missing. A clock is only used to wait for frames that may still be on their way.
+number of the node's next frame. After an outage, several requests to a node are under way, each for other frames. A
+take is complete once each node has said its end and nothing before it is missing. A clock is only used to wait for
+frames that may still be on their way.
 """
 
 from __future__ import annotations
@@ -372,8 +373,8 @@ def request_of(
     if state is None or not state.agreed:
         return FrameRequest(take, first, age_ns=age_ns)
     wanted: list[tuple[int, int]] = []
-    for begin, last in _without(state.gaps, under_way):
-        last = min(last, settled - 1, begin + most - 1)
+    for begin, end in _without(state.gaps, under_way):
+        last = min(end, settled - 1, begin + most - 1)
         if begin <= last and len(wanted) < MOST_GAPS:
             wanted.append((begin, last))
             most -= last - begin + 1
@@ -383,13 +384,14 @@ def request_of(
 def _without(gaps: Iterable[tuple[int, int]], taken: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
     """Yield what remains of ranges (first, last) without others."""
     for first, last in gaps:
+        rest = first
         for begin, end in sorted(taken):
-            if first <= end and begin <= last:
-                if first < begin:
-                    yield first, begin - 1
-                first = end + 1
-        if first <= last:
-            yield first, last
+            if rest <= end and begin <= last:
+                if rest < begin:
+                    yield rest, begin - 1
+                rest = end + 1
+        if rest <= last:
+            yield rest, last
 
 
 def hear_answer(

@@ -77,7 +77,7 @@ class WantedFrames:
         self._last = max(self._last, sequence)
 
     def unreadable(self) -> int | None:
-        """Return the number of a frame that cannot be decoded, the next in the answer's order; None if there is none."""
+        """Return the number of a frame that cannot be decoded, the answer's next one; None if there is none."""
         number = next((max(first, self._last + 1) for first, last in self.ranges if self._last < last), None)
         self._last = self._last if number is None else number
         return number
@@ -96,8 +96,9 @@ class Recorder:
 
     The recorder receives every frame as it arrives, again from the tracker with its scene, and missing frames on
     request. Messages are queued, and the methods return at once. When the recording has stopped by itself (`failed`),
-    they are dropped. An entry that cannot be written costs that entry only, which is counted and said. While 512 MiB wait for the disk, frames are dropped, which are requested again later; scenes and
-    ground truths are dropped for good, which is said once.
+    they are dropped. An entry that cannot be written costs that entry only, which is counted and said. While 512 MiB
+    wait for the disk, frames are dropped, which are requested again later; scenes and ground truths are dropped for
+    good, which is said once.
 
     Args:
         writer: of the take; the recorder closes it.
@@ -122,7 +123,7 @@ class Recorder:
         self._leaps = LeapGuard()
         self._say = say
         self.committed = committed
-        self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
         self._began = time.monotonic()
         self._problem = ""
@@ -175,7 +176,8 @@ class Recorder:
 
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
-        self._queue.put(partial(self._attempt, "account of a node", partial(self._writer.accounts.change, node, change)))
+        work = partial(self._writer.accounts.change, node, change)
+        self._queue.put(partial(self._attempt, "account of a node", work))
 
     def believes(self, node: NodeKey, after: int) -> bool:
         """Whether a node can have sent all frames below ``after``; if not, say so once."""

@@ -182,7 +182,7 @@ class NodeLedger:
         yield from self._received.gaps(self.first, end)
 
     def obtainable(self, below: int) -> Iterator[tuple[int, int]]:
-        """Yield gaps as `missing` does, only of frames that can be requested: the node may have them, and none is given up."""
+        """Yield gaps as `missing` does, without frames that the node no longer has, or that are given up."""
         yield from self._settled.gaps(max(self.first, self.oldest), min(below, self.after))
 
     def row(self, sensor: str, node_id: int) -> LedgerRow:

@@ -25,7 +25,6 @@ from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
 
-
 MAX_ENTRY_BYTES: Final = 256 * 1024 * 1024
 """Size of the largest entry that is stored."""
 
@@ -35,8 +34,9 @@ class TakeWriter:
 
     Entries of the ``write_`` methods are on the disk after the next `flush`. An argument ``log_ns`` is the time of the
     entry on the server's monotonic clock. An entry of more than `MAX_ENTRY_BYTES` raises `WireError`; after any error
-    of a ``write_`` method, nothing of the entry is stored, and the take goes on. After an error of `flush` or `close`, the take is closed as far as possible,
-    ``report`` describes the stored contents, and further writing raises `RecordingError`.
+    of a ``write_`` method, nothing of the entry is stored, and the take goes on. After an error of `flush` or `close`,
+    the take is closed as far as possible, ``report`` describes the stored contents, and further writing raises
+    `RecordingError`.
 
     Attributes:
         path: path of the take.
