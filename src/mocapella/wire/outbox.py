@@ -223,9 +223,10 @@ class Outbox:
         last = self._read
         if last[0] != part.first:
             assert self._store is not None
-            last = self._read = part.first, self._store.read(part.first)
+            last = part.first, self._store.read(part.first)
         if len(last[1]) != part.last - part.first + 1:
             raise RecordingError(f"spooled frames {part.first} to {part.last} are damaged; they count as lost")
+        self._read = last
         return last[1]
 
     def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
