@@ -86,13 +86,32 @@ class Session:
             self._kill_server, self._kill_node, self._kill_both, self._kill_node_alone, self._kill_starting,
             self._kill_closing, self._kill_merging,
         ]  # fmt: skip
-        self._rest()
+        self.rest()
         for number in range(kills):
             if number % len(kinds) == 0:
                 self._random.shuffle(kinds)
             kinds[number % len(kinds)]()
             time.sleep(self._random.uniform(0.2, 1.5))
-        self._rest()
+        self.rest()
+        self.end()
+
+    def outage(self, seconds: float, *, stopped: bool) -> tuple[int, int]:
+        """Let the server stand still, or kill it, for a time; return when it went and was back [ns, monotonic]."""
+        began_ns = time.monotonic_ns()
+        if stopped:
+            self._server.send_signal(signal.SIGSTOP)
+        else:
+            self._server.kill()
+            self._server.wait()
+        time.sleep(seconds)
+        if stopped:
+            self._server.send_signal(signal.SIGCONT)
+        else:
+            self._server = self._start_server()
+        return began_ns, time.monotonic_ns()
+
+    def end(self) -> None:
+        """End the nodes, then the server."""
         for node in self._nodes:
             node.send_signal(signal.SIGTERM)
         for node in self._nodes:
@@ -100,7 +119,7 @@ class Session:
         self._server.send_signal(signal.SIGINT)
         self._server.wait(120)
 
-    def _rest(self) -> None:
+    def rest(self) -> None:
         """Wait until all is as before a kill, and then for a while."""
         time.sleep(4.0)
         began_ns = time.monotonic_ns()
@@ -173,7 +192,8 @@ class Session:
 
     def _launch(self) -> subprocess.Popen[bytes]:
         take = f"./{self.takes[-1].name}"
-        words = ["serve", "--no-view", "--port", str(self._port), "--method", "stand-still", "--record", take]
+        words = ["serve", "--no-view", "--port", str(self._port), "--method", "stand-still", "--record", take,
+                 "--json", "server.json"]  # fmt: skip
         with (self._folder / "server.txt").open("wb") as out:
             return subprocess.Popen(
                 [sys.executable, "-m", "mocapella", *words, "--set", "reserve_gib=0"],

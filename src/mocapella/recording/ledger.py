@@ -120,6 +120,8 @@ class NodeLedger:
         if self._settled is self._received:
             self._settled = self._received.copy()
         self._settled.add(number)
+        if not self.agreed:
+            self.first = self._settled.first
         self.heard = max(self.heard, number + 1)
         return True
 
@@ -138,7 +140,7 @@ class NodeLedger:
             return False
         if self._settled is not self._received:
             self._settled.add(number)
-        self.first = self._received.first if not self.agreed else min(self.first, number)
+        self.first = self._settled.first if not self.agreed else min(self.first, number)
         self.heard = max(self.heard, number + 1)
         return True
 
