@@ -37,7 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--part", action="append", default=[], metavar="NAME", help="only this one, of a group of parts"
     )
-    parser.add_argument("--inputs", type=_count, metavar="N", help="how many damaged inputs, of fuzz; such as 1e8")
+    parser.add_argument(
+        "--inputs", type=_count, metavar="N", help="how many damaged inputs of fuzz, or kills of kill; such as 1e8"
+    )
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
     for name in options.group:

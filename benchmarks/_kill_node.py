@@ -59,22 +59,18 @@ class Acknowledgements:
     def __init__(self, link: NodeLink, log: TextIO) -> None:
         self._link, self._log = link, log
         self._times: list[int] = []
-        self._next = -1
+        self._next: dict[str, int] = {}
 
     def sent(self, sent_ns: int) -> None:
         print("sent", len(self._times), file=self._log)
         self._times.append(sent_ns)
 
     def look(self) -> None:
-        holds = self._link.outbox.holds.values()
-        if not holds:
-            return
-        stored, now_ns = min(hold.stored for hold in holds), time.monotonic_ns()
-        if self._next < 0:  # frames before the first one of the take are not acknowledged
-            self._next = stored
-        for number in range(self._next, min(stored, len(self._times))):
-            print(number, self._times[number], now_ns, file=self._log)
-        self._next = max(self._next, stored)
+        for take, hold in self._link.outbox.holds.items():
+            now_ns = time.monotonic_ns()
+            for number in range(self._next.get(take, hold.first), min(hold.stored, len(self._times))):
+                print(number, self._times[number], now_ns, file=self._log)
+            self._next[take] = max(self._next.get(take, hold.first), hold.stored)
 
 
 if __name__ == "__main__":

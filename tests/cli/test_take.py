@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 from support.programs import free_port, result_here, run_here, wait_until
-from support.take_making import frame, frame_bytes, small_take, unclosed_take
+from support.take_making import STEP, frame, frame_bytes, info, record, scene_bytes, small_take, unclosed_take
 
 from mocapella.errors import RecordingError
 from mocapella.live.node_disk import NodeDisk, open_link
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.session import Setup
+from mocapella.recording import take
 from mocapella.recording.spool import DiskSpool, SpoolLimits
 from mocapella.recording.take_reader import read_take
+from mocapella.recording.take_writer import TakeWriter
 
 
 def test_a_whole_take_is_whole(tmp_path: Path) -> None:
@@ -79,3 +81,57 @@ def test_a_node_that_ends_waits_until_its_last_frame_is_stored(tmp_path: Path) -
     assert take.clean
     assert [(frames.last, frames.lost, frames.end_known) for frames in take.complete()] == [(39, 0, True)]
     assert not (tmp_path / "spool").exists()
+
+
+def test_a_foreign_file_beside_a_closed_take_is_no_part_of_it(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "a.mcap")
+    foreign = small_take(tmp_path / "a.part2.mcap", count=20)
+    before = foreign.read_bytes()
+    DiskSpool(tmp_path / "spool", "front", 1, SpoolLimits(0)).write(12, [frame_bytes("front", 12)])
+    (file,) = (tmp_path / "spool").iterdir()
+    assert result_here(tmp_path, "take", "merge", "a", str(file))["added"] == {"front": 1}
+    assert [(frames.sensor, frames.last) for frames in read_take(path).complete()] == [("front", 12), ("side", 11)]
+    assert foreign.read_bytes() == before
+
+
+def _damaged_commands(path: Path) -> None:
+    """A take whose frames are whole, and none of whose commands can be carried out, one of them not even read."""
+    writer = TakeWriter.create(path, info=info(), reserve_bytes=0)
+    record(writer, 0, 4)
+    for step, values in enumerate(
+        ({}, {"verb": 5, "arguments": 6}, {"verb": "restore", "arguments": {"tracker": "!"}})
+    ):
+        writer.write_command(values, 0, step)
+    writer._write(take.COMMANDS, b'{"before_step": 3, "command": 7}', 0)
+    writer.close()
+
+
+def test_a_damaged_take_is_replayed_and_exported_as_far_as_it_can_be_with_an_exit_status_of_its_own(
+    tmp_path: Path,
+) -> None:
+    _damaged_commands(tmp_path / "commands.mcap")
+    unclosed_take(tmp_path / "torn.mcap", count=4)
+    for name, problems in (("commands", 4), ("torn", 1)):
+        done = run_here(tmp_path, "replay", name, "--json", "-")
+        assert done.returncode == 3, done.stderr
+        assert "Traceback" not in done.stderr
+        (row,) = json.loads(done.stdout)
+        assert (row["damaged"], row["frames_in"]) == (True, 8)
+        assert len([problem for problem in row["problems"] if "unknown after" not in problem]) == problems
+    for export in ("csv", "json"):
+        done = run_here(tmp_path, "export", export, "torn", "--json", "-")
+        assert done.returncode == 3, done.stderr
+        assert json.loads(done.stdout)["take_problems"]
+
+
+def test_entries_that_nobody_can_read_are_left_out_of_an_export(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    record(writer, 0, 4)
+    bad = scene_bytes(8, "front", 3).replace(b"kinect_v2", b"kinect_v9")
+    writer.write_scene(bad, 4 * STEP)
+    writer.close()
+    done = run_here(tmp_path, "export", "json", "a", "--json", "-")
+    assert done.returncode == 3, done.stderr
+    written = json.loads(done.stdout)
+    assert written["scenes"] == 8
+    assert any("kinect_v9" in problem for problem in written["take_problems"])

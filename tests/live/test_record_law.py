@@ -58,6 +58,8 @@ class RecordPathModel(RuleBasedStateMachine):
         self.now_ns = 0
         self.flying: list[int] = []
         self.acknowledged = self.first = 0
+        self.given_up: set[int] = set()
+        self.requests: list[FrameRequest] = []
         self.before: int | None = None
         self.writer: TakeWriter | None = None
         self.state: NodeState | None = None
@@ -107,9 +109,56 @@ class RecordPathModel(RuleBasedStateMachine):
         if NODE in self.writer.accounts.nodes:
             self.state = state_of(self.writer.accounts.nodes[NODE])
 
-    def request(self) -> FrameRequest:
+    @precondition(lambda self: self.flying and self.writer is not None)
+    @rule(data=st.data())
+    def cannot_be_written(self, data: st.DataObject) -> None:
+        """A frame arrives that the take cannot hold."""
         assert self.writer is not None
-        return request_of(self.writer.take_id, self.state, self.before, EVER_NS, EVERYTHING)
+        number = data.draw(st.sampled_from(self.flying))
+        self.flying.remove(number)
+        self.writer.accounts.change(NODE, lambda ledger: ledger.give_up(number))
+        self.given_up.add(number)
+
+    @precondition(lambda self: self.alive and self.requests)
+    @rule(data=st.data())
+    def repeat_request(self, data: st.DataObject) -> None:
+        """A request reaches the node again, or late; its answer is lost."""
+        self.outbox.update(data.draw(st.sampled_from(self.requests)), self.now_ns)
+
+    @precondition(lambda self: self.alive and self.writer is not None and self.state is not None)
+    @rule(told=st.booleans())
+    def kill_server_that_closes_its_take(self, told: bool) -> None:
+        """The take's end is on the disk, and the node may have heard it; yet the take goes on later."""
+        assert self.writer is not None
+        end = self.outbox.next
+        self.writer.accounts.change(NODE, lambda ledger: ledger.finish(end))
+        self.commit()
+        if told:
+            self.ask(0, False, False)
+        self.kill_server()
+
+    def request(self, under_way: Sequence[tuple[int, int]] = (), most: int = 256) -> FrameRequest:
+        assert self.writer is not None
+        made = request_of(
+            self.writer.take_id, self.state, self.before, EVER_NS, EVERYTHING, under_way=under_way, most=most
+        )
+        self.requests.append(made)
+        return made
+
+    @precondition(lambda self: self.alive and self.writer is not None and self.state is not None)
+    @rule(most=st.integers(1, 5), backwards=st.booleans())
+    def ask_for_several(self, most: int, backwards: bool) -> None:
+        """Requests that are under way at the same time ask for different frames; answers come in any order."""
+        first = self.request(most=most)
+        second = self.request(first.wanted, most)
+        assert not {n for a, b in first.wanted for n in range(a, b + 1)} & {
+            n for a, b in second.wanted for n in range(a, b + 1)
+        }
+        for request in (second, first) if backwards else (first, second):
+            self.outbox.update(request, self.now_ns)
+            self.acknowledged = max(self.acknowledged, request.stored or 0)
+            for frame in self.outbox.wanted(request):
+                self.arrive(FRAMES.index(frame))
 
     @precondition(lambda self: self.alive and self.writer is not None)
     @rule(arriving=st.integers(0, 12), answered=st.booleans(), ends=st.booleans())
@@ -163,8 +212,8 @@ class RecordPathModel(RuleBasedStateMachine):
             assert len(there) == len(set(there))
             missing = set(range(self.first, self.acknowledged)) - set(there)
             gone = range(self.outbox.oldest) if self.outbox.dropped else ()
-            assert missing <= set(gone)
-            assert len(missing) <= self.outbox.dropped
+            assert missing <= set(gone) | self.given_up
+            assert len(missing - self.given_up) <= self.outbox.dropped
 
     def teardown(self) -> None:
         try:
@@ -197,7 +246,8 @@ class RecordPathModel(RuleBasedStateMachine):
             first = nodes[0].first
             assert first in (self.first, 0)  # 0: the server was killed before it had stored which the first was
             assert sent - first == stored + lost
-            assert set(range(first, sent)) - set(there) <= set(range(oldest))  # only what the node had no longer
+            missing = set(range(first, sent)) - set(there)
+            assert missing <= set(range(oldest)) | self.given_up  # only what the node had no longer
             assert take.clean
         elif nodes:
             assert [end.after for end in report.unknown] == [nodes[0].last]

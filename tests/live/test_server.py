@@ -6,13 +6,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
 from support.programs import free_port, wait_until
 
-from mocapella.errors import AddressInUseError, NameTakenError, NoServerError
+from mocapella.errors import AddressInUseError, BusError, NameTakenError, NoServerError, TakeExistsError
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.state_notices import CONDITION_AGAIN_S
 from mocapella.model.observations import BodyFrame, body_frame
@@ -22,6 +23,7 @@ from mocapella.recording.take_reader import read_take
 from mocapella.wire import keys
 from mocapella.wire.node import NodeLink
 from mocapella.wire.reader import Newest, send_command
+from mocapella.wire.server import ServerLink
 from mocapella.wire.session import open_node, open_reader
 
 SETUP = Setup("stand-still")
@@ -345,6 +347,41 @@ def test_a_take_has_every_frame_and_names_are_checked(
     assert take.clean
     assert frames.missing == ()
     assert frames.last == 109
+
+
+def test_a_take_of_the_settings_has_begun_before_any_node_is_admitted(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, real, begun = tmp_path / "walk.mcap", ServerLink.serve, list[bool]()
+
+    def serve(link: ServerLink, **callbacks: Any) -> None:
+        begun.append(path.exists())
+        real(link, **callbacks)
+
+    monkeypatch.setattr(ServerLink, "serve", serve)
+    running = Server(ServerSettings(address, setup=SETUP, record=path, reserve_bytes=0))
+    assert running.status().recording.active
+    running.close()
+    assert begun == [True]
+    assert read_take(path).clean
+
+
+@pytest.mark.parametrize("fails", ["take", "bus"])
+def test_a_server_that_cannot_be_made_leaves_nothing_behind(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    path, before = tmp_path / "walk.mcap", set(threading.enumerate())
+    with monkeypatch.context() as patch:
+        if fails == "take":
+            path.write_bytes(b"mine")
+        else:
+            patch.setattr(ServerLink, "serve", lambda *_, **__: (_ for _ in ()).throw(BusError("no bus")))
+        with pytest.raises((TakeExistsError, BusError)):
+            Server(ServerSettings(address, setup=SETUP, record=path, reserve_bytes=0))
+    ours = {"recorder", "record-path", "notices", "tracker", "housekeeping"}
+    assert not [thread for thread in set(threading.enumerate()) - before if thread.name in ours]
+    path.unlink()
+    Server(ServerSettings(address, setup=SETUP, record=path, reserve_bytes=0)).close()  # port and name are free
 
 
 def test_an_unwritable_place_is_refused_before_anything_starts(address: str, tmp_path: Path) -> None:

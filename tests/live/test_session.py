@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,6 +60,23 @@ def test_the_scenes_of_this_test_are_worth_comparing() -> None:
 def test_a_memory_that_is_none_is_refused(data: str) -> None:
     with pytest.raises(WireError, match="no memory of this tracker"):
         new().carry_out("restore", {"tracker": data})
+
+
+@pytest.mark.parametrize("method", ["default", "stand-still", "arms"])
+def test_a_damaged_memory_leaves_a_tracker_that_takes_the_next_one(method: str) -> None:
+    """It must not replace what neither a reset nor a later memory sets again."""
+    session = Session(Setup(method, sensors_expected=2))
+    good = session.memory()
+    raw = msgspec.msgpack.decode(base64.b64decode(good["tracker"]))
+    own = raw[1][0]
+    assert own[0] == "dict"
+    for name in vars(session._tracker).keys() - {key for key, _ in own[1]}:
+        bad = [raw[0], [["dict", [*own[1], [name, 5]]], *raw[1][1:]]]
+        text = base64.b64encode(msgspec.msgpack.encode(bad)).decode()
+        with pytest.raises(WireError, match="no memory of this tracker"):
+            session.carry_out("restore", {**good, "tracker": text})
+        session.carry_out("restore", good)
+    assert session.memory() == good
 
 
 def test_stop_and_start_begin_anew() -> None:

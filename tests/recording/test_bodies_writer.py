@@ -171,3 +171,11 @@ def test_where_nothing_can_be_written_it_is_said_at_once(tmp_path):
     (tmp_path / "out.part.json").symlink_to(tmp_path / "gone")  # somebody's, though it leads nowhere
     with alone(tmp_path / "out.json") as growing:
         assert growing.part == tmp_path / "out.part2.json"
+
+
+def test_a_part_file_that_became_shorter_is_an_error_and_no_endless_loop(tmp_path):
+    with BodiesWriter(tmp_path / "out.json", BODIES, HOW) as growing:
+        growing.add({name: row(0) for name in NAMES})
+        growing.part.write_bytes(growing.part.read_bytes()[:-40])
+        with pytest.raises(RecordingError, match=r"out\.part\.json became shorter"):
+            growing.finish(SUMMARY, dict.fromkeys(NAMES, SUMMARY))

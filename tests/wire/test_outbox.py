@@ -23,9 +23,9 @@ from mocapella.wire.delivery import (
 )
 from mocapella.wire.keys import of_node
 from mocapella.wire.node import NodeLink
-from mocapella.wire.outbox import MOST_TAKES, Outbox
+from mocapella.wire.outbox import MOST_READS, MOST_TAKES, Outbox
 from mocapella.wire.server import ServerLink
-from mocapella.wire.spool import SPILL_AFTER_S, Spooler
+from mocapella.wire.spool import NEGLECTED_S, SPILL_AFTER_S, Spooler
 
 OPEN = FrameRequest("take", 0)
 
@@ -219,6 +219,62 @@ def test_the_first_frame_since_a_take_began_is_told_by_durations_only() -> None:
     assert outbox.update(FrameRequest("new", age_ns=0), now_ns=10).first == 10
 
 
+def test_a_late_or_repeated_request_for_the_first_frame_forgets_none_and_takes_no_acknowledgement_back() -> None:
+    shelf = Shelf()
+    outbox = filled(10, shelf=shelf, most=20)
+    began = FrameRequest("take", age_ns=5)
+    assert outbox.update(began, now_ns=10).first == 5
+    assert outbox.update(began, now_ns=13).first == 5  # 3 ns later on its way, and the same first frame
+    assert outbox.oldest == 5
+    outbox.update(FrameRequest("take", 8), 13)
+    assert outbox.update(began, now_ns=14).first == 5
+    outbox.update(FrameRequest("take", 6), 14)
+    assert outbox.holds["take"].stored == 8
+
+
+def test_a_take_that_a_present_server_does_not_ask_about_any_more_does_not_fill_the_disk() -> None:
+    shelf, said, since_ns = Shelf(), list[str](), list[int]()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(FrameRequest("missed", 2), 0)
+    spooler = Spooler(outbox, shelf, said.append, lambda: since_ns[0] if since_ns else None)
+    late_ns = int((NEGLECTED_S + 1) * 1e9)
+    spooler.update(late_ns)
+    assert shelf.kept == {}  # no server is there: it may come back
+    since_ns.append(late_ns)
+    spooler.update(2 * late_ns - 2 * 10**9)
+    assert shelf.kept == {}  # it was not there for so long
+    outbox.update(FrameRequest("open", 4), 2 * late_ns)
+    shelf.full = True
+    for _ in range(2):
+        spooler.update(2 * late_ns)
+    assert [text for text in said if "cannot be kept" in text] == ["2 frames that a take lacks cannot be kept: full"]
+    shelf.full = False
+    spooler.update(2 * late_ns)
+    assert (shelf.kept, list(outbox.holds)) == ({"missed": [2, 3]}, ["open"])
+    spooler.close()
+    assert spooler.missing == 2
+
+
+def test_a_store_that_fails_for_a_moment_costs_no_frame() -> None:
+    shelf = Shelf()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(OPEN, 0)
+    outbox.spill()
+    outbox.add(b"4", 4)
+    parts, gone = dict(shelf.parts), dict[tuple[int, int], str]()
+    shelf.parts[0] = []
+    request = FrameRequest("take", 0, wanted=[(1, 9)])
+    for _ in range(MOST_READS - 1):
+        assert list(outbox.wanted(request, gone)) == [b"4"]
+    assert gone == {}
+    shelf.parts = parts
+    assert list(outbox.wanted(request, gone)) == [b"1", b"2", b"3", b"4"]
+    outbox._read = (-1, ())
+    shelf.parts[0] = []
+    assert list(outbox.wanted(request, gone)) == [b"4"]
+    assert list(gone) == [(1, 3)]
+
+
 def test_an_answer_and_the_number_of_takes_have_limits() -> None:
     outbox = filled(2 * MOST_FRAMES, most=2 * MOST_FRAMES)
     assert len(numbers(outbox, (0, 10**6))) == MOST_FRAMES
@@ -259,7 +315,7 @@ def test_messages_are_read_as_they_were_written() -> None:
 
     request = FrameRequest("take", 3, 5, 9, True, [(3, 4)])
     assert read_request(msgspec.json.encode(request)) == request
-    answer = FrameAnswer(9, 3, 1, True)
+    answer = FrameAnswer(9, 3, 1, True, [(3, 4)])
     assert read_answer(msgspec.json.encode(answer)) == answer
 
 

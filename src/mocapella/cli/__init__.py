@@ -3,7 +3,8 @@
 A command imports its packages only when it runs, so that ``--help`` is fast.
 
 Exit status: 0 for success, also if Ctrl-C ends a command that runs until then; 1 for an error of
-`mocapella.errors`; 2 for an invalid command line; 130 if Ctrl-C ends a command before its result is complete.
+`mocapella.errors`; 2 for an invalid command line; 3 if a take is damaged or was not closed, and the
+result is of what can be read in it; 130 if Ctrl-C ends a command before its result is complete.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from functools import cache
 RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
 LONGEST_ERROR = 4000
 """Longest printed error message, in characters, because a message may come from another program."""
+DAMAGED = 3
+"""Exit status of a command whose take is damaged or was not closed, and whose result is of what can be read in it."""
 INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ended before its result was complete, as shells expect it."""
 

@@ -83,6 +83,8 @@ export_app = typer.Typer(
     no_args_is_help=True,
     help="""Export a take to files for other programs.
 
+    Exit status: 3 if the take is damaged or was not closed, and what can be read was written.
+
     Example:  mocapella export csv walk-1
     """,
 )

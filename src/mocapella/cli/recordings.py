@@ -81,6 +81,10 @@ class Recording(Protocol):
     def missing(self) -> list[str]:
         """Descriptors needed for tracking that are not installed, each with its package."""
 
+    @property
+    def damaged(self) -> bool:
+        """Whether the file is damaged or was not closed, so that some of it cannot be read."""
+
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
         """Return one sensor's frames with their due times; time 0 is that of the file's first frame.
 
@@ -146,7 +150,7 @@ def open_recording(
 
 
 def open_take(file: Path) -> Take:
-    """Read a take, found as by `find_recording`; repeated calls return the same value.
+    """Read a take, found as by `find_recording`; repeated calls return the same value, which skips damaged entries.
 
     Raises:
         InputError, SchemaVersionError: as in `read_take`.
@@ -158,7 +162,9 @@ def open_take(file: Path) -> Take:
 
 @lru_cache(maxsize=1)
 def _take(path: Path, _modified_ns: int, _size: int) -> Take:
-    return read_take(path)
+    take = read_take(path)
+    take.skips = True
+    return take
 
 
 def missing_of(take: Take) -> list[str]:
@@ -223,6 +229,7 @@ class RecordedLog:
     """
 
     missing: Final[list[str]] = []
+    damaged: Final = False
 
     def __init__(self, file: Path, placement: str | None, method: str, method_settings: Mapping[str, Any]) -> None:
         self.method_settings = dict(method_settings)
@@ -275,6 +282,8 @@ def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
 class RecordedTake:
     """A take. Its replay repeats all runs with their commands, and compares the scenes with the recorded ones.
 
+    Damaged entries are left out, and named.
+
     Args:
         file: the take.
 
@@ -284,6 +293,7 @@ class RecordedTake:
 
     def __init__(self, file: Path) -> None:
         self._take = read_take(file)
+        self._take.skips = True
         self.sensors = self._take.sensors
         self.setup = self._take.info.setup
         self.method_settings = self._take.info.method_settings
@@ -293,6 +303,11 @@ class RecordedTake:
     def missing(self) -> list[str]:
         """Methods, frame types and part types of the take that are not installed, each with its package."""
         return missing_of(self._take)
+
+    @property
+    def damaged(self) -> bool:
+        """Whether the take is damaged or was not closed, so that some of it cannot be read."""
+        return self._take.damaged
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
         """Return one sensor's frames at their `due_times`; time 0 is that of the take's first frame.
@@ -305,7 +320,7 @@ class RecordedTake:
         if sensor not in self.sensors:
             raise SettingsError(f"{self._take.path} has no sensor {sensor!r}; it has {one_of(sensor, self.sensors)}")
         due = {name: self._due_times(name) for name in self.sensors}
-        zero = min(min(times) for times in due.values())
+        zero = min((min(times) for times in due.values() if times), default=0)
         return self._due_frames(sensor, zero, due[sensor])
 
     def _due_times(self, sensor: str) -> list[int]:
@@ -352,9 +367,10 @@ class RecordedTake:
             on_scene(scene)
 
         summary, last, unusable = RunSummary(), TrackerState(Phase.STOPPED), Counter[str]()
+        commands: list[str] = []
         for run in self._take.runs:
             session = Session(run.info.setup, run.info.method_settings)
-            summary = replay(session, self._events(run.number), compare, summary)
+            summary = replay(session, self._events(run.number), compare, summary, commands.append)
             last = session.state
             unusable.update(session.unusable)
         missing = self._take.scene_count - summary.scenes_out
@@ -363,7 +379,8 @@ class RecordedTake:
             "differing_scenes": differing + abs(missing),
             "unusable": dict(unusable),
             "clean": self._take.clean,
-            "problems": list(self._take.problems),
+            "damaged": self._take.damaged or bool(commands),
+            "problems": [*self._take.problems, *commands],
             "lost": sum(frames.lost for frames in self._take.complete()),
         }
         return Replayed(summary, last, self._take.seconds, notes)

@@ -74,14 +74,21 @@ class NodeVerbs(RegisteredVerbs):
 
 class _ExportVerb(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
-        from mocapella.cli.recordings import tell_left_out
+        from mocapella.cli import DAMAGED
+        from mocapella.cli.recordings import open_take, tell_left_out
 
         tell_left_out(str(self.name), ctx.params["take"])
-        return super().invoke(ctx)
+        result = super().invoke(ctx)
+        if open_take(ctx.params["take"]).damaged:
+            raise typer.Exit(DAMAGED)
+        return result
 
 
 class ExportVerbs(RegisteredVerbs):
-    """The commands of ``mocapella export``; each first prints which parts of the take it leaves out."""
+    """The commands of ``mocapella export``.
+
+    Each first prints which parts of the take it leaves out, and ends with exit status 3 if the take is damaged.
+    """
 
     verb_class = _ExportVerb
 

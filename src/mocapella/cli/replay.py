@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mocapella.cli import INTERRUPTED
+from mocapella.cli import DAMAGED, INTERRUPTED
 from mocapella.cli.app import RECORDINGS, app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
@@ -68,6 +68,8 @@ def replay(
     A take is tracked with the setup and the commands it was recorded with, and its new results are compared with the
     recorded ones, to the bit. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
 
+    Exit status: 1 if results differ; 3 if the take is damaged or was not closed, and what can be read was tracked.
+
     Example:  mocapella replay walk-1 --json -
     """
     from mocapella.cli.recordings import open_to_track
@@ -85,11 +87,15 @@ def replay(
             if stop is None:
                 row = _replay_fast(file, open_it)
             elif not stop.is_set():
-                row = _replay_live(file, open_it(), stop, port, view_port if view else None, take)
+                recording = open_it()
+                row = _replay_live(file, recording, stop, port, view_port if view else None, take)
+                row["damaged"] = recording.damaged
             else:
                 break
             rows.append({"file": str(file), **row})
         write_json(json, rows)
+    if any(row.get("damaged") for row in rows):
+        raise typer.Exit(DAMAGED)
     for row in rows:
         if row.get("differing_scenes"):
             raise typer.Exit(1)

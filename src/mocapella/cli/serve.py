@@ -197,11 +197,12 @@ def serve(
             method_settings=merged(method_settings, settings_of_files(method, files)),
             reserve_bytes=round(keys.reserve_gib * GIB),
             layout=None if keys.layout is None else load_layout_option(keys.layout),
+            record=take,
         )
         view_port = keys.view_port if view else None
         with live_session(server_settings, stop, view_port=view_port, link=link) as session:
             if take is not None:
-                say(session.server.record_to(take, resume=True))
+                say(f"recording {take}")
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
             if not address.local:
                 say(_INVITE.format(port=port))

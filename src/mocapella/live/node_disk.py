@@ -78,7 +78,7 @@ def open_link(
         stack.enter_context(link)
         if own is not None:
             link.on_published = partial(_record, own, link.node)
-            stack.callback(lambda: own.account(link.node, lambda ledger: ledger.finish(link.published)))
+            stack.callback(lambda: own.account(link.node, lambda ledger: ledger.finish(link.published, left=True)))
         yield link
 
 

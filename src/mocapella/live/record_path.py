@@ -1,22 +1,23 @@
 """The record path of a take: acknowledges stored frames to their nodes, and requests missing ones.
 
-One request to a node is under way at a time. It acknowledges what the last commit stored, and lists the gaps; the
-answer has those frames in order and the number of the node's next frame. So a take is complete once each node has said
-its end and nothing before it is missing. A clock is only used to wait for frames that may still be on their way.
+A request acknowledges what the last commit stored, and lists the gaps; the answer has those frames in order and the
+number of the node's next frame. After an outage, several requests to a node are under way, each for other frames. A
+take is complete once each node has said its end and nothing before it is missing. A clock is only used to wait for
+frames that may still be on their way.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Protocol
 
-from mocapella.live.recorder import NodeState, Recorder
+from mocapella.live.recorder import NodeState, Recorder, WantedFrames
 from mocapella.recording.ledger import NodeLedger
-from mocapella.wire.delivery import FrameAnswer, FrameRequest
+from mocapella.wire.delivery import MOST_FRAMES, MOST_GAPS, FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import REQUEST_TIMEOUT_S, OnFrame
 
@@ -29,6 +30,10 @@ GIVE_UP_S: Final = 5.0
 CLOSE_S: Final = 1.0
 """How long the end of a take waits for its nodes to hear of it [s]."""
 _POLL_S: Final = 0.25
+MOST_REQUESTS: Final = 4
+"""Requests to one node that are under way at the same time."""
+MOST_UNTOLD: Final = 256
+"""Nodes that have missed the end of a take, and are told later."""
 EVER_NS: Final = 2**61
 """Age of a resumed take: a node that it does not know sends all frames that it has."""
 _EVERYTHING: Final = 2**62
@@ -49,12 +54,37 @@ class Requests(Protocol):
         ...
 
 
+class _Batch:
+    """Frames that one request asks for.
+
+    Attributes:
+        wanted: the frames.
+        count: number of frames that the answer has brought.
+        answered: whether the answer is complete.
+        landed: whether the recorder has taken what the answer brought; the next commit stores it.
+    """
+
+    def __init__(self, ranges: Sequence[tuple[int, int]]) -> None:
+        self.wanted = WantedFrames(ranges)
+        self.size = sum(last - first + 1 for first, last in ranges)
+        self.count = 0
+        self.answered = self.landed = False
+
+    def land(self, _ledger: NodeLedger) -> bool:
+        """Set ``landed``, on the recorder's thread; the ledger does not change."""
+        self.landed = True
+        return False
+
+
 @dataclass
 class _Contact:
     """What is known of the requests to one node; times are monotonic [s].
 
     Attributes:
-        under_way: whether a request is not answered yet.
+        under_way: number of requests that are not answered yet.
+        batches: frames that were asked for, and are not stored yet as far as known.
+        most: requests that may be under way at the same time: fewer on a slow link.
+        frames: frames that one request asks for: fewer if an answer has no room for more.
         answered: whether the node has ever answered.
         mute: whether the node answers no requests, like a program that only publishes frames.
         asked_s: when the last request was sent.
@@ -63,7 +93,10 @@ class _Contact:
         mark, mark_s: number of the next frame in an earlier answer, which becomes ``settled`` in time.
     """
 
-    under_way: bool = False
+    under_way: int = 0
+    batches: tuple[_Batch, ...] = ()
+    most: int = MOST_REQUESTS
+    frames: int = MOST_FRAMES
     answered: bool = False
     mute: bool = False
     asked_s: float = float("-inf")
@@ -77,6 +110,15 @@ class _Contact:
         self.answered, self.mute = True, False
         if now_s - self.mark_s >= ON_THE_WAY_S:
             self.settled, self.mark, self.mark_s = self.mark, next_number, now_s
+
+    def learn(self, batch: _Batch) -> None:
+        """Adapt the size and number of requests to what an answer has brought."""
+        if not batch.answered:  # too much for the time, as on a slow link
+            self.most, self.frames = 1, max(1, min(batch.count, self.frames) // 2)
+        elif batch.count < batch.size:  # too large for one answer
+            self.frames = max(1, batch.count)
+        else:
+            self.most, self.frames = min(self.most + 1, MOST_REQUESTS), min(2 * self.frames, MOST_FRAMES)
 
 
 class RecordPath:
@@ -105,17 +147,18 @@ class RecordPath:
         self._first, self._fresh = dict(first), fresh
         self._began_ns = time.monotonic_ns()
         self._contacts: dict[NodeKey, _Contact] = {}
+        self._lock = threading.Lock()
         self._wake = threading.Event()
         self._stop = threading.Event()
         self._finishing = False
-        recorder.committed = self._wake.set
+        recorder.committed = self._committed
         self._thread = threading.Thread(target=self._run, name="record-path")
         self._thread.start()
 
     def leaving(self, node: NodeKey, end: int) -> None:
         """Note ``end``, the number after the last frame of a node that leaves; ignored if it is implausibly high."""
         if self._recorder.believes(node, end):
-            self._recorder.account(node, partial(_finish, first=self._first.get(node), end=end))
+            self._recorder.account(node, partial(_leave, first=self._first.get(node), end=end))
         self._wake.set()
 
     def finish(self, give_up_s: float | None = None) -> None:
@@ -137,21 +180,20 @@ class RecordPath:
         self._wake.set()
         self._thread.join()
 
-    def close(self) -> None:
+    def close(self, closed: ClosedTakes) -> None:
         """Tell the connected nodes the result, after `finish` and the recorder's `close`; wait up to `CLOSE_S`.
 
         Frames that the nodes still keep for the take are not requested any more.
-        """
-        ended = [self._close_at(node, state) for node in self._nodes() if (state := self._state(node)) is not None]
-        deadline = time.monotonic() + CLOSE_S
-        for event in ended:
-            event.wait(max(0.0, deadline - time.monotonic()))
 
-    def _close_at(self, node: NodeKey, state: NodeState) -> threading.Event:
-        ended = threading.Event()
-        request = FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True)
-        self._link.request_frames(node, request, lambda *_: None, lambda answer: None, ended.set)
-        return ended
+        Args:
+            closed: tells the nodes that do not answer now.
+        """
+        for node, state in self._recorder.states.items():
+            closed.add(node, FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True))
+        told = closed.tell(self._nodes())
+        deadline = time.monotonic() + CLOSE_S
+        for event in told:
+            event.wait(max(0.0, deadline - time.monotonic()))
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -160,24 +202,49 @@ class RecordPath:
             for node in self._nodes():
                 self._ask(node)
 
+    def _committed(self) -> None:
+        """Forget which frames were asked for that are stored now; runs on the recorder's thread."""
+        with self._lock:
+            for contact in self._contacts.values():
+                contact.batches = tuple(batch for batch in contact.batches if not batch.landed)
+        self._wake.set()
+
     def _ask(self, node: NodeKey) -> None:
-        contact = self._contacts.setdefault(node, _Contact())
+        with self._lock:
+            contact = self._contacts.setdefault(node, _Contact())
+        while self._ask_once(node, contact):
+            pass
+
+    def _ask_once(self, node: NodeKey, contact: _Contact) -> bool:
+        """Send a request if one is due; return whether a further one may be."""
+        batches = contact.batches  # before the state, which then has all frames of those that are forgotten
         now_s, state = time.monotonic(), self._state(node)
-        if contact.under_way:
-            return
-        request = self._request(state, contact, node)
+        request = self._request(state, contact, node, batches)
+        if contact.under_way and not (request.wanted and contact.under_way < contact.most):
+            return False
         told = None if request.stored is None else (request.stored, request.end)
         ends = self._finishing and (state is None or state.end is None)
         urgent = self._finishing and (state is None or not state.whole)
         news = (told != contact.told if told is not None else not contact.mute) or bool(request.wanted) or urgent
         if not news and now_s - contact.asked_s < ASK_EVERY_S:
-            return
-        contact.under_way, contact.asked_s, contact.told = True, now_s, told
-        answered = partial(self._answered, node, contact, agreed=told is not None, ends=ends)
-        sent_again = partial(self._recorder.sent_again, request.wanted)
-        self._link.request_frames(node, request, sent_again, answered, partial(self._ended, contact))
+            return False
+        batch = _Batch(request.wanted)
+        with self._lock:
+            contact.under_way += 1
+            contact.asked_s, contact.told = now_s, told
+            contact.batches += (batch,) if batch.size else ()
+        answered = partial(self._answered, node, contact, batch, agreed=told is not None, ends=ends)
+        sent_again = partial(self._sent_again, batch)
+        self._link.request_frames(node, request, sent_again, answered, partial(self._ended, node, contact, batch))
+        return batch.size > 0
 
-    def _request(self, state: NodeState | None, contact: _Contact, node: NodeKey) -> FrameRequest:
+    def _sent_again(self, batch: _Batch, node: NodeKey, data: bytes, arrived_ns: int) -> None:
+        batch.count += 1
+        self._recorder.sent_again(batch.wanted, node, data, arrived_ns)
+
+    def _request(
+        self, state: NodeState | None, contact: _Contact, node: NodeKey, batches: Sequence[_Batch]
+    ) -> FrameRequest:
         first = self._first.get(node)
         if first is not None and (state is None or not state.agreed):
             self._recorder.account(node, partial(_expect, first=first))
@@ -186,19 +253,32 @@ class RecordPath:
         settled = (
             _EVERYTHING if state is not None and state.end is not None and not self._finishing else contact.settled
         )
-        return request_of(self._recorder.take_id, state, first, age_ns, 0 if busy else settled)
+        under_way = [asked for batch in batches for asked in batch.wanted.ranges]
+        settled = 0 if busy else settled
+        return request_of(
+            self._recorder.take_id, state, first, age_ns, settled, under_way=under_way, most=contact.frames
+        )
 
-    def _answered(self, node: NodeKey, contact: _Contact, answer: FrameAnswer, *, agreed: bool, ends: bool) -> None:
+    def _answered(
+        self, node: NodeKey, contact: _Contact, batch: _Batch, answer: FrameAnswer, *, agreed: bool, ends: bool
+    ) -> None:
+        batch.answered = True
         if not self._recorder.believes(node, answer.next):
             return
         contact.hear(answer.next, time.monotonic())
         end = answer.next if ends or answer.leaving else None
         first = None if agreed else answer.first
-        self._recorder.account(node, partial(hear_answer, answer=answer, first=first, end=end))
+        wanted = batch.wanted.ranges
+        self._recorder.account(node, partial(hear_answer, answer=answer, first=first, end=end, wanted=wanted))
 
-    def _ended(self, contact: _Contact) -> None:
+    def _ended(self, node: NodeKey, contact: _Contact, batch: _Batch) -> None:
         contact.mute = not contact.answered and time.monotonic() - contact.asked_s < REQUEST_TIMEOUT_S / 2
-        contact.under_way = False  # the next commit wakes the thread, with a state that has the frames of the answer
+        if batch.size:
+            contact.learn(batch)
+            self._recorder.account(node, batch.land)
+        with self._lock:
+            contact.under_way -= 1
+        # The next commit wakes the thread, with a state that has the frames of the answer.
 
     def _state(self, node: NodeKey) -> NodeState | None:
         return self._recorder.states.get(node)
@@ -215,7 +295,70 @@ class RecordPath:
         return [(state.stored, state.end) for state in self._recorder.states.values()]
 
 
-def request_of(take: str, state: NodeState | None, first: int | None, age_ns: int, settled: int) -> FrameRequest:
+class ClosedTakes:
+    """Tells nodes that a take is closed; those that have missed it, once they are there again.
+
+    Until they hear it, they keep their frames for the take. Any thread may use it.
+
+    Args:
+        link: to the nodes.
+    """
+
+    def __init__(self, link: Requests) -> None:
+        self._link = link
+        self._untold: dict[tuple[NodeKey, str], FrameRequest] = {}
+        self._asked_s: dict[tuple[NodeKey, str], float] = {}
+        self._lock = threading.Lock()
+
+    def add(self, node: NodeKey, request: FrameRequest) -> None:
+        """Add a node that is to be told the end of a take; of more than `MOST_UNTOLD`, the oldest is forgotten."""
+        with self._lock:
+            self._untold[node, request.take] = request
+            while len(self._untold) > MOST_UNTOLD:
+                self._asked_s.pop(forgotten := next(iter(self._untold)), None)
+                del self._untold[forgotten]
+
+    def forget(self, take: str) -> None:
+        """Tell nobody the end of a take that goes on."""
+        with self._lock:
+            for key in [key for key in self._untold if key[1] == take]:
+                self._asked_s.pop(key, None)
+                del self._untold[key]
+
+    def tell(self, nodes: Iterable[NodeKey]) -> list[threading.Event]:
+        """Tell the connected nodes, each at most every `ASK_EVERY_S`; return an event for each, set when it is over."""
+        if not self._untold:
+            return []
+        connected, now_s = set(nodes), time.monotonic()
+        with self._lock:
+            due = {
+                key: request
+                for key, request in self._untold.items()
+                if key[0] in connected and now_s - self._asked_s.get(key, float("-inf")) >= ASK_EVERY_S
+            }
+            self._asked_s |= dict.fromkeys(due, now_s)
+        told: list[threading.Event] = []
+        for key, request in due.items():
+            told.append(threading.Event())
+            self._link.request_frames(key[0], request, lambda *_: None, partial(self._heard, key), told[-1].set)
+        return told
+
+    def _heard(self, key: tuple[NodeKey, str], _answer: FrameAnswer) -> None:
+        with self._lock:
+            self._untold.pop(key, None)
+            self._asked_s.pop(key, None)
+
+
+def request_of(
+    take: str,
+    state: NodeState | None,
+    first: int | None,
+    age_ns: int,
+    settled: int,
+    *,
+    under_way: Sequence[tuple[int, int]] = (),
+    most: int = MOST_FRAMES,
+) -> FrameRequest:
     """Return the next request to a node.
 
     Args:
@@ -224,14 +367,41 @@ def request_of(take: str, state: NodeState | None, first: int | None, age_ns: in
         first: number of the node's first frame that belongs to the take, if it was known when the take began.
         age_ns: time since the take began, which decides the first frame if it is not known.
         settled: frames below this number are not on their way any more.
+        under_way: (first, last) of frames that were asked for already.
+        most: frames to ask for.
     """
     if state is None or not state.agreed:
         return FrameRequest(take, first, age_ns=age_ns)
-    wanted = [(begin, min(last, settled - 1)) for begin, last in state.gaps if begin < settled]
+    wanted: list[tuple[int, int]] = []
+    for begin, end in _without(state.gaps, under_way):
+        last = min(end, settled - 1, begin + most - 1)
+        if begin <= last and len(wanted) < MOST_GAPS:
+            wanted.append((begin, last))
+            most -= last - begin + 1
     return FrameRequest(take, state.stored, end=state.end, wanted=wanted)
 
 
-def hear_answer(ledger: NodeLedger, *, answer: FrameAnswer, first: int | None, end: int | None) -> bool:
+def _without(gaps: Iterable[tuple[int, int]], taken: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Yield what remains of ranges (first, last) without others."""
+    for first, last in gaps:
+        rest = first
+        for begin, end in sorted(taken):
+            if rest <= end and begin <= last:
+                if rest < begin:
+                    yield rest, begin - 1
+                rest = end + 1
+        if rest <= last:
+            yield rest, last
+
+
+def hear_answer(
+    ledger: NodeLedger,
+    *,
+    answer: FrameAnswer,
+    first: int | None,
+    end: int | None,
+    wanted: Sequence[tuple[int, int]] = (),
+) -> bool:
     """Update the account of a node's frames by the node's answer; return whether the take must store the account.
 
     Args:
@@ -239,16 +409,21 @@ def hear_answer(ledger: NodeLedger, *, answer: FrameAnswer, first: int | None, e
         answer: of the node.
         first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
         end: number after the node's last frame that belongs to the take; None while more may follow.
+        wanted: (first, last) of the frames that the node was asked for; those that it cannot read are given up.
     """
     news = first is not None and _expect(ledger, first=first)
     ledger.hear(answer.next, answer.oldest)
-    return (end is not None and ledger.finish(end)) or news
+    for begin, last in wanted:
+        for gone_first, gone_last in answer.gone:
+            for number in range(max(begin, gone_first), min(last, gone_last) + 1):
+                ledger.give_up(number)
+    return (end is not None and ledger.finish(end, left=answer.leaving)) or news
 
 
 def _expect(ledger: NodeLedger, *, first: int) -> bool:
     return not ledger.agreed and ledger.expect(first)
 
 
-def _finish(ledger: NodeLedger, *, first: int | None, end: int) -> bool:
+def _leave(ledger: NodeLedger, *, first: int | None, end: int) -> bool:
     news = first is not None and _expect(ledger, first=first)
-    return ledger.finish(end) or news
+    return ledger.finish(end, left=True) or news

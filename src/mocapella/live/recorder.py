@@ -14,13 +14,14 @@ from functools import partial
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
-from mocapella.errors import MocapellaError, WireError
+from mocapella.errors import MocapellaError, RecordingError, WireError
 from mocapella.live.sequence_leaps import LeapGuard
 from mocapella.model.session import RecordingHealth, SessionStatus
 from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import decode_frame, decode_truth
+from mocapella.supervision import Boundary
 from mocapella.wire.delivery import MOST_GAPS
 from mocapella.wire.keys import NodeKey
 
@@ -54,6 +55,34 @@ class NodeState(NamedTuple):
         return self.end is not None and self.stored >= self.end
 
 
+class WantedFrames:
+    """The frames that one request to a node asks for, and how far its answer has come; used by the recorder's thread.
+
+    Args:
+        ranges: (first, last) of their numbers, ascending.
+    """
+
+    def __init__(self, ranges: Sequence[tuple[int, int]]) -> None:
+        self.ranges = tuple(ranges)
+        self._last = -1
+
+    def take(self, sequence: int) -> None:
+        """Check the number of a frame of the answer.
+
+        Raises:
+            WireError: it was not asked for.
+        """
+        if not any(first <= sequence <= last for first, last in self.ranges):
+            raise WireError(f"sequence {sequence} was not asked for")
+        self._last = max(self._last, sequence)
+
+    def unreadable(self) -> int | None:
+        """Return the number of a frame that cannot be decoded, the answer's next one; None if there is none."""
+        number = next((max(first, self._last + 1) for first, last in self.ranges if self._last < last), None)
+        self._last = self._last if number is None else number
+        return number
+
+
 class _Counts(NamedTuple):
     """Committed and missing frames by sensor, and the file size; written on the recorder's thread, read on any."""
 
@@ -67,8 +96,9 @@ class Recorder:
 
     The recorder receives every frame as it arrives, again from the tracker with its scene, and missing frames on
     request. Messages are queued, and the methods return at once. When the recording has stopped by itself (`failed`),
-    they are dropped. While 512 MiB wait for the disk, frames are dropped, which are requested again later; scenes and
-    ground truths are dropped for good, which is said once.
+    they are dropped. An entry that cannot be written costs that entry only, which is counted and said. While 512 MiB
+    wait for the disk, frames are dropped, which are requested again later; scenes and ground truths are dropped for
+    good, which is said once.
 
     Args:
         writer: of the take; the recorder closes it.
@@ -93,11 +123,13 @@ class Recorder:
         self._leaps = LeapGuard()
         self._say = say
         self.committed = committed
-        self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
         self._began = time.monotonic()
         self._problem = ""
         self._refused: set[tuple[str, str]] = set()
+        self._unwritten = 0
+        self._errors = Boundary(lambda text: say(f"an entry is not in the take: {text}"))
         self._closing = self._ended = False
         self._health = _Counts({}, {}, 0)
         self.states: dict[NodeKey, NodeState] = {}
@@ -131,10 +163,11 @@ class Recorder:
         """
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, sequence))
 
-    def sent_again(self, wanted: Sequence[tuple[int, int]], node: NodeKey, data: bytes, arrived_ns: int) -> None:
+    def sent_again(self, wanted: WantedFrames, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         """Write a frame that the node was asked for; arguments as in `frame`.
 
-        ``wanted`` has the requested numbers as ranges (first, last); a frame with another number is refused.
+        ``wanted`` is of the request; a frame with another number is refused, and one that cannot be decoded is given
+        up.
         """
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, None, wanted))
 
@@ -143,7 +176,8 @@ class Recorder:
 
         ``change`` is called on the recorder's thread, and returns whether the take must store the account.
         """
-        self._queue.put(partial(self._writer.accounts.change, node, change))
+        work = partial(self._writer.accounts.change, node, change)
+        self._queue.put(partial(self._attempt, "account of a node", work))
 
     def believes(self, node: NodeKey, after: int) -> bool:
         """Whether a node can have sent all frames below ``after``; if not, say so once."""
@@ -197,6 +231,7 @@ class Recorder:
             seconds=round(time.monotonic() - self._began, 2) if report is None else round(report.seconds, 2),
             problem=self._problem or (report.problem if report is not None else ""),
             unknown=writer.accounts.unknown if self._ended else (),
+            unwritten=self._unwritten,
         )
 
     def stored_and_lost(self) -> tuple[dict[str, int], dict[str, int]]:
@@ -221,8 +256,27 @@ class Recorder:
 
     def _take_out(self, size: int, write: Callable[[], None]) -> None:
         self._waiting_bytes -= size
-        if not self._problem:
-            write()
+        if not self._problem and self._attempt("entry of the take", write):
+            self._unwritten += 1
+
+    def _attempt(self, what: str, work: Callable[[], object]) -> str:
+        """Do a piece of work; return the description of an unexpected error, which costs that piece only.
+
+        Raises:
+            RecordingError: the recording has stopped.
+        """
+        stopped: list[RecordingError] = []
+
+        def attempt() -> None:
+            try:
+                work()
+            except RecordingError as error:
+                stopped.append(error)
+
+        problem = self._errors.run(what, attempt)
+        if stopped:
+            raise stopped[0]
+        return problem
 
     def _run(self) -> None:
         try:
@@ -281,7 +335,7 @@ class Recorder:
         data: bytes,
         arrived_ns: int,
         sequence: int | None,
-        wanted: Sequence[tuple[int, int]] | None = None,
+        wanted: WantedFrames | None = None,
     ) -> None:
         try:
             if sequence is None:
@@ -291,16 +345,29 @@ class Recorder:
                 sequence = frame.sequence
             if wanted is None:
                 self._leaps.check(node, sequence, arrived_ns)
-            elif not any(first <= sequence <= last for first, last in wanted):
-                raise WireError(f"sequence {sequence} was not asked for")
+            else:
+                wanted.take(sequence)
         except WireError as error:
             self._refuse(node.sensor, "frames", str(error))
+            if sequence is None and wanted is not None:
+                self._give_up(node, wanted.unreadable())
             return
         if sequence < self._first.get(node, 0):  # from before the take began
             return
         if wanted is None:
             self._include(node, sequence)
-        self._writer.write_frame(data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns)
+        write = partial(
+            self._writer.write_frame,
+            data, sensor=node.sensor, node_id=node.node_id, sequence=sequence, log_ns=arrived_ns,
+        )  # fmt: skip
+        if self._attempt("frame of the take", write):
+            self._unwritten += 1
+            self._give_up(node, sequence)
+
+    def _give_up(self, node: NodeKey, sequence: int | None) -> None:
+        """Count a frame as lost that cannot be stored, so that it is not requested for ever."""
+        if sequence is not None:
+            self._writer.accounts.change(node, lambda ledger: ledger.give_up(sequence))
 
     def _include(self, node: NodeKey, sequence: int) -> None:
         """Let the take begin with a frame that was on its way when it began.

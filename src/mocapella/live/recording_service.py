@@ -11,7 +11,7 @@ from typing import Any
 
 from mocapella import __version__
 from mocapella.errors import NotNowError
-from mocapella.live.record_path import RecordPath, Requests
+from mocapella.live.record_path import ClosedTakes, RecordPath, Requests
 from mocapella.live.recorder import Recorder
 from mocapella.live.session import Session
 from mocapella.model.frame_types import FRAME_TYPES
@@ -30,6 +30,7 @@ FAILED_S = 0.5
 def outcome(health: RecordingHealth) -> str:
     """Return how a take ended as one line for users, with the number of missing frames."""
     lost = f"; {health.lost} frames are missing" if health.lost else ""
+    lost += f"; {health.unwritten} entries could not be written" if health.unwritten else ""
     unknown = "".join(f"; {end}" for end in health.unknown)
     return (health.problem or f"recorded {health.frames} frames in {health.path}") + lost + unknown
 
@@ -88,6 +89,7 @@ class RecordingService:
         self._health: Callable[[], RecordingHealth] = RecordingHealth
         self._changing = threading.Lock()
         self._record_path: RecordPath | None = None
+        self._closed = ClosedTakes(link)
 
     def health(self) -> RecordingHealth:
         """Return the state of the present take, or the result of the last one; inactive before the first."""
@@ -123,6 +125,7 @@ class RecordingService:
         first = {node: sequence + 1 for node, sequence in newest.items()} if fresh else {}
         create = TakeWriter.resume_or_create if resume else TakeWriter.create
         writer = create(path, info=self._info(), reserve_bytes=self._reserve_bytes)
+        self._closed.forget(writer.take_id)
         recorder = Recorder(writer, self._say, first)
         self._command(recorder, "restore", memory)
         if not self._session.running:
@@ -130,6 +133,10 @@ class RecordingService:
         self._record_path = RecordPath(recorder, self._link, self._nodes, first, fresh=fresh)
         self.recorder, self._health = recorder, recorder.health
         return f"recording {path}"
+
+    def tell_closed(self) -> None:
+        """Tell nodes that are there again the end of a take that they have missed; return at once."""
+        self._closed.tell(self._nodes())
 
     @property
     def active(self) -> bool:
@@ -182,7 +189,7 @@ class RecordingService:
         record_path.finish(give_up_s)
         ended = recorder.close()
         self._record_path = None
-        record_path.close()
+        record_path.close(self._closed)
         self._health = lambda: ended
         self._say(outcome(ended))
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from mocapella.decoding import FAULTS
+from mocapella.errors import MocapellaError
 from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival
@@ -17,6 +19,7 @@ def replay(
     events: Iterable[Arrival | Command],
     on_scene: Callable[[Scene], None] = lambda scene: None,
     summary: RunSummary | None = None,
+    on_damage: Callable[[str], None] = lambda text: None,
 ) -> RunSummary:
     """Pass every frame and command to the session in order; return ``summary`` with the results added.
 
@@ -28,13 +31,17 @@ def replay(
         events: frames and commands, such as of `mocapella.recording.take_reader.Take.replay_run`.
         on_scene: called with each scene.
         summary: changed in place; None for a new one.
+        on_damage: called with a description of each command that cannot be carried out, and is left out.
     """
     summary = summary or RunSummary()
     errors = Boundary()
     phase, began_ns = "", None
     for event in events:
         if isinstance(event, Command):
-            session.carry_out(event.values["verb"], event.values["arguments"])
+            try:
+                session.carry_out(event.values["verb"], event.values["arguments"])
+            except (MocapellaError, *FAULTS) as error:
+                on_damage(f"a command before step {event.before_step} cannot be carried out ({error!r})")
             continue
         began_ns = event.at_ns if began_ns is None else began_ns
         summary.began_ns = began_ns

@@ -15,6 +15,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -63,6 +64,8 @@ class ServerSettings:
         layout: the sensors' poses of the last session; None if unknown.
         waiting_for: if tracking cannot begin yet, the reason, shown until `Server.ready`; ``start`` is refused with it.
         log: file of the structured log, named in the status; empty if there is none.
+        record: take to record from the start, before any node is admitted; one that was interrupted is continued. None
+            records none.
     """
 
     listen: str
@@ -74,6 +77,7 @@ class ServerSettings:
     layout: SensorLayout | None = None
     waiting_for: str = ""
     log: str = ""
+    record: Path | None = None
 
 
 class Server:
@@ -91,6 +95,7 @@ class Server:
     Raises:
         AddressInUseError, BusError: it cannot listen at the address.
         SettingsError: the setup or the method's settings are invalid.
+        TakeExistsError, DiskFullError, RecordingError: the take of the settings cannot be recorded.
     """
 
     def __init__(
@@ -118,7 +123,24 @@ class Server:
         self._notices = Notices(say)
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
-        self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
+        self._finishing: list[threading.Thread] = []
+        with ExitStack() as undo:  # if the construction fails
+            undo.callback(self._notices.close)
+            self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
+            if link is None:
+                undo.callback(self._link.close)
+            self._serve(undo)
+            undo.pop_all()
+        clocks = ClockWatch(self._link, self._registry, self._lock, self._recording, self._errors)
+        loops = {
+            "tracker": self._track, "housekeeping": self._housekeeping, "clocks": partial(clocks.run, self._ended)
+        }  # fmt: skip
+        self._threads = [threading.Thread(target=self._guarded, args=(run,), name=name) for name, run in loops.items()]
+        for thread in self._threads:
+            thread.start()
+
+    def _serve(self, undo: ExitStack) -> None:
+        """Begin the take of the settings, and only then admit nodes: it has their first frames."""
         self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
         self._link.errors = self._errors
         door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
@@ -127,9 +149,12 @@ class Server:
             self._link,
             self._connected,
             self._note,
-            reserve_bytes=settings.reserve_bytes,
+            reserve_bytes=self._settings.reserve_bytes,
             between_steps=self._stepping,
         )
+        if self._settings.record is not None:
+            undo.callback(self._recording.finish, at_once=True)
+            self._recording.begin(self._settings.record, resume=True)
         self._link.serve(
             on_frame=door.frame,
             on_truth=door.truth,
@@ -138,14 +163,6 @@ class Server:
             on_join=door.join,
             on_leave=door.leave,
         )
-        clocks = ClockWatch(self._link, self._registry, self._lock, self._recording, self._errors)
-        loops = {
-            "tracker": self._track, "housekeeping": self._housekeeping, "clocks": partial(clocks.run, self._ended)
-        }  # fmt: skip
-        self._finishing: list[threading.Thread] = []
-        self._threads = [threading.Thread(target=self._guarded, args=(run,), name=name) for name, run in loops.items()]
-        for thread in self._threads:
-            thread.start()
 
     def _connected(self) -> list[NodeKey]:
         with self._lock:
@@ -331,6 +348,7 @@ class Server:
             notices = self._registry.take_notices()
         for notice in notices:
             self._note_foreign(notice)
+        self._recording.tell_closed()
         self._notices.beat()
         self._health.beat(self._recording.health().path)
         status = self.status()

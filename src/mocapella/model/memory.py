@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from typing import Any, Protocol, TypeVar
 
@@ -62,16 +62,21 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
         raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error})") from error
 
 
-def set_memory(part: object, memory: Mapping[str, Any]) -> None:
+def set_memory(part: object, memory: Mapping[str, Any], names: Collection[str] | None = None) -> None:
     """Set attributes of a stateful object, in place, such as from a snapshot; attributes without a value stay.
 
     Args:
         part: the object.
         memory: values of its attributes, by name.
+        names: the attributes that a snapshot has; None for all. Without this, a damaged snapshot could replace what
+            neither a reset nor a later snapshot sets again.
 
     Raises:
-        ValueError: a name is a method's, or the value of settings or of a stateful part has another type.
+        ValueError: a name is a method's or of an attribute that no snapshot has, or the value of settings or of a
+            stateful part has another type.
     """
+    if names is not None and (others := vars(part).keys() & memory.keys() - set(names)):
+        raise ValueError(f"{min(others)} is in no snapshot")
     for name, value in memory.items():
         now = vars(part).get(name)
         another = type(value) is not type(now) and (name == "settings" or hasattr(now, "reset"))

@@ -196,6 +196,7 @@ class RecordingHealth:
         seconds: duration so far, or of the take [s].
         problem: why it stopped by itself; empty if it did not.
         unknown: nodes of the ended take whose last frame is not known.
+        unwritten: entries that could not be written, such as an invalid one; frames among them count as lost.
     """
 
     active: bool = False
@@ -207,6 +208,7 @@ class RecordingHealth:
     seconds: float = 0.0
     problem: str = ""
     unknown: tuple[UnknownEnd, ...] = ()
+    unwritten: int = 0
 
 
 @dataclass(frozen=True)

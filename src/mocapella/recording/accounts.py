@@ -18,7 +18,8 @@ class Accounts:
     """The ledgers of a take's nodes: which frames were received, stored and lost. One thread writes, others may read.
 
     Args:
-        nodes: the ledgers so far, such as of an interrupted take; kept and changed in place.
+        nodes: the ledgers so far, such as of an interrupted take; kept and changed in place. An end that only the
+            take's was is open again.
 
     Attributes:
         nodes: ledger of each node.
@@ -29,7 +30,7 @@ class Accounts:
     def __init__(self, nodes: dict[Node, NodeLedger]) -> None:
         self.nodes = nodes
         self.pending = self.duplicates = 0
-        self._changed: set[Node] = set()
+        self._changed: set[Node] = {node for node, ledger in nodes.items() if ledger.reopen()}
 
     @property
     def stored(self) -> int:
@@ -71,21 +72,20 @@ class Accounts:
             if not ledger.agreed and ledger.expect(ledger.first):
                 self._changed.add(node)
 
-    def receive(self, node: Node, number: int) -> bool:
-        """Note a received frame; return False if it is a duplicate or does not belong to the take.
+    def wants(self, node: Node, number: int) -> bool:
+        """Whether a frame that arrived is to be stored: it belongs to the take and is no duplicate, which is counted.
 
         Args:
             node: its node.
             number: its sequence number.
         """
-        ledger = self.nodes.get(node)
-        if ledger is None:
-            ledger = self.nodes[node] = NodeLedger()
-        if not ledger.receive(number):
-            self.duplicates += ledger.has(number)
-            return False
-        self.pending += 1
-        return True
+        ledger = self.nodes.setdefault(node, NodeLedger())
+        self.duplicates += ledger.has(number)
+        return ledger.wants(number)
+
+    def receive(self, node: Node, number: int) -> None:
+        """Note that a wanted frame is in the file; arguments as in `wants`."""
+        self.pending += self.nodes[node].receive(number)
 
     def take_rows(self, *, last: bool = False) -> list[bytes]:
         """Return the ledger rows that have changed since the last call, as JSON to store in the take.

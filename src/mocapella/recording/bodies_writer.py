@@ -74,6 +74,9 @@ class BodiesWriter:
         """Read the written frames back: yield each as values by body's name, decoded as the msgspec type ``of``.
 
         Write no frame until all are read: reading and writing share the file's position.
+
+        Raises:
+            RecordingError: another program has made the file shorter.
         """
         for line in self._lines():
             if ALONE in self.bodies:
@@ -155,6 +158,9 @@ class BodiesWriter:
         rest, left = b"", self._end - self._begin
         while left:
             piece = self._file.read(min(PIECE, left))
+            if not piece:
+                where = "the temporary file" if self.part is None else self.part
+                raise RecordingError(f"{where} became shorter while it was written; track the videos again")
             left -= len(piece)
             *lines, rest = (rest + piece).split(b"\n")
             yield from (line.removesuffix(b",") for line in lines if line)

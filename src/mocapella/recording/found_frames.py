@@ -74,7 +74,8 @@ def found_frames(index: TakeIndex, others: Sequence[tuple[Path, TakeIndex]]) -> 
             if node not in index.nodes and not same:
                 continue
             ours = index.nodes.setdefault(node, NodeLedger())
-            if (same and ours.expect(theirs.first)) or (theirs.end is not None and ours.finish(theirs.end)):
+            ends = theirs.end is not None and ours.finish(theirs.end, left=theirs.left)
+            if (same and ours.expect(theirs.first)) or ends:
                 changed[node] = ours
         for ref in other.frames:
             ledger = index.nodes.get((ref.sensor, ref.node_id))

@@ -26,6 +26,7 @@ class LedgerRow(msgspec.Struct, frozen=True, omit_defaults=True):
         end: sequence number after the node's last frame that belongs to the take; None if the node has not reported it.
         heard: sequence number after the last frame that the node is known to have sent.
         oldest: the node no longer has frames below this sequence number, so they cannot be requested again.
+        left: whether the node ended with the frame before ``end``; else only the take ended there.
     """
 
     sensor: str
@@ -34,6 +35,7 @@ class LedgerRow(msgspec.Struct, frozen=True, omit_defaults=True):
     end: _Number | None = None
     heard: _Number = 0
     oldest: _Number = 0
+    left: bool = False
 
 
 class NodeLedger:
@@ -48,17 +50,19 @@ class NodeLedger:
         heard: sequence number after the last frame that the node is known to have sent.
         oldest: the node no longer has frames below this sequence number, so they cannot be requested again.
         agreed: whether node and server agreed on ``first``.
+        left: whether the node ended with the frame before ``end``; else only the take ended there.
         stored: number of frames on the disk.
-        acknowledged: every frame below this sequence number that belongs to the take, and that the node still had, is
-            on the disk.
+        acknowledged: every frame below this sequence number that belongs to the take is on the disk, or is lost: the
+            node no longer has it, or it was given up.
     """
 
     def __init__(self) -> None:
         self.first = self.heard = self.oldest = 0
         self.end: int | None = None
-        self.agreed = False
+        self.agreed = self.left = False
         self.stored = self.acknowledged = 0
         self._received = SequenceRanges()
+        self._settled: SequenceRanges = self._received
 
     def __len__(self) -> int:
         """Number of received frames, whether on the disk or not."""
@@ -86,25 +90,57 @@ class NodeLedger:
         self.heard, self.oldest = max(self.heard, after), max(self.oldest, oldest)
         return changed
 
-    def finish(self, end: int) -> bool:
-        """Note that no frame from sequence number ``end`` on belongs to the take; return False if the end was known."""
+    def finish(self, end: int, *, left: bool = False) -> bool:
+        """Note that no frame from sequence number ``end`` on belongs to the take; return False if that was known.
+
+        Args:
+            end: the number.
+            left: whether the node ends there; else only the take does.
+        """
         if self.end is not None:
-            return False
+            news = left and not self.left
+            self.left |= left
+            return news
+        self.left = left
         self.end = max(end, self._received.last + 1 if len(self._received) else self.first)
         self.heard = max(self.heard, self.end)
         return True
 
+    def reopen(self) -> bool:
+        """Forget the end of a take that goes on, unless the node has left; return whether the ledger changed."""
+        if self.end is None or self.left:
+            return False
+        self.end = None
+        return True
+
+    def give_up(self, number: int) -> bool:
+        """Note that a frame can never be stored: it counts as lost, and is not requested; False if it was received."""
+        if number in self._received:
+            return False
+        if self._settled is self._received:
+            self._settled = self._received.copy()
+        self._settled.add(number)
+        if not self.agreed:
+            self.first = self._settled.first
+        self.heard = max(self.heard, number + 1)
+        return True
+
+    def wants(self, number: int) -> bool:
+        """Whether the frame with this sequence number belongs to the take, and was not received."""
+        outside = (self.agreed and number < self.first) or (self.end is not None and number >= self.end)
+        return not outside and number not in self._received
+
     def receive(self, number: int) -> bool:
         """Note a received frame by its sequence number; return False for a duplicate, or one outside the take."""
-        if (self.agreed and number < self.first) or (self.end is not None and number >= self.end):
-            return False
-        return self.put_back(number)
+        return self.wants(number) and self.put_back(number)
 
     def put_back(self, number: int) -> bool:
         """Note a frame that is read from the take's file; return False if it was noted before."""
         if not self._received.add(number):
             return False
-        self.first = self._received.first if not self.agreed else min(self.first, number)
+        if self._settled is not self._received:
+            self._settled.add(number)
+        self.first = self._settled.first if not self.agreed else min(self.first, number)
         self.heard = max(self.heard, number + 1)
         return True
 
@@ -115,7 +151,7 @@ class NodeLedger:
     def commit(self) -> None:
         """Note that all received frames are on the disk: update ``stored`` and ``acknowledged``."""
         self.stored = len(self._received)
-        self.acknowledged = self._received.first_missing(max(self.first, self.oldest))
+        self.acknowledged = self._settled.first_missing(max(self.first, self.oldest))
 
     @property
     def after(self) -> int:
@@ -148,16 +184,16 @@ class NodeLedger:
         yield from self._received.gaps(self.first, end)
 
     def obtainable(self, below: int) -> Iterator[tuple[int, int]]:
-        """Yield gaps as `missing` does, only of frames that can be requested because the node may still have them."""
-        yield from self._received.gaps(max(self.first, self.oldest), min(below, self.after))
+        """Yield gaps as `missing` does, without frames that the node no longer has, or that are given up."""
+        yield from self._settled.gaps(max(self.first, self.oldest), min(below, self.after))
 
     def row(self, sensor: str, node_id: int) -> LedgerRow:
         """Return the ledger as a row for the take."""
-        return LedgerRow(sensor, node_id, self.first, self.end, self.heard, self.oldest)
+        return LedgerRow(sensor, node_id, self.first, self.end, self.heard, self.oldest, self.left)
 
     def read(self, row: LedgerRow) -> None:
         """Restore the ledger from a row of the take; frames that were noted before still count as received."""
-        self.agreed, self.first, self.end = True, row.first, row.end
+        self.agreed, self.first, self.end, self.left = True, row.first, row.end, row.left
         if len(self._received):
             self.first = min(self.first, self._received.first)
         self.hear(max(row.heard, row.first), row.oldest)

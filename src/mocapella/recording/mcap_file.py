@@ -98,7 +98,7 @@ class McapFile:
         self._front += record
 
     def add_message(self, channel: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int) -> None:
-        """Add a message to the next flush.
+        """Add a message to the next flush; after an error, nothing of it is added.
 
         Args:
             channel: id of the channel.
@@ -108,12 +108,12 @@ class McapFile:
             sequence: its sequence number; the file keeps the lower 32 bits.
         """
         chunk = self._chunk
+        head = _MESSAGE.pack(Opcode.MESSAGE, 22 + len(data), channel, sequence & _MAX_UINT32, log_ns, publish_ns)
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = bytearray()
             chunk += self._channels[channel - 1]
         index += _INDEX_ENTRY.pack(log_ns, len(chunk))
-        head = _MESSAGE.pack(Opcode.MESSAGE, 22 + len(data), channel, sequence & _MAX_UINT32, log_ns, publish_ns)
         chunk += head
         chunk += data
         self._chunk_first = log_ns if self._chunk_first < 0 else min(self._chunk_first, log_ns)

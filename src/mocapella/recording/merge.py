@@ -111,7 +111,7 @@ def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = Non
     scratch = disk.merging_path(path)
     added = [] if found is None else found.sources
     try:
-        parts = disk.parts_of(path)
+        parts = (path,) if closed(path) else disk.parts_of(path)  # beside a closed take, no file is a part of it
         needed = sum(part.stat().st_size for part in (*parts, *added)) + reserve_bytes
         free = disk.free_bytes(path.parent)
         if free < needed:

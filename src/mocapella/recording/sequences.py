@@ -39,6 +39,12 @@ class SequenceRanges:
             lasts.insert(i, number)
         return True
 
+    def copy(self) -> SequenceRanges:
+        """Return an independent copy."""
+        copied = SequenceRanges()
+        copied._firsts, copied._lasts, copied._count = [*self._firsts], [*self._lasts], self._count
+        return copied
+
     def __contains__(self, number: int) -> bool:
         i = bisect_right(self._firsts, number)
         return i > 0 and number <= self._lasts[i - 1]

@@ -95,7 +95,10 @@ class DiskSpool:
         Raises:
             RecordingError: the disk is full or failed.
         """
-        path = self._folder / f"{self._sensor}-{self._node_id:016x}-{take_id[:8]}{disk.SUFFIX}"
+        name = f"{self._sensor}-{self._node_id:016x}-{take_id[:8]}"
+        path = self._folder / f"{name}{disk.SUFFIX}"
+        if os.path.lexists(path):  # earlier frames of the take
+            path = path.with_stem(f"{name}-{numbers.start}")
         row = LedgerRow(self._sensor, self._node_id, numbers.start, numbers.stop, numbers.stop)
         self._write(path, take_id, frames, row, sum(self._sizes.values()))
         return path

@@ -81,6 +81,7 @@ class TakeIndex:
 
     Attributes:
         clean: whether all files were closed properly and nothing is damaged.
+        damaged: whether a file was not closed properly, or bytes are damaged; else only ends of nodes are unknown.
         problems: faults of the take, a line each.
         runs: descriptions of the runs.
         interruptions: interruptions of the recording by kills of the server.
@@ -94,7 +95,7 @@ class TakeIndex:
     """
 
     def __init__(self) -> None:
-        self.clean = True
+        self.clean, self.damaged = True, False
         self.problems: list[str] = []
         self.runs: list[Run] = []
         self.interruptions: list[Interruption] = []
@@ -153,8 +154,7 @@ class TakeIndex:
         elif isinstance(event, MetadataRead):
             self._add_metadata(event, part, path)
         elif isinstance(event, Damage):
-            self.clean = False
-            self.damaged_parts.add(part)
+            self._damage(part)
             self.problems.append(
                 f"{path.name}: bytes {event.start} to {event.end}, {self.seconds:.2f} s after the beginning: "
                 f"{event.problem}"
@@ -162,9 +162,14 @@ class TakeIndex:
         else:
             self._end(event, path)
 
+    def _damage(self, part: int | None = None) -> None:
+        self.clean, self.damaged = False, True
+        if part is not None:
+            self.damaged_parts.add(part)
+
     def _end(self, end: End, path: Path) -> None:
         if not end.closed:
-            self.clean = False
+            self._damage()
             torn = f", and {end.torn_bytes} bytes after it are no whole entry" if end.torn_bytes else ""
             self.problems.append(
                 f"{path.name}: ends early, after {self.seconds:.2f} s, {len(self.frames)} frames and "
@@ -177,8 +182,7 @@ class TakeIndex:
             if run is not None:
                 self._begin_run(run)
                 return
-            self.clean = False
-            self.damaged_parts.add(part)
+            self._damage(part)
             self.problems.append(f"{path.name}: the description of a run was changed; its second copy is used")
 
     def _begin_run(self, run: Run) -> None:
@@ -205,7 +209,7 @@ class TakeIndex:
             else:
                 self.others.setdefault(m.topic, []).append(ref)
         except (DecodeError, InputError):
-            self.clean = False
+            self._damage()
             self.problems.append(f"{path.name}: the message of {m.topic} at byte {m.offset} is none of ours")
             return
         self.first_ns = m.log_ns if self.first_ns is None else min(self.first_ns, m.log_ns)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar
 
 import msgspec
 
@@ -27,6 +28,7 @@ from mocapella.schema import decode_frame, decode_scene, decode_truth
 
 T = TypeVar("T")
 _FIX = "name a take that is there, such as NAME.mcap"
+MOST_SKIPPED: Final = 100
 
 
 class _StoredCommand(msgspec.Struct):
@@ -52,10 +54,14 @@ class Take:
     Attributes:
         path: path of the take.
         parts: files of the take; more than one if its recording was interrupted and the parts are not merged yet.
+        skips: whether invalid entries are left out, and named in ``skipped``, instead of raising `DamagedTakeError`.
+        skipped: descriptions of the first `MOST_SKIPPED` entries that were left out, a line each.
     """
 
     def __init__(self, path: Path, parts: Sequence[Path], index: TakeIndex) -> None:
         self.path, self.parts = path, tuple(parts)
+        self.skips = False
+        self.skipped: dict[str, None] = {}
         self._index = index
 
     @property
@@ -64,9 +70,14 @@ class Take:
         return self._index.clean
 
     @property
+    def damaged(self) -> bool:
+        """Whether a file was not closed properly, bytes are damaged, or entries were left out (``skips``)."""
+        return self._index.damaged or bool(self.skipped)
+
+    @property
     def problems(self) -> tuple[str, ...]:
-        """Faults of the take, a line each."""
-        return tuple(self._index.problems)
+        """Faults of the take, a line each, with the entries that were left out so far."""
+        return (*self._index.problems, *self.skipped)
 
     @property
     def seconds(self) -> float:
@@ -181,8 +192,8 @@ class Take:
         with ExitStack() as stack:
             files = self._open(stack)
             for scene in self._index.scenes:
-                if run in (None, scene.run) and (arrival := self._arrival(files, scene)) is not None:
-                    yield arrival
+                if run in (None, scene.run):
+                    yield from self._arrivals(files, scene)
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
         """Yield the inputs that trackers need to make the same scenes again.
@@ -212,8 +223,11 @@ class Take:
         with ExitStack() as stack:
             files = self._open(stack)
             for frame in refs:
-                raw = self._bytes(files, frame.ref)
-                yield StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
+                yield from self._if_valid(partial(self._stored, files, frame))
+
+    def _stored(self, files: list[BinaryIO], frame: FrameRef) -> StoredFrame:
+        raw = self._bytes(files, frame.ref)
+        return StoredFrame(frame.ref.log_ns, self._decode(decode_frame, raw, frame.ref), raw)
 
     def replay_run(self, run: int) -> Iterator[Command | Arrival]:
         """Yield one run's tracked frames and commands in the tracker's order."""
@@ -224,21 +238,35 @@ class Take:
             for scene in scenes:
                 while waiting and waiting[-1].before_step <= scene.step:
                     yield waiting.pop()
-                if (arrival := self._arrival(files, scene)) is not None:
-                    yield arrival
+                yield from self._arrivals(files, scene)
         yield from reversed(waiting)
 
-    def _arrival(self, files: list[BinaryIO], scene: SceneRef) -> Arrival | None:
+    def _arrivals(self, files: list[BinaryIO], scene: SceneRef) -> Iterator[Arrival]:
         frame = self._index.frame_of(scene)
-        if frame is None:
-            return None
-        return Arrival(self._decode(decode_frame, self._bytes(files, frame.ref), frame.ref), scene.at_ns)
+        if frame is not None:
+            for stored in self._if_valid(partial(self._stored, files, frame)):
+                yield Arrival(stored.frame, scene.at_ns)
 
     def _decoded(self, refs: Any, decode: Callable[[bytes], T]) -> Iterator[tuple[int, T]]:
         with ExitStack() as stack:
             files = self._open(stack)
             for ref in refs:
-                yield ref.log_ns, self._decode(decode, self._bytes(files, ref), ref)
+                yield from self._if_valid(partial(self._timed, files, ref, decode))
+
+    def _timed(self, files: list[BinaryIO], ref: Ref, decode: Callable[[bytes], T]) -> tuple[int, T]:
+        return ref.log_ns, self._decode(decode, self._bytes(files, ref), ref)
+
+    def _if_valid(self, read: Callable[[], T]) -> Iterator[T]:
+        """Yield what ``read`` returns; nothing if it is invalid and `skips` is set."""
+        try:
+            value = read()
+        except DamagedTakeError as error:
+            if not self.skips:
+                raise
+            if len(self.skipped) < MOST_SKIPPED:
+                self.skipped[str(error)] = None
+            return
+        yield value
 
     def _open(self, stack: ExitStack) -> list[BinaryIO]:
         try:

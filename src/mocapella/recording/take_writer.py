@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -25,13 +25,18 @@ from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
 
+MAX_ENTRY_BYTES: Final = 256 * 1024 * 1024
+"""Size of the largest entry that is stored."""
+
 
 class TakeWriter:
     """Writes a take; made by `create` or `resume_or_create`.
 
     Entries of the ``write_`` methods are on the disk after the next `flush`. An argument ``log_ns`` is the time of the
-    entry on the server's monotonic clock. After an error of `flush` or `close`, the take is closed as far as possible,
-    ``report`` describes the stored contents, and further writing raises `RecordingError`.
+    entry on the server's monotonic clock. An entry of more than `MAX_ENTRY_BYTES` raises `WireError`; after any error
+    of a ``write_`` method, nothing of the entry is stored, and the take goes on. After an error of `flush` or `close`,
+    the take is closed as far as possible, ``report`` describes the stored contents, and further writing raises
+    `RecordingError`.
 
     Attributes:
         path: path of the take.
@@ -154,10 +159,11 @@ class TakeWriter:
         The caller has checked that ``data`` is the frame with this sensor, node id and sequence number.
         """
         self._check_open()
-        if not self.accounts.receive((sensor, node_id), sequence):
+        node = sensor, node_id
+        if not self.accounts.wants(node, sequence):
             return False
-        self._file.add(take.FRAMES + sensor, data, log_ns, sequence)
-        self._saw(log_ns)
+        self._add(take.FRAMES + sensor, data, log_ns, sequence)
+        self.accounts.receive(node, sequence)
         return True
 
     def write_scene(self, data: bytes, log_ns: int) -> None:
@@ -239,7 +245,12 @@ class TakeWriter:
 
     def _write(self, topic: str, data: bytes, log_ns: int) -> None:
         self._check_open()
-        self._file.add(topic, data, log_ns)
+        self._add(topic, data, log_ns)
+
+    def _add(self, topic: str, data: bytes, log_ns: int, sequence: int = 0) -> None:
+        if len(data) > MAX_ENTRY_BYTES:
+            raise WireError(f"an entry of {len(data)} bytes; at most {MAX_ENTRY_BYTES} are stored")
+        self._file.add(topic, data, log_ns, sequence)
         self._saw(log_ns)
 
     def _saw(self, log_ns: int) -> None:

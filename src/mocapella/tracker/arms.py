@@ -163,7 +163,7 @@ class ArmsTracker:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, tracks, calibration = unpack(data, _REMEMBERED)
-        set_memory(self, own)
+        set_memory(self, own, _OWN_MEMORY)
         set_memory(self._tracks, tracks)
         set_memory(self._calibration, calibration)
 

@@ -160,7 +160,7 @@ class DefaultTracker:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
-        set_memory(self, own)
+        set_memory(self, own, _OWN_MEMORY)
         set_memory(self._arrivals, arrivals)
         set_memory(self._jumps, jumps)
         set_memory(self._tracks, tracks)

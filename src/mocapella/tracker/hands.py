@@ -226,7 +226,7 @@ class HandsTracker:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
-        set_memory(self, own)
+        set_memory(self, own, _OWN_MEMORY)
         set_memory(self._rays, rays)
         set_memory(self._rig_fit, rig_fit)
         set_memory(self._fit, fit)

@@ -107,7 +107,7 @@ class PeopleBodies:
         if self._tracker is not None:
             self._tracker.restore(inner)
         self._alignment.recall(alignment)
-        set_memory(self, own)
+        set_memory(self, own, _OWN)
 
     def see(self, arrival: Arrival, people: Sequence[Person], topology: Topology | None) -> str:
         """Process an image; return why it cannot be used, empty if it can. `tracked_bodies` returns the result.

@@ -177,7 +177,7 @@ class SilhouettesTracker:
             raise ValueError(f"of {kind!r}")
         for part, memory in zip(self._parts(), memories, strict=True):
             part.recall(memory)
-        set_memory(self, own)
+        set_memory(self, own, _OWN_MEMORY)
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:

@@ -109,7 +109,8 @@ class StandStillTracker:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, *stages = unpack(data, _REMEMBERED)
-        for part, memory in zip((self, *self._stages()), (own, *stages), strict=True):
+        set_memory(self, own, _OWN_MEMORY)
+        for part, memory in zip(self._stages(), stages, strict=True):
             set_memory(part, memory)
 
     def _stages(self) -> tuple[object, ...]:

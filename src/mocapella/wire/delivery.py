@@ -54,12 +54,14 @@ class FrameAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
         oldest: number of the oldest frame that it still has; equal to ``next`` if it has none.
         first: number of its first frame since the take began.
         leaving: whether the node sends no more frames.
+        gone: (first, last) of wanted frames that the node cannot read any more, such as from a damaged file.
     """
 
     next: _Number
     oldest: _Number
     first: _Number = 0
     leaving: bool = False
+    gone: Annotated[list[tuple[_Number, _Number]], msgspec.Meta(max_length=MOST_FRAMES)] = []
 
 
 def check_number(value: object) -> int:

@@ -22,7 +22,7 @@ import msgspec
 import zenoh
 
 from mocapella.decoding import decode_json
-from mocapella.errors import InputError, NameTakenError, RecordingError, UnstoredFramesError, WireError
+from mocapella.errors import InputError, NameTakenError, UnstoredFramesError, WireError
 from mocapella.model.frame_types import HISTORY_FRAMES
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
@@ -104,7 +104,10 @@ class NodeLink:
         self._say = say
         place = None if spool is None else spool(self.node)
         self.outbox = Outbox(history_frames, place)
-        self._spooler = Spooler(self.outbox, place, lambda text: say(f"{sensor}: {text}"))
+        self._server_since_ns: int | None = None
+        self._spooler = Spooler(
+            self.outbox, place, lambda text: say(f"{sensor}: {text}"), lambda: self._server_since_ns
+        )
         self._ended = threading.Event()
         self._session = open_node_at(self._door)
         self._live = self._session.declare_publisher(
@@ -181,7 +184,12 @@ class NodeLink:
 
     def server_is_there(self) -> bool:
         """Whether a server is connected now; waits up to half a second for its liveliness token."""
-        return any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
+        there = any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
+        if not there:
+            self._server_since_ns = None
+        elif self._server_since_ns is None:
+            self._server_since_ns = time.monotonic_ns()
+        return there
 
     def close(self) -> None:
         """Tell the server the last frame's number, wait until all frames are acknowledged, and leave the bus.
@@ -239,11 +247,12 @@ class NodeLink:
                 return
             answer = self.outbox.update(request, time.monotonic_ns())
             self._spooler.begin()
-            try:
-                for data in self.outbox.wanted(request):
-                    query.reply(self._record_key, data)
-            except RecordingError as error:
-                self._say(f"{self.node.sensor}: {error}")
+            gone: dict[tuple[int, int], str] = {}
+            for data in self.outbox.wanted(request, gone):
+                query.reply(self._record_key, data)
+            for problem in dict.fromkeys(gone.values()):
+                self._say(f"{self.node.sensor}: {problem}")
+            answer = msgspec.structs.replace(answer, gone=list(gone))
             query.reply(self._record_key, msgspec.json.encode(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
             query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
             if request.end is not None or request.closed:

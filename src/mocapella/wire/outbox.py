@@ -8,7 +8,7 @@ from the oldest end, and counted.
 from __future__ import annotations
 
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
@@ -16,6 +16,8 @@ from typing import Final, NamedTuple, Protocol
 from mocapella.errors import RecordingError
 from mocapella.wire.delivery import MOST_ANSWER_BYTES, MOST_FRAMES, FrameAnswer, FrameRequest
 
+MOST_READS: Final = 20
+"""Failed attempts to read frames from the store before they count as lost: a disk may fail for a moment only."""
 MOST_TAKES: Final = 8
 """Open takes for which a node keeps frames."""
 
@@ -52,11 +54,15 @@ class Hold:
         stored: number of the first frame that is not acknowledged.
         end: number after the last frame; None while the take goes on.
         closed: whether the take is closed, and lacks these frames.
+        first: number of the first frame that belongs to the take.
+        heard_ns: when a server last asked for frames of the take, on the node's monotonic clock.
     """
 
     stored: int
     end: int | None = None
     closed: bool = False
+    first: int = 0
+    heard_ns: int = 0
 
     def numbers(self, after: int) -> range:
         """Return the numbers of the frames; ``after`` is the number of the node's next frame."""
@@ -98,6 +104,7 @@ class Outbox:
         self._holds: dict[str, Hold] = {}
         self._leaving = False
         self._read: tuple[int, Sequence[bytes]] = (-1, ())
+        self._failures: Counter[int] = Counter()
 
     @property
     def next(self) -> int:
@@ -141,15 +148,22 @@ class Outbox:
     def update(self, request: FrameRequest, now_ns: int) -> FrameAnswer:
         """Update a take's claim on the node's frames; return the state of the node.
 
-        A claim ends when the take has all its frames. Beyond `MOST_TAKES` takes, a new claim is ignored.
+        A claim ends when the take has all its frames. Beyond `MOST_TAKES` takes, a new claim is ignored. A late or
+        repeated request never takes an acknowledgement back, and does not change the take's first frame.
 
         Args:
             request: state of the take.
             now_ns: the present time on the node's monotonic clock [ns]; ``request.age_ns`` counts back from it.
         """
         with self._lock:
-            first = self._since(now_ns - request.age_ns) if request.stored is None else request.stored
-            hold = Hold(first, request.end, request.closed)
+            known = self._holds.get(request.take)
+            if known is not None:
+                first = known.first
+            else:
+                first = self._since(now_ns - request.age_ns) if request.stored is None else request.stored
+            stored = first if request.stored is None else request.stored
+            stored = stored if known is None else max(stored, known.stored)
+            hold = Hold(stored, request.end, request.closed, first, now_ns)
             if self._settled(hold):
                 self._holds.pop(request.take, None)
             elif request.take in self._holds or len(self._holds) < MOST_TAKES:
@@ -157,17 +171,28 @@ class Outbox:
             self._forget()
             return FrameAnswer(self._next, self.oldest, first, self._leaving)
 
-    def wanted(self, request: FrameRequest) -> Iterator[bytes]:
+    def wanted(self, request: FrameRequest, gone: dict[tuple[int, int], str] | None = None) -> Iterator[bytes]:
         """Yield the wanted frames that are available, in order, as many as one answer has.
 
-        Raises:
-            RecordingError: the store cannot be read.
+        Args:
+            request: names them.
+            gone: gets the reason for each range (first, last) of wanted frames that the store has failed to give
+                `MOST_READS` times.
         """
         count = size = 0
         for first, last in request.wanted:
             number = max(first, self.oldest)
             while number <= min(last, self._next - 1) and count < MOST_FRAMES and size < MOST_ANSWER_BYTES:
-                data = self.frame(number)
+                try:
+                    data = self.frame(number)
+                except RecordingError as error:
+                    part = self._part_of(number)
+                    behind = min(part.last, last)
+                    self._failures[part.first] += 1
+                    if gone is not None and self._failures[part.first] >= MOST_READS:
+                        gone[number, behind] = str(error)
+                    number, count = behind + 1, count + 1
+                    continue
                 if data is None:  # dropped meanwhile
                     return
                 yield data
@@ -185,17 +210,23 @@ class Outbox:
                 return None
             if place >= 0:
                 return self._memory[place].data
-            part = next(part for part in self._spilled if part.first <= number <= part.last)
+            part = self._part_of(number)
         return self._stored(part)[number - part.first]  # the disk is not waited for under the lock
+
+    def _part_of(self, number: int) -> _Spilled:
+        with self._lock:
+            parts = (part for part in self._spilled if part.first <= number <= part.last)
+            return next(parts, _Spilled(number, number, 0))  # else it was forgotten meanwhile
 
     def _stored(self, part: _Spilled) -> Sequence[bytes]:
         """Read a part, or return it if it was the last one that was read."""
         last = self._read
         if last[0] != part.first:
             assert self._store is not None
-            last = self._read = part.first, self._store.read(part.first)
+            last = part.first, self._store.read(part.first)
         if len(last[1]) != part.last - part.first + 1:
             raise RecordingError(f"spooled frames {part.first} to {part.last} are damaged; they count as lost")
+        self._read = last
         return last[1]
 
     def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
@@ -290,6 +321,7 @@ class Outbox:
 
     def _forget_spilled(self) -> None:
         part = self._spilled.popleft()
+        self._failures.pop(part.first, None)
         self._forgotten_ns = part.last_sent_ns
         if self._store is not None:
             self._store.remove(part.first)

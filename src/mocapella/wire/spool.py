@@ -16,6 +16,8 @@ from mocapella.wire.outbox import Hold, Outbox, Store
 
 SPILL_AFTER_S: Final = 2.0
 """Frames that wait longer for an acknowledgement are moved to the disk [s]."""
+NEGLECTED_S: Final = 60.0
+"""A take that a present server has not asked about for so long is taken for closed [s]; servers ask every second."""
 _EVERY_S: Final = 0.5
 
 
@@ -42,15 +44,25 @@ class Spooler:
         outbox: of the node.
         spool: the place on the disk; None if there is none.
         say: receives a message when frames are lost, or are kept in a file.
+        server_since_ns: returns the time since which a server is there, on the node's monotonic clock; None without
+            one.
 
     Attributes:
         kept: files with frames of takes that lack them.
     """
 
-    def __init__(self, outbox: Outbox, spool: Spool | None, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        outbox: Outbox,
+        spool: Spool | None,
+        say: Callable[[str], None],
+        server_since_ns: Callable[[], int | None] = lambda: None,
+    ) -> None:
         self._outbox, self._spool, self._say = outbox, spool, say
+        self._server_since_ns = server_since_ns
         self.kept: list[str] = []
-        self._missing: dict[str, int] = {}
+        self._missing: dict[tuple[str, int], int] = {}
+        self._told: set[str] = set()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._dropped = 0
@@ -79,11 +91,13 @@ class Spooler:
     def update(self, now_ns: int) -> None:
         """Spill once if it is due; without space, the oldest frames are dropped until it succeeds.
 
-        Frames that a closed take lacks are kept in a file.
+        Frames that a closed take lacks are kept in a file; also those of a take whose end the node may have missed,
+        because a server is there and does not ask about it: they would fill the disk.
         """
-        outbox = self._outbox
+        outbox, since_ns = self._outbox, self._server_since_ns()
         for take, hold in outbox.holds.items():
-            if hold.closed:
+            quiet_ns = 0 if since_ns is None else now_ns - max(since_ns, hold.heard_ns)
+            if hold.closed or quiet_ns > NEGLECTED_S * 1e9:
                 self._keep(take, hold)
         if outbox.waiting_ns(now_ns) > SPILL_AFTER_S * 1e9:
             while not outbox.spill() and outbox.crowded and outbox.spilled:
@@ -94,12 +108,14 @@ class Spooler:
 
     def _keep(self, take: str, hold: Hold) -> None:
         numbers = hold.numbers(self._outbox.next)
-        self._missing[take] = len(numbers)
+        self._missing[take, numbers.start] = len(numbers)
         if numbers and self._spool is not None:
             try:
                 path = self._spool.keep(take, self._outbox.frames(numbers), numbers)
             except RecordingError as error:
-                self._say(f"{len(numbers)} frames that a take lacks cannot be kept: {error}")
+                if take not in self._told:
+                    self._told.add(take)
+                    self._say(f"{len(numbers)} frames that a take lacks cannot be kept: {error}")
                 return  # parts that were spilled before stay
             self.kept.append(str(path))
             self._say(f"{len(numbers)} frames that a take lacks are kept in {path}")
