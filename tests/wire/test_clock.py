@@ -19,7 +19,11 @@ from mocapella.wire.clock import (
 
 SECOND = 10**9
 DELAY = st.integers(0, 3 * 10**8)
-STEPS = st.lists(st.tuples(st.integers(0, 40 * SECOND), st.integers(-MOST_DRIFT_PPM, MOST_DRIFT_PPM), DELAY, DELAY), min_size=1, max_size=30)
+STEPS = st.lists(
+    st.tuples(st.integers(0, 40 * SECOND), st.integers(-MOST_DRIFT_PPM, MOST_DRIFT_PPM), DELAY, DELAY),
+    min_size=1,
+    max_size=30,
+)
 """Of successive probes: time before it [ns], drift from there on [ppm], time to the far clock and back [ns]."""
 
 

@@ -16,6 +16,7 @@ from typing import Final, Protocol
 
 from mocapella.live.recorder import NodeState, Recorder
 from mocapella.recording.ledger import NodeLedger
+from mocapella.supervision import Boundary
 from mocapella.wire.delivery import FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import REQUEST_TIMEOUT_S, OnFrame
@@ -90,6 +91,7 @@ class RecordPath:
         nodes: returns the connected nodes.
         first: number of the first frame of each node that belongs to the take, where it is known.
         fresh: whether the take is new; else nodes that it does not know are asked for all their frames.
+        hurry: while it is set, `finish` and `close` do not wait for nodes; None never hurries.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class RecordPath:
         first: Mapping[NodeKey, int],
         *,
         fresh: bool,
+        hurry: threading.Event | None = None,
     ) -> None:
         self._recorder, self._link, self._nodes = recorder, link, nodes
         self._first, self._fresh = dict(first), fresh
@@ -107,7 +110,8 @@ class RecordPath:
         self._contacts: dict[NodeKey, _Contact] = {}
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._finishing = False
+        self._finishing, self._hurry = False, hurry or threading.Event()
+        self._errors = Boundary()
         recorder.committed = self._wake.set
         self._thread = threading.Thread(target=self._run, name="record-path")
         self._thread.start()
@@ -128,7 +132,7 @@ class RecordPath:
         self._finishing = True
         self._wake.set()
         before, since_s = self._progress(), time.monotonic()
-        while not self._whole() and time.monotonic() - since_s < give_up_s:
+        while not (self._whole() or self._hurry.is_set()) and time.monotonic() - since_s < give_up_s:
             time.sleep(0.02)
             now = self._progress()
             if now != before:
@@ -144,7 +148,7 @@ class RecordPath:
         """
         ended = [self._close_at(node, state) for node in self._nodes() if (state := self._state(node)) is not None]
         deadline = time.monotonic() + CLOSE_S
-        for event in ended:
+        for event in ended if not self._hurry.is_set() else ():
             event.wait(max(0.0, deadline - time.monotonic()))
 
     def _close_at(self, node: NodeKey, state: NodeState) -> threading.Event:
@@ -158,7 +162,7 @@ class RecordPath:
             self._wake.wait(_POLL_S)
             self._wake.clear()
             for node in self._nodes():
-                self._ask(node)
+                self._errors.run("request for frames", partial(self._ask, node))
 
     def _ask(self, node: NodeKey) -> None:
         contact = self._contacts.setdefault(node, _Contact())

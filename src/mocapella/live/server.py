@@ -83,10 +83,12 @@ class Server:
         settings: of the server.
         say: called with each notice, on a thread of its own.
         link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
+        failed: value of the attribute; whoever finds that any thread of the process has died sets it.
 
     Attributes:
         summary: statistics of the run.
-        failed: set when a thread of the server has ended with an unexpected error; close the server then.
+        failed: set when a thread has ended with an unexpected error; close the server then. From then on nothing but
+            the disk is waited for.
 
     Raises:
         AddressInUseError, BusError: it cannot listen at the address.
@@ -94,7 +96,11 @@ class Server:
     """
 
     def __init__(
-        self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None, link: ServerLink | None = None
+        self,
+        settings: ServerSettings,
+        say: Callable[[str], None] = lambda text: None,
+        link: ServerLink | None = None,
+        failed: threading.Event | None = None,
     ) -> None:
         self._settings = settings
         self._session = Session(
@@ -111,7 +117,7 @@ class Server:
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
         self._ended = threading.Event()
-        self.failed = threading.Event()
+        self.failed = failed or threading.Event()
         self._began = time.monotonic()
         self.summary = RunSummary(began_ns=time.monotonic_ns())
         self._health = HealthWatch(settings.takes, settings.reserve_bytes, settings.log)
@@ -129,6 +135,7 @@ class Server:
             self._note,
             reserve_bytes=settings.reserve_bytes,
             between_steps=self._stepping,
+            hurry=self.failed,
         )
         self._link.serve(
             on_frame=door.frame,
@@ -411,10 +418,13 @@ class Server:
     def close(self) -> RecordingHealth:
         """Finish the take, leave the bus, and return the result of the last take.
 
-        After a failure the take is closed at once, without missing frames: the next start of the server continues it.
+        After a failure the take is closed first and at once, without missing frames, because the process exits soon.
         """
+        if self.failed.is_set():
+            self._ended.set()
+            self._recording.finish()
         self.halt()
-        health = self._recording.finish(at_once=self.failed.is_set())
+        health = self._recording.finish()
         for thread in self._finishing:
             thread.join()
         self._link.close()

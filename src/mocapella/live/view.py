@@ -171,11 +171,13 @@ class Link:
         while self._session is None and not self._closed.is_set():
             try:
                 self._session = open_reader(self._connect, timeout=ATTEMPT_S)
-            except NoServerError as error:
+            except MocapellaError as error:
                 if not notified:
                     nobody = f"no server at {self._address} yet: start one with `mocapella serve`"
-                    self._on_waiting(str(error) if isinstance(error, NotAdmittedError) else nobody)
+                    absent = isinstance(error, NoServerError) and not isinstance(error, NotAdmittedError)
+                    self._on_waiting(nobody if absent else str(error))
                 notified = True
+                self._closed.wait(ATTEMPT_S)
         if self._session is not None:
             self._newest = Newest(self._session)
 

@@ -8,6 +8,7 @@ import platform
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -18,6 +19,7 @@ from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.schema import decode_frame, decode_scene
+from mocapella.supervision import Boundary
 from mocapella.wire import keys
 
 
@@ -39,10 +41,11 @@ class Newest:
         self._scene: bytes | None = None
         self._status: bytes | None = None
         self._frames: dict[str, bytes] = {}
+        guard = Boundary().wrap
         self._subscribers = [
-            session.declare_subscriber(keys.SCENE, self._take_scene),
-            session.declare_subscriber(keys.STATUS, self._take_status),
-            session.declare_subscriber(keys.ALL_LIVE, self._take_frame),
+            session.declare_subscriber(keys.SCENE, guard("scene", self._take_scene)),
+            session.declare_subscriber(keys.STATUS, guard("status", self._take_status)),
+            session.declare_subscriber(keys.ALL_LIVE, guard("frame", self._take_frame)),
         ]
 
     def scene(self) -> Scene | None:
@@ -97,9 +100,10 @@ class Following:
         self.refused = self.lost = 0
         self._waiting: deque[tuple[Callable[[bytes], Scene | SensorFrame], bytes]] = deque(maxlen=most)
         self._lock = threading.Lock()
+        guard = Boundary().wrap
         self._subscribers = [
-            session.declare_subscriber(keys.SCENE, lambda sample: self._put(decode_scene, sample)),
-            session.declare_subscriber(keys.ALL_LIVE, lambda sample: self._put(decode_frame, sample)),
+            session.declare_subscriber(keys.SCENE, guard("scene", partial(self._put, decode_scene))),
+            session.declare_subscriber(keys.ALL_LIVE, guard("frame", partial(self._put, decode_frame))),
         ]
 
     def take(self) -> list[Scene | SensorFrame]:
