@@ -148,9 +148,8 @@ def live_session(
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
             settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
-        server = Server(
-            replace(settings, log=log_in_use()), say=show, link=link, failed=stop.died
-        )  # it logs its notices itself
+        settings = replace(settings, log=log_in_use())
+        server = Server(settings, say=show, link=link, failed=stop.died)  # it logs its notices itself
         stack.callback(server.close)
         view = stack.enter_context(Children())
         shown = threading.Event()

@@ -1,4 +1,4 @@
-"""Turn Ctrl-C, SIGTERM and SIGHUP into an event that loops wait on, so that everything is closed and the exit status is 0.
+"""Turn signals (Ctrl-C, SIGTERM, SIGHUP) into an event that loops wait on: everything is closed, the exit status is 0.
 
 Work without such a loop is interrupted by an exception instead.
 

@@ -46,7 +46,7 @@ def end_with_any_thread(
     exit_now: Callable[[], None] | None = None,
     within_s: float = EXIT_WITHIN_S,
 ) -> Iterator[None]:
-    """Set ``stop.died`` and ``stop`` if a thread dies of an exception within this block, and raise an error at the end of the block.
+    """Set ``stop.died`` and ``stop`` if a thread dies of an exception within this block; raise an error at its end.
 
     If the process has not ended by itself ``within_s`` after the death, ``exit_now`` is called, also after the block;
     by default it is `exit_process`.

@@ -113,7 +113,7 @@ class SensorHealth:
     Attributes:
         name, node_id: the sensor, and the process that serves it.
         connected: whether its node is connected to the bus.
-        silent: whether no frame has arrived for longer than the limit, connected or not.
+        silent: whether no frame has arrived for longer than the limit (`mocapella.model.pace`), connected or not.
         local: whether the node runs on the server's machine.
         bodies: number of items, such as people, in its newest frame.
         rate_hz: frame rate over the last seconds.
@@ -137,6 +137,7 @@ class SensorHealth:
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
         clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
         clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
+        clock_poor: whether ``clock_bound`` is above 10 ms.
     """
 
     name: str
@@ -166,6 +167,7 @@ class SensorHealth:
     calibration: str = ""
     clock_drift_ppm: float | None = None
     clock_drift_bound_ppm: float | None = None
+    clock_poor: bool = False
 
 
 @dataclass(frozen=True)
