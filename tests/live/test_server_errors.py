@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,14 @@ import zenoh
 from support.programs import free_port, wait_until
 
 from mocapella.cli.recordings import open_recording
+from mocapella.errors import NameTakenError
 from mocapella.live.replay import replay
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.session import Session
 from mocapella.model.limits import MOST_COMMANDS_OF_A_CLIENT, MOST_UNPROVEN
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.scene import Scene
-from mocapella.model.session import SensorHealth, Setup
+from mocapella.model.session import Descriptors, SensorHealth, Setup
 from mocapella.model.topology import topology
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
@@ -189,6 +191,26 @@ def test_keys_that_no_node_has_are_counted_and_named(server: Server, address: st
     assert server.status().sensors == ()
 
 
+def test_a_step_of_the_wall_clock_is_in_status_and_take_and_changes_no_time(
+    server: Server, front: NodeLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server.record_to(tmp_path / "a.mcap")
+    until("frames are tracked", front, lambda: server.summary.scenes_out >= 2)
+    wall_ns = time.time_ns
+    for step_s in (-7200, 30):
+        monkeypatch.setattr(server._wall_clock, "_wall_ns", lambda: wall_ns() + step_s * 10**9)  # noqa: B023
+        wait_until("the notice", lambda: sum("wall clock" in one for one in server.status().notices) > (step_s > 0))  # noqa: B023
+        before = server.summary.scenes_out
+        until("frames are tracked", front, lambda: server.summary.scenes_out > before + 3)  # noqa: B023
+    wait_until("it is in a recorded status", lambda: server.status().recording.frames >= front.published)
+    server._keep_house()
+    assert server.close().lost == 0
+    take = read_take(tmp_path / "a.mcap")
+    times, statuses = zip(*take.statuses(), strict=True)
+    assert sum("the wall clock of this machine stepped by" in one for one in statuses[-1]["notices"]) == 2
+    assert list(times) == sorted(times)
+
+
 @pytest.mark.parametrize("recording", [True, False])
 def test_without_file_descriptors_what_runs_goes_on_and_a_new_take_is_refused(
     server: Server, reader: zenoh.Session, front: NodeLink, recording: bool
@@ -205,11 +227,26 @@ def test_without_file_descriptors_what_runs_goes_on_and_a_new_take_is_refused(
         until("frames are tracked", front, lambda: server.summary.frames_in > before[0] + 3)
         if recording:
             until("frames are stored", front, lambda: server.status().recording.frames > before[1] + 3)
+        wait_until("it is counted", lambda: server.status().health.descriptors == Descriptors(3, 3))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert not refused.ok
     assert ("already recording" if recording else "Too many open files") in refused.message
     assert send_command(reader, "record-stop" if recording else "record", {"name": "b"}, timeout=60.0).ok
+
+
+def test_with_few_file_descriptors_new_sensors_are_refused_visibly_and_others_stay(
+    server: Server, front: NodeLink, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    until("it is tracked", front, lambda: server.summary.frames_in > 3)
+    monkeypatch.setattr("mocapella.live.health.open_descriptors", lambda: Descriptors(91, 100))
+    wait_until("it is counted", lambda: server.status().health.descriptors == Descriptors(91, 100))
+    assert front.join(timeout=60.0)
+    with NodeLink(address, "side") as side, pytest.raises(NameTakenError, match="91 of 100 file descriptors"):
+        wait_until("an answer", side.join)
+    status = server.status()
+    assert any('sensor "side" was refused: the server has 91 of 100' in one for one in status.notices)
+    assert any("91 of 100 file descriptors" in one for one in status.health.problems())
 
 
 def test_a_verb_reaches_neither_terminal_nor_status_raw(server: Server, reader: zenoh.Session) -> None:

@@ -57,6 +57,8 @@ def lines(now: SessionStatus) -> Iterator[str]:
     )
     if health.disk_free_bytes is not None:
         yield f"disk: {health.disk_free_bytes / 1e9:.1f} GB left"
+    if health.descriptors is not None:
+        yield f"file descriptors: {health.descriptors.used} of {health.descriptors.limit}"
     if health.log:
         yield f"log: {health.log}"
     for reason, count in health.errors.items():

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from mocapella.errors import NameTakenError, NoServerError
 from mocapella.live.thread_deaths import StopEvent
+from mocapella.live.wall_clock import WallClock
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
@@ -97,6 +98,7 @@ class Membership:
         if isinstance(stop, StopEvent):
             link.hurry = stop.died
         self._joined, self._still, self._tries = False, False, 0
+        self._wall_clock = WallClock()
         self._thread = threading.Thread(target=self._run, name="membership")
         self._thread.start()
 
@@ -122,6 +124,9 @@ class Membership:
     def _run(self) -> None:
         while not self._stop.is_set():
             self.errors.run("server", self._look)
+            step = self._wall_clock.step()
+            if step:
+                self._say(f"{self._link.node.sensor}: {step}")
             self._stop.wait(_LOOK_EVERY_S if self._joined else 0.2)
 
     def _look(self) -> None:

@@ -187,6 +187,10 @@ class SensorRegistry:
         entry = self._entries.get(node.sensor)
         return entry is not None and entry.node == node
 
+    def proven(self, node: NodeKey) -> bool:
+        """Whether the node holds its sensor's name and has sent a valid frame."""
+        return self.holds(node) and self._entries[node.sensor].frames > 0
+
     def set_local(self, node: NodeKey, local: bool) -> None:
         """Set whether the node runs on the server's machine."""
         if self.holds(node):

@@ -36,6 +36,7 @@ from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
 from mocapella.live.state_notices import StateNotices
 from mocapella.live.summary import RunSummary
+from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
@@ -121,13 +122,15 @@ class Server:
         self._began = time.monotonic()
         self.summary = RunSummary(began_ns=time.monotonic_ns())
         self._health = HealthWatch(settings.takes, settings.reserve_bytes, settings.log)
+        self._wall_clock = WallClock()
         self._notices = Notices(say)
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
         self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
         self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
         self._link.errors = self._errors
-        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
+        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording,
+                    full=self._health.full, refused=self._note_foreign)  # fmt: skip
         self._recording = RecordingService(
             self._session,
             self._link,
@@ -338,6 +341,9 @@ class Server:
             notices = self._registry.take_notices()
         for notice in notices:
             self._note_foreign(notice)
+        step = self._wall_clock.step()
+        if step:
+            self._note(step)
         self._notices.beat()
         self._health.beat(self._recording.health().path)
         status = self.status()
