@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import zenoh
@@ -405,6 +406,63 @@ def test_a_take_with_a_frame_that_could_not_be_tracked_replays_like_the_live_run
     assert replayed.notes["differing_scenes"] == 0
     assert replayed.summary.scenes_out == len(list(take.scenes())) > 5
     assert replayed.summary.errors == {}
+
+
+def test_the_interval_in_which_a_camera_was_moved_is_marked_in_take_and_summary(
+    server: Server, front: NodeLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the first scene with the condition to the last: it ends when the camera is calibrated again."""
+    step, moved = Session.step, "front: it was moved"
+
+    def planted(session: Session, arrival: Arrival) -> Scene | None:
+        scene = step(session, arrival)
+        assert scene is not None
+        if not 5 <= scene.sequence < 12:
+            return scene
+        return msgspec.structs.replace(scene, state=msgspec.structs.replace(scene.state, reason=moved))
+
+    monkeypatch.setattr(Session, "step", planted)
+    server.record_to(tmp_path / "a.mcap")
+    until("scenes", front, lambda: server.summary.scenes_out >= 20)
+    server.close()
+    conditions = server.summary.as_json(server._session.state)["conditions"]
+    (marked,) = [one for one in conditions if one["condition"] == moved]
+    assert marked["results"] == 7
+    assert 0 <= marked["first_s"] <= marked["last_s"]
+    scenes = [scene for _, scene in read_take(tmp_path / "a.mcap").scenes()]
+    assert [scene.sequence for scene in scenes if scene.state.reason == moved] == list(range(5, 12))
+
+
+def test_frames_that_are_frozen_or_go_back_in_time_are_stored_and_flagged(
+    server: Server, front: NodeLink, tmp_path: Path
+) -> None:
+    server.record_to(tmp_path / "a.mcap")
+    until("it is tracked", front, lambda: server.summary.scenes_out > 3)
+    newest = front.published
+    for k in (newest, newest, newest - 3):  # again, again, and earlier
+        front.publish(frame(k))
+    wait_until("they are flagged", lambda: row(server).rejected == 3)
+    assert "time" in row(server).problem
+    front.publish(frame(newest + 1))
+    sent = front.published
+    wait_until("all are on the disk", lambda: server.status().recording.frames == sent)
+    assert server.close().lost == 0
+    stored = [one.frame.sequence for one in read_take(tmp_path / "a.mcap").frames_in_sequence("front")]
+    assert stored == list(range(sent))
+
+
+def test_a_node_at_ten_times_its_rate_and_one_at_its_own_are_counted_apart(
+    server: Server, front: NodeLink, address: str
+) -> None:
+    with NodeLink(address, "side") as fast:
+        wait_until("it joins", fast.join)
+        with server._stepping:  # the tracker has something else to do meanwhile
+            for k in range(4):
+                front.publish(frame(k + 1))
+            until("it is throttled", fast, lambda: row(server, "side").behind >= 40)
+        until("the slow one is tracked", front, lambda: row(server).frames >= 4)
+        assert row(server).behind == 0
+        assert row(server, "side").behind >= 40
 
 
 def test_a_frame_whose_replay_fails_is_counted_and_the_replay_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

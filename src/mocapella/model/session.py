@@ -260,9 +260,7 @@ class ServerHealth:
             lines.append(f"{free / 1e9:.1f} GB of disk are left; {stops}")
         files = self.descriptors
         if files is not None and files.scarce:
-            lines.append(
-                f"{files.used} of {files.limit} file descriptors are in use; without any, no sensor can connect"
-            )
+            lines.append(f"{files.used} of {files.limit} file descriptors are in use; new sensors are refused")
         if self.turned_away:
             lines.append("turned away: " + ", ".join(f"{count} {what}" for what, count in self.turned_away.items()))
         return tuple(lines)
