@@ -6,6 +6,7 @@ import getpass
 import json
 import platform
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -34,10 +35,13 @@ class Newest:
     Attributes:
         refused: number of unreadable messages.
         skipped: number of scenes that were replaced by newer ones before they were read.
+        heard_s: monotonic time of the newest status, which a server publishes five times a second; negative infinity
+            before the first. A server that stands still, or whose link is down, is only noticed by it [s].
     """
 
     def __init__(self, session: zenoh.Session) -> None:
         self.refused = self.skipped = 0
+        self.heard_s = float("-inf")
         self._scene: bytes | None = None
         self._status: bytes | None = None
         self._frames: dict[str, bytes] = {}
@@ -69,7 +73,7 @@ class Newest:
         self._scene = sample.payload.to_bytes()
 
     def _take_status(self, sample: zenoh.Sample) -> None:
-        self._status = sample.payload.to_bytes()
+        self._status, self.heard_s = sample.payload.to_bytes(), time.monotonic()
 
     def _take_frame(self, sample: zenoh.Sample) -> None:
         self._frames[str(sample.key_expr).split("/")[-2]] = sample.payload.to_bytes()

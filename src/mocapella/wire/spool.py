@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from mocapella.errors import RecordingError
+from mocapella.supervision import Boundary
 from mocapella.wire.outbox import Hold, Outbox, Store
 
 SPILL_AFTER_S: Final = 2.0
@@ -50,6 +51,7 @@ class Spooler:
     def __init__(self, outbox: Outbox, spool: Spool | None, say: Callable[[str], None]) -> None:
         self._outbox, self._spool, self._say = outbox, spool, say
         self.kept: list[str] = []
+        self._errors = Boundary(say)
         self._missing: dict[str, int] = {}
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -107,4 +109,4 @@ class Spooler:
 
     def _run(self) -> None:
         while not self._stop.wait(_EVERY_S):
-            self.update(time.monotonic_ns())
+            self._errors.run("spool", lambda: self.update(time.monotonic_ns()))
