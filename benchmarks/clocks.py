@@ -102,10 +102,15 @@ class Session:
     def start_server(self) -> None:
         """Start the server, and wait until it records."""
         words = ["serve", "--no-view", "--port", str(self._port), "--method", "stand-still", "--record", "./take.mcap"]
-        said = self._folder / "server.txt"
         module = ["-m", "mocapella", *words, "--set", "reserve_gib=0"]
-        self._server = self._start("server", module, self._folder, said)
-        _wait("the server listens", lambda: READY in said.read_text(encoding="utf-8"))
+        self._server = self._start("server", module, self._folder, self._folder / "server.txt")
+        _wait("the server listens", lambda: self._says(READY))
+
+    def _says(self, text: str) -> bool:
+        said = (self._folder / "server.txt").read_text(encoding="utf-8")
+        if self._server.poll() is not None:
+            raise SystemExit(f"clocks: the server ended: {said}")
+        return text in said
 
     def kill_server(self) -> None:
         """End the server as a power failure does."""
