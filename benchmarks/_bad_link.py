@@ -1,12 +1,14 @@
 """A bad network between two namespaces: python -m benchmarks._bad_link FIRST SECOND; needs root on Linux.
 
-Packets are lost at random, and delayed at random within limits, in their order. A line ``delay_ms jitter_ms loss`` on
-standard input changes the limits; the end of the input ends the link. It is perfect at first.
+Packets are lost at random, delayed at random within limits, in their order, repeated, or overtake others. A line with
+the fields of `Limits` on standard input changes them; fields at its end may be left out. The end of the input ends the
+link. It is perfect at first; with a loss of 1 it is down, and neither side is told.
 """
 
 from __future__ import annotations
 
 import fcntl
+import heapq
 import os
 import random
 import selectors
@@ -14,15 +16,33 @@ import struct
 import subprocess
 import sys
 import time
-from collections import deque
 from contextlib import suppress
-from typing import Final
+from typing import Final, NamedTuple
 
 ADDRESSES: Final = ("10.99.7.1", "10.99.7.2")
 READY: Final = "joined"
 _MAKE_INTERFACE: Final = 0x400454CA  # TUNSETIFF of linux/if_tun.h
 _LAYER_3_WITHOUT_HEAD: Final = 0x1001  # IFF_TUN | IFF_NO_PI
 _LONGEST: Final = 65_536
+WAITING_S: Final = 0.2
+"""Packets that would wait longer for a narrow link are lost [s]."""
+
+
+class Limits(NamedTuple):
+    """What happens to packets.
+
+    Attributes:
+        delay_ms, jitter_ms: each packet is late by the first and a random part of the second [ms].
+        loss, repeated, overtaking: shares of packets that are lost, that come twice, and that overtake earlier ones.
+        mbit: largest rate in each direction; further packets wait, up to `WAITING_S` [Mbit/s]. 0 is no limit.
+    """
+
+    delay_ms: float = 0.0
+    jitter_ms: float = 0.0
+    loss: float = 0.0
+    mbit: float = 0.0
+    repeated: float = 0.0
+    overtaking: float = 0.0
 
 
 class End:
@@ -37,7 +57,22 @@ class End:
         _ip("-n", namespace, "addr", "add", own, "peer", other, "dev", name)
         _ip("-n", namespace, "link", "set", name, "up")
         _ip("-n", namespace, "link", "set", "lo", "up")
-        self.coming: deque[tuple[float, bytes]] = deque()
+        self.coming: list[tuple[float, int, bytes]] = []
+        self._count, self._last_s, self._free_s = 0, 0.0, 0.0
+
+    def take(self, packet: bytes, limits: Limits, chance: random.Random) -> None:
+        """Put a packet on its way to here, or lose it."""
+        now_s = time.monotonic()
+        if chance.random() < limits.loss or self._free_s - now_s > WAITING_S:
+            return
+        if limits.mbit:
+            self._free_s = max(self._free_s, now_s) + 8 * len(packet) / (1e6 * limits.mbit)
+        at_s = max(now_s, self._free_s) + limits.delay_ms / 1e3
+        if chance.random() >= limits.overtaking:
+            at_s = self._last_s = max(at_s + chance.uniform(0, limits.jitter_ms / 1e3), self._last_s)
+        for _ in range(2 if chance.random() < limits.repeated else 1):
+            self._count += 1
+            heapq.heappush(self.coming, (at_s, self._count, packet))
 
     def packets(self) -> list[bytes]:
         """All that has been sent from here."""
@@ -50,14 +85,14 @@ class End:
     def deliver(self, now_s: float) -> None:
         while self.coming and self.coming[0][0] <= now_s:
             with suppress(OSError):  # a packet that the interface does not take is lost
-                os.write(self.file, self.coming.popleft()[1])
+                os.write(self.file, heapq.heappop(self.coming)[2])
 
 
 def join(first: str, second: str) -> None:
     """Carry packets between two namespaces until the input ends."""
     ends = (End(first, 0), End(second, 1))
     chance = random.Random(7)
-    delay_s = jitter_s = loss = 0.0
+    limits = Limits()
     selector = selectors.DefaultSelector()
     for end, to in (ends, ends[::-1]):
         selector.register(end.file, selectors.EVENT_READ, (end, to))
@@ -70,14 +105,11 @@ def join(first: str, second: str) -> None:
                 line = sys.stdin.readline()
                 if not line:
                     return
-                delay_ms, jitter_ms, loss = map(float, line.split())
-                delay_s, jitter_s = delay_ms / 1e3, jitter_ms / 1e3
+                limits = Limits(*map(float, line.split()))
                 continue
             end, to = key.data
             for packet in end.packets():
-                if chance.random() >= loss:
-                    at_s = time.monotonic() + delay_s + chance.uniform(0, jitter_s)
-                    to.coming.append((max(at_s, to.coming[-1][0] if to.coming else 0), packet))
+                to.take(packet, limits, chance)
         now_s = time.monotonic()
         for end in ends:
             end.deliver(now_s)

@@ -1,4 +1,4 @@
-"""A recording over a bad network: errors and bounds of the node's clock, and frames that are missing after it healed.
+"""A recording over a bad network: clock, age of live frames, notices, and frames that are missing after it healed.
 
 Server and node run in two network namespaces of one machine, with a link between them that loses and delays packets at
 random (`benchmarks/_bad_link.py`). Both read the same monotonic clock, so the true offset is 0. Needs root on Linux.
@@ -7,13 +7,16 @@ random (`benchmarks/_bad_link.py`). Both read the same monotonic clock, so the t
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from benchmarks._bad_link import ADDRESSES, READY
@@ -28,19 +31,32 @@ PHASES = (
     ("200 ms jitter", "0 200 0", ("side",)),  # which has never seen a clean link
     ("200 ms jitter, 50 % loss", "0 200 0.5", ()),
     ("healed", "0 0 0", ()),
+    ("1 Mbit/s", "5 0 0 1", ()),
+    ("20 % repeated, 20 % overtaking", "20 20 0 0 0.2 0.2", ()),
 )
-"""Name, delay and jitter [ms] and share of lost packets, and the nodes that join."""
+"""Name, limits of the link (`benchmarks._bad_link.Limits`), and the nodes that join."""
+DOWN_S, QUICK_DOWN_S = 60.0, 15.0
+"""Time for which the link is down, without a word to either side [s]."""
+STOPPED_S = 5.0
+"""Time for which the server stands still [s]."""
+NOTICED_S = 3.0
+"""Longest time until a link that is down, or a server that stands still, is noticed [s]."""
+FRESH_MS = 300.0
+"""Largest age of live frames on a narrow or disordered link [ms]; the path's own delay is up to 40 ms."""
 CLEAN_MS = 1.0
 """Largest error on a clean link [ms]."""
 LISTENS = "waiting for sensors at"
+NODE_SAYS = re.compile("does not answer|is gone")
+SERVER_SAYS = re.compile('sensor "(.*)" has sent nothing for')
 
 
 @dataclass(frozen=True)
 class Sample:
-    """The clock of the node as the server's status shows it [ms]."""
+    """The clock of the node as the server's status shows it, and the age of its newest results [ms]."""
 
     offset_ms: float
     bound_ms: float
+    age_ms: float | None
 
 
 def run(quick: bool = False) -> list[Row]:
@@ -57,6 +73,10 @@ def run(quick: bool = False) -> list[Row]:
                     session.node(sensor)
                 for sensor, samples in sorted(session.samples(seconds).items()):
                     rows += _rows(f"{phase}, {sensor}", samples, CLEAN_MS if phase == PHASES[0][0] else None)
+            session.link("0 0 0")
+            session.samples(2.0)
+            rows += _noticed("server stopped", session.stop_server())
+            rows += _noticed("link down", session.cut(QUICK_DOWN_S if quick else DOWN_S))
             sent = session.end()
         finally:
             session.close()
@@ -112,9 +132,49 @@ class Session:
             )
             for row in json.loads(done.stdout)["sensors"]:
                 if row["clock_offset"] is not None:
-                    sample = Sample(1e3 * row["clock_offset"], 1e3 * row["clock_bound"])
+                    age = None if row["latency"] is None else 1e3 * row["latency"]
+                    sample = Sample(1e3 * row["clock_offset"], 1e3 * row["clock_bound"], age)
                     found.setdefault(row["name"], []).append(sample)
         return found
+
+    def stop_server(self) -> dict[str, float | None]:
+        """Let the server stand still for a while; return after what time each node said so [s]."""
+        since = time.time(), time.monotonic()
+        self._server.send_signal(signal.SIGSTOP)
+        time.sleep(STOPPED_S)
+        self._server.send_signal(signal.SIGCONT)
+        time.sleep(2.0)
+        return self._said_by_nodes(since[1])
+
+    def cut(self, seconds: float) -> dict[str, float | None]:
+        """Cut the link for a while; return after what time each node and, for each sensor, the server said so [s]."""
+        since = time.time(), time.monotonic()
+        self.link("0 0 1")
+        time.sleep(seconds)
+        found = self._said_by_nodes(since[1]) | self._said_by_server(since[0])
+        self.link("0 0 0")
+        self.samples(10.0)
+        return found
+
+    def _said_by_nodes(self, since_s: float) -> dict[str, float | None]:
+        found: dict[str, float | None] = {}
+        for path in self._folder.glob("*.log"):
+            rows = [line.split(maxsplit=2) for line in path.read_text(encoding="utf-8").splitlines()]
+            name = next(row[2] for row in rows if row[0] == "node")
+            said = [int(row[1]) / 1e9 - since_s for row in rows if row[0] == "said" and NODE_SAYS.search(row[2])]
+            found[f"node {name}"] = min((at for at in said if at > 0), default=None)
+        return found
+
+    def _said_by_server(self, since_s: float) -> dict[str, float | None]:
+        found: dict[str, float | None] = {}
+        for path in self._folder.glob("logs/serve*.jsonl"):
+            for line in path.read_text(encoding="utf-8").splitlines():
+                entry = json.loads(line)
+                at_s = datetime.fromisoformat(entry["time"]).timestamp() - since_s
+                silent = SERVER_SAYS.match(entry["text"])
+                if silent and at_s > 0:
+                    found.setdefault(f"server, of {silent[1]}", at_s)
+        return found or {"server": None}
 
     def end(self) -> dict[int, int]:
         """End nodes and server as a user does; return the number of frames that each node sent, by node id."""
@@ -139,8 +199,11 @@ class Session:
     def _start(self, space: str, words: list[str], said: str = "") -> subprocess.Popen[str]:
         inside = ["ip", "netns", "exec", space] if space else []
         path = self._folder / f"said-{len(self._processes)}.txt"
+        logs = {"MOCAPELLA_LOGS": str(self._folder / "logs")}
         with path.open("w") as out:
-            process = subprocess.Popen([*inside, *words], stdin=subprocess.PIPE, stdout=out, stderr=out, text=True)
+            process = subprocess.Popen(
+                [*inside, *words], stdin=subprocess.PIPE, stdout=out, stderr=out, text=True, env={**os.environ, **logs}
+            )
         self._processes.append(process)
         while said not in path.read_text(encoding="utf-8"):
             if process.poll() is not None:
@@ -151,10 +214,22 @@ class Session:
 
 def _rows(name: str, samples: list[Sample], most_ms: float | None) -> list[Row]:
     errors = [abs(one.offset_ms) for one in samples]
+    ages = [one.age_ms for one in samples if one.age_ms is not None]
+    fresh = at_most(FRESH_MS) if name.startswith(("1 Mbit", "20 %")) else None
     beyond = sum(error > one.bound_ms for error, one in zip(errors, samples, strict=True))
     return [
         measured(f"network: {name}: largest error of the clock offset", max(errors), "ms",
                  goal=None if most_ms is None else at_most(most_ms)),
         measured(f"network: {name}: largest bound shown", max(one.bound_ms for one in samples), "ms"),
         measured(f"network: {name}: errors beyond the bound, of {len(samples)}", beyond, "samples", goal=at_most(0)),
+        measured(f"network: {name}: age of live frames, largest median of four seconds", max(ages, default=math.nan),
+                 "ms", goal=fresh),
+    ]  # fmt: skip
+
+
+def _noticed(what: str, found: dict[str, float | None]) -> list[Row]:
+    return [
+        measured(f"network: {what}: noticed after, {who}", math.nan if at_s is None else at_s, "s",
+                 goal=at_most(NOTICED_S))
+        for who, at_s in sorted(found.items())
     ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import unicodedata
 from functools import partial
 
@@ -98,3 +99,17 @@ def test_a_wrapped_function_keeps_its_arguments_and_never_raises() -> None:
     errors.wrap("sum", lambda a: a / 0)(1)
     assert got == [(1, 2)]
     assert len(errors.counts) == 1
+
+
+def test_a_callback_of_a_library_that_has_no_memory_ends_the_process_as_a_thread_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The library would swallow the error."""
+    deaths: list[threading.ExceptHookArgs] = []
+    monkeypatch.setattr("threading.excepthook", deaths.append)
+    error = MemoryError("no room")
+    Boundary().wrap("message of the bus", fail)(error)
+    ((kind, value, _, thread),) = deaths
+    assert (kind, value) == (MemoryError, error)
+    assert thread is not None
+    assert thread.name == "message of the bus"

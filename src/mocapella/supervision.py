@@ -41,7 +41,8 @@ def printable(text: str, most: int = LONGEST_LINE) -> str:
 class Boundary:
     """Runs the work of a loop or callback, and catches, counts and reports unexpected errors. Any thread may use it.
 
-    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one.
+    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one. A callback of a
+    library has no thread that dies of it (see `wrap`).
 
     Args:
         say: receives a line about an error, at most every `AGAIN_S` for each reason (see `counts`), in the thread of
@@ -86,13 +87,18 @@ class Boundary:
         return ""
 
     def wrap(self, what: str, work: Callable[..., object]) -> Callable[..., None]:
-        """Return a function that passes its positional arguments to ``work`` and runs it as `run` does.
+        """Return a callback for a library: it passes its positional arguments to ``work``, and runs it as `run` does.
 
-        The function returns None. It serves as a callback of a library.
+        It returns None, and never raises. A library would swallow a `MemoryError`, so `threading.excepthook` gets it,
+        as if a thread of the name ``what`` had died.
         """
 
         def guarded(*arguments: Any) -> None:
-            self.run(what, lambda: work(*arguments))
+            try:
+                self.run(what, lambda: work(*arguments))
+            except MemoryError as error:
+                thread = threading.Thread(name=what)
+                threading.excepthook(threading.ExceptHookArgs((type(error), error, error.__traceback__, thread)))
 
         return guarded
 

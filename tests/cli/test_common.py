@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import io
 import signal
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ from typer.testing import CliRunner
 from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
+    Terminal,
     exit_by,
     get_ready,
     recording_row,
@@ -194,3 +196,16 @@ def test_what_a_terminal_would_carry_out_is_shown(capsys: pytest.CaptureFixture[
     assert "\x1b]" not in done.stderr
     assert "a\\x1b]0;title\\x07\\nb" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(32, "Broken pipe"), OSError(5, "Input/output error")])
+def test_a_terminal_that_is_closed_ends_no_session(error: OSError, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rich would raise SystemExit, which also ends a thread without a word."""
+
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise error
+
+    monkeypatch.setattr("mocapella.cli.common.console", Terminal(file=Closed()))
+    say("one line")
+    say("and another")

@@ -7,12 +7,13 @@ from typing import Any
 
 from support.programs import free_port, result_here, run_here
 
-from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus
+from mocapella.model.session import CommandReply, Descriptors, RecordingHealth, ServerHealth, SessionStatus
 from mocapella.testing import FakeServer, sensor_health, session_status
 
 HEALTH = ServerHealth(
     errors={"frame: ValueError in a.py:1": 2}, turned_away={"commands": 3}, latency_ms={"p50": 1.25, "p99": 9.0},
     disk_free_bytes=5_000_000_000, reserve_bytes=1 << 30, ended=("view",), log="/logs/serve.jsonl",
+    descriptors=Descriptors(95, 100),
 )  # fmt: skip
 STATUS = session_status(
     sensors=(sensor_health("front", dropped=4, behind=1, calibration="9 mm"), sensor_health("left", problem="gone")),
@@ -41,10 +42,12 @@ def test_all_that_matters_is_said_and_problems_come_last(tmp_path: Path) -> None
         "latency: p50 1.2 ms, p99 9.0 ms",
         "recording: takes/a.mcap, 7 frames, 1 lost",
         "disk: 5.0 GB left",
+        "file descriptors: 95 of 100",
         "log: /logs/serve.jsonl",
         "ERROR: 2 × frame: ValueError in a.py:1",
         "PROBLEM: the view has ended",
         "PROBLEM: 2 unexpected errors; the first: frame: ValueError in a.py:1",
+        "PROBLEM: 95 of 100 file descriptors are in use; new sensors are refused",
         "PROBLEM: turned away: 3 commands",
     ]
 
@@ -55,6 +58,7 @@ def test_programs_get_it_as_json(tmp_path: Path) -> None:
     assert row["health"]["errors"] == HEALTH.errors
     assert row["health"]["disk_free_bytes"] == 5_000_000_000
     assert [(sensor["name"], sensor["behind"]) for sensor in row["sensors"]] == [("front", 1), ("left", 0)]
+    assert row["health"]["descriptors"] == {"used": 95, "limit": 100}
     assert row["recording"]["lost"] == 1
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
@@ -22,6 +23,7 @@ from mocapella.live.camera_node import (
 )
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.supervision import Boundary
 from mocapella.testing import FakeCamera
 from mocapella.wire.keys import NodeKey
 
@@ -70,7 +72,11 @@ class Link:
 
     node, address, published = NodeKey("left", 1), "tcp/127.0.0.1:1", 0
 
-    def join(self) -> bool:
+    def __init__(self, said: list[str]) -> None:
+        self.errors = Boundary(lambda text: said.append(f"left: {text}"))
+        self.heard_s = time.monotonic()
+
+    def join(self, timeout: float = 1.0) -> bool:
         return True
 
     def server_is_there(self) -> bool:
@@ -87,7 +93,7 @@ class Work:
 
 def run(on_picture: Callable[[Picture], None], said: list[str]) -> CameraRun:
     """Run a node until three images were processed."""
-    link: Any = Link()
+    link: Any = Link(said)
     stop, count = threading.Event(), [0]
 
     def look(picture: Picture) -> None:

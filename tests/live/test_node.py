@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +12,16 @@ from msgspec import ValidationError
 from support.programs import free_port, wait_until
 from zenoh import ZError
 
-from mocapella.errors import NoServerError
-from mocapella.live.node import DueFrame, Membership, NodeSummary, run_node
+from mocapella.errors import BusError, NoServerError
+from mocapella.live.node import _LOOK_EVERY_S, ANSWER_S, ASK_AFTER_S, DueFrame, Membership, NodeSummary, run_node
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.observations import body_frame
+from mocapella.model.session import Setup
 from mocapella.model.topology import topology
+from mocapella.supervision import Boundary
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.node import NodeLink
+from mocapella.wire.questions import AskReport, ask_node
 
 
 class Source:
@@ -78,9 +82,10 @@ def test_a_membership_goes_on_after_an_error() -> None:
     said, stop = list[str](), threading.Event()
 
     class Link:
-        node, address = NodeKey("front", 1), "tcp/127.0.0.1:1"
+        node, address, heard_s = NodeKey("front", 1), "tcp/127.0.0.1:1", 0.0
+        errors = Boundary(lambda text: said.append(f"front: {text}"))
 
-        def join(self) -> bool:
+        def join(self, timeout: float = 1.0) -> bool:
             if answers:
                 raise answers.pop()
             return True
@@ -97,3 +102,78 @@ def test_a_membership_goes_on_after_an_error() -> None:
         "front: unexpected error (server): ZError: no link",
         "front: unexpected error (server): ValidationError: no answer",
     ]
+
+
+class StandingLink:
+    """A node's link to a server that answers, or stands still; it is connected all the time."""
+
+    node, address, errors = NodeKey("front", 1), "tcp/127.0.0.1:1", Boundary()
+    answers, heard_s, asked = True, 0.0, 0
+
+    def join(self, timeout: float = 1.0) -> bool:
+        self.asked += 1
+        return self.answers
+
+    def server_is_there(self) -> bool:
+        return True
+
+
+def test_a_server_that_stands_still_is_told_of_once_and_so_is_its_return() -> None:
+    """Its connection stays open for ten seconds."""
+    link, said, stop, now_s = StandingLink(), list[str](), threading.Event(), [0.0]
+    membership = Membership(link, stop, said.append, clock=lambda: now_s[0])  # type: ignore[arg-type]
+    try:
+        wait_until("it has joined", lambda: said == ["front: serving tcp/127.0.0.1:1"])
+        asked = link.asked
+        membership._hear()
+        assert link.asked == asked  # a server that asks is not asked
+        link.answers, now_s[0] = False, ASK_AFTER_S + 0.01
+        wait_until("it is told", lambda: len(said) > 1)
+        wait_until("it asks again", lambda: link.asked > asked + 2)
+        assert said[1:] == [
+            "front: the server at tcp/127.0.0.1:1 does not answer (it stands still, or the link is down); "
+            "frames are kept for it"
+        ]
+        link.answers = True
+        wait_until("it is back", lambda: len(said) > 2)
+        assert said[2:] == ["front: the server at tcp/127.0.0.1:1 answers again"]
+    finally:
+        stop.set()
+        membership.close()
+    assert ASK_AFTER_S + _LOOK_EVERY_S + ANSWER_S <= 3.0  # the longest time until it is told
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    running = Server(ServerSettings(f"tcp/127.0.0.1:{free_port()}", setup=Setup("stand-still"), reserve_bytes=0))
+    running.record_to(tmp_path / "a.mcap")
+    yield running
+    running.close()
+
+
+def test_a_question_or_an_answer_of_the_server_is_heard(server: Server) -> None:
+    with NodeLink(server._settings.listen, "front") as link:
+        assert link.heard_s == float("-inf")
+        wait_until("it joins", link.join)
+        joined_s = link.heard_s
+        assert joined_s > 0
+        wait_until("a question is heard", lambda: link.heard_s > joined_s)
+
+
+def test_no_question_of_a_server_and_no_answer_ends_a_callback(server: Server) -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("planted")
+
+    with NodeLink(server._settings.listen, "front") as link:
+        link.answer(fail)
+        wait_until("it joins", link.join)
+        with pytest.MonkeyPatch.context() as planted:
+            planted.setattr(NodeLink, "heard_s", property(lambda link: 0.0, fail), raising=False)
+            for what in ("clock probe", "request for frames"):
+                wait_until(what, lambda: any(reason.startswith(what) for reason in link.errors.counts))  # noqa: B023
+            with pytest.raises(BusError):
+                ask_node(server._link._session, "front", AskReport(), timeout=0.5)
+        assert any(reason.startswith("question") for reason in link.errors.counts)
+        wait_until("its clock is known", lambda: server.status().sensors[0].clock_offset is not None)
+        link.publish(next(Source().frames()).frame)
+    assert server.close().frames == 1

@@ -64,6 +64,20 @@ def test_a_flood_of_foreign_notices_is_counted_and_hides_nothing(
     assert len(said) == NOTICES_AT_ONCE + 2 + NOTICES_A_SECOND - 1
 
 
+def test_a_terminal_that_is_closed_ends_nothing() -> None:
+    tried = list[str]()
+
+    def closed(text: str) -> None:
+        tried.append(text)
+        raise BrokenPipeError(32, "Broken pipe")
+
+    notices = Notices(closed)
+    notices.add("a")
+    notices.add("b")
+    notices.close()
+    assert tried == ["a", "b"]
+
+
 def test_a_terminal_that_takes_nothing_holds_nobody_up() -> None:
     hold, entered = threading.Event(), threading.Event()
 

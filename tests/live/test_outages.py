@@ -252,14 +252,14 @@ def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_be
         for k, paused in enumerate((front, side, served.program, front)):
             pid = paused.process.pid
             os.kill(pid, signal.SIGSTOP)
-            resume = threading.Timer(0.7, os.kill, (pid, signal.SIGCONT))
+            resume = threading.Timer(0.2, os.kill, (pid, signal.SIGCONT))
             resume.start()
             begun = send_command(served.session, "record", {"name": f"paused-{k}"}, timeout=30.0)
             assert begun.ok, begun.message
             resume.join()
             time.sleep(1.0)
             os.kill(pid, signal.SIGSTOP)
-            resume = threading.Timer(0.7, os.kill, (pid, signal.SIGCONT))
+            resume = threading.Timer(0.2, os.kill, (pid, signal.SIGCONT))
             resume.start()
             ended = send_command(served.session, "record-stop", timeout=60.0)
             resume.join()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from mocapella.errors import AddressInUseError, BusError
 from mocapella.live.poses import run_openvr, run_osc
 from mocapella.model.poses import PoseFrame, pose_frame
 from mocapella.sources.osc import encode
+from mocapella.supervision import Boundary
 
 
 class Link:
@@ -22,6 +24,7 @@ class Link:
     def __init__(self) -> None:
         self.node, self.address = SimpleNamespace(sensor="vive"), "tcp/127.0.0.1:1"
         self.published = 0
+        self.errors, self.heard_s = Boundary(), time.monotonic()
         self.frames: list[PoseFrame] = []
         self.came = threading.Event()
 
@@ -31,7 +34,7 @@ class Link:
         self.came.set()
         return frame
 
-    def join(self) -> bool:
+    def join(self, timeout: float = 1.0) -> bool:
         return True
 
     def server_is_there(self) -> bool:

@@ -5,23 +5,26 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import zenoh
 from support.programs import free_port, wait_until
 
 from mocapella.cli.recordings import open_recording
+from mocapella.errors import NameTakenError
 from mocapella.live.replay import replay
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.session import Session
 from mocapella.model.limits import MOST_COMMANDS_OF_A_CLIENT, MOST_UNPROVEN
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.scene import Scene
-from mocapella.model.session import SensorHealth, Setup
+from mocapella.model.session import Descriptors, SensorHealth, Setup
 from mocapella.model.topology import topology
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
@@ -189,6 +192,26 @@ def test_keys_that_no_node_has_are_counted_and_named(server: Server, address: st
     assert server.status().sensors == ()
 
 
+def test_a_step_of_the_wall_clock_is_in_status_and_take_and_changes_no_time(
+    server: Server, front: NodeLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server.record_to(tmp_path / "a.mcap")
+    until("frames are tracked", front, lambda: server.summary.scenes_out >= 2)
+    wall_ns = time.time_ns
+    for step_s in (-7200, 30):
+        monkeypatch.setattr(server._wall_clock, "_wall_ns", lambda: wall_ns() + step_s * 10**9)  # noqa: B023
+        wait_until("the notice", lambda: sum("wall clock" in one for one in server.status().notices) > (step_s > 0))  # noqa: B023
+        before = server.summary.scenes_out
+        until("frames are tracked", front, lambda: server.summary.scenes_out > before + 3)  # noqa: B023
+    wait_until("it is in a recorded status", lambda: server.status().recording.frames >= front.published)
+    server._keep_house()
+    assert server.close().lost == 0
+    take = read_take(tmp_path / "a.mcap")
+    times, statuses = zip(*take.statuses(), strict=True)
+    assert sum("the wall clock of this machine stepped by" in one for one in statuses[-1]["notices"]) == 2
+    assert list(times) == sorted(times)
+
+
 @pytest.mark.parametrize("recording", [True, False])
 def test_without_file_descriptors_what_runs_goes_on_and_a_new_take_is_refused(
     server: Server, reader: zenoh.Session, front: NodeLink, recording: bool
@@ -205,11 +228,26 @@ def test_without_file_descriptors_what_runs_goes_on_and_a_new_take_is_refused(
         until("frames are tracked", front, lambda: server.summary.frames_in > before[0] + 3)
         if recording:
             until("frames are stored", front, lambda: server.status().recording.frames > before[1] + 3)
+        wait_until("it is counted", lambda: server.status().health.descriptors == Descriptors(3, 3))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert not refused.ok
     assert ("already recording" if recording else "Too many open files") in refused.message
     assert send_command(reader, "record-stop" if recording else "record", {"name": "b"}, timeout=60.0).ok
+
+
+def test_with_few_file_descriptors_new_sensors_are_refused_visibly_and_others_stay(
+    server: Server, front: NodeLink, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    until("it is tracked", front, lambda: server.summary.frames_in > 3)
+    monkeypatch.setattr("mocapella.live.health.open_descriptors", lambda: Descriptors(91, 100))
+    wait_until("it is counted", lambda: server.status().health.descriptors == Descriptors(91, 100))
+    assert front.join(timeout=60.0)
+    with NodeLink(address, "side") as side, pytest.raises(NameTakenError, match="91 of 100 file descriptors"):
+        wait_until("an answer", side.join)
+    status = server.status()
+    assert any('sensor "side" was refused: the server has 91 of 100' in one for one in status.notices)
+    assert any("91 of 100 file descriptors" in one for one in status.health.problems())
 
 
 def test_a_verb_reaches_neither_terminal_nor_status_raw(server: Server, reader: zenoh.Session) -> None:
@@ -368,6 +406,64 @@ def test_a_take_with_a_frame_that_could_not_be_tracked_replays_like_the_live_run
     assert replayed.notes["differing_scenes"] == 0
     assert replayed.summary.scenes_out == len(list(take.scenes())) > 5
     assert replayed.summary.errors == {}
+
+
+def test_the_interval_in_which_a_camera_was_moved_is_marked_in_take_and_summary(
+    server: Server, front: NodeLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the first scene with the condition to the last: it ends when the camera is calibrated again."""
+    step, moved = Session.step, "front: it was moved"
+
+    def planted(session: Session, arrival: Arrival) -> Scene | None:
+        scene = step(session, arrival)
+        assert scene is not None
+        if not 5 <= scene.sequence < 12:
+            return scene
+        return msgspec.structs.replace(scene, state=msgspec.structs.replace(scene.state, reason=moved))
+
+    monkeypatch.setattr(Session, "step", planted)
+    server.record_to(tmp_path / "a.mcap")
+    until("scenes", front, lambda: server.summary.scenes_out >= 20)
+    server.close()
+    conditions = server.summary.as_json(server._session.state)["conditions"]
+    (marked,) = [one for one in conditions if one["condition"] == moved]
+    assert marked["results"] == 7
+    assert 0 <= marked["first_s"] <= marked["last_s"]
+    scenes = [scene for _, scene in read_take(tmp_path / "a.mcap").scenes()]
+    assert [scene.sequence for scene in scenes if scene.state.reason == moved] == list(range(5, 12))
+
+
+def test_frames_that_are_frozen_or_go_back_in_time_are_stored_and_flagged(
+    server: Server, front: NodeLink, tmp_path: Path
+) -> None:
+    server.record_to(tmp_path / "a.mcap")
+    until("it is tracked", front, lambda: server.summary.scenes_out > 3)
+    newest = front.published
+    for k in (newest, newest, newest - 3):  # again, again, and earlier
+        front.publish(frame(k))
+    wait_until("they are flagged", lambda: row(server).rejected == 3)
+    for said in ("repeats the time of the frame before", "time goes backwards"):
+        wait_until("it is told", lambda: any(said in one for one in server.status().notices))  # noqa: B023
+    front.publish(frame(newest + 1))
+    sent = front.published
+    wait_until("all are on the disk", lambda: server.status().recording.frames == sent)
+    assert server.close().lost == 0
+    stored = [one.frame.sequence for one in read_take(tmp_path / "a.mcap").frames_in_sequence("front")]
+    assert stored == list(range(sent))
+
+
+def test_a_node_at_ten_times_its_rate_and_one_at_its_own_are_counted_apart(
+    server: Server, front: NodeLink, address: str
+) -> None:
+    with NodeLink(address, "side") as fast:
+        wait_until("it joins", fast.join)
+        with server._stepping:  # the tracker has something else to do meanwhile
+            for k in range(4):
+                front.publish(frame(k + 1))
+            until("it is throttled", fast, lambda: row(server, "side").behind >= 40)
+        until("the slow one is tracked", front, lambda: row(server).frames >= 4)
+        assert row(server).behind == 0
+        assert row(server, "side").behind >= 40
 
 
 def test_a_frame_whose_replay_fails_is_counted_and_the_replay_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

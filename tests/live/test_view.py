@@ -33,6 +33,15 @@ def test_a_sensor_that_falls_silent_is_drawn_no_more() -> None:
     assert picture.update(None, {}, None, 1.1 + STALE_AFTER_S)[1] == {}
 
 
+def test_a_sensor_of_a_known_rate_is_drawn_for_less_than_a_second() -> None:
+    picture = ViewState()
+    frame = body_frame("front", topology("kinect_v2"), time_ns=0, positions=np.zeros((1, 25, 3)))
+    for k in range(10):
+        picture.update(None, {"front": frame}, None, k / 30)
+    assert picture.update(None, {}, None, 9 / 30 + 0.7)[1] == {"front": frame}
+    assert picture.update(None, {}, None, 9 / 30 + 0.9)[1] == {}
+
+
 def test_the_beats_end_when_they_are_told() -> None:
     stop = threading.Event()
     instants = []

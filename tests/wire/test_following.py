@@ -67,3 +67,15 @@ def test_a_slow_reader_has_the_newest_scene_and_the_number_of_those_that_it_skip
     bus.put(keys.SCENE, scenes[0])
     assert newest.scene() is not None
     assert newest.skipped == 3
+
+
+def test_a_reader_knows_since_when_it_has_heard_nothing_of_the_server() -> None:
+    bus = Bus()
+    newest = Newest(bus)  # type: ignore[arg-type]
+    bus.put(keys.SCENE, b"")
+    assert newest.heard_s == float("-inf")
+    bus.put(keys.STATUS, b"{}")
+    first_s = newest.heard_s
+    assert first_s > 0
+    bus.put(keys.STATUS, b"{}")
+    assert newest.heard_s >= first_s

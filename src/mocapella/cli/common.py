@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
@@ -36,7 +36,17 @@ DEFAULT_SCENE: Final = "obstacle"
 DEFAULT_ADDRESS = f"tls/127.0.0.1:{DEFAULT_PORT}"
 
 _LOG: Final = logging.getLogger("mocapella.cli")
-console = Console(stderr=True, highlight=False)
+
+
+class Terminal(Console):
+    """Standard error; text for a terminal that has been closed is dropped, because the session goes on without it."""
+
+    def on_broken_pipe(self) -> None:
+        """Drop this text and later ones; Rich would end the program."""
+        self.quiet = True
+
+
+console = Terminal(stderr=True, highlight=False)
 """Console for messages to the user: standard error, because standard output is for results."""
 
 
@@ -380,7 +390,8 @@ def say(text: str) -> None:
 
 def show(text: str) -> None:
     """Print a line to the user on standard error, without wrapping, and with escape sequences made visible."""
-    console.print(visible(text, keep="\n\t"), markup=False, soft_wrap=True)
+    with suppress(OSError):  # a terminal that hung up, or a file on a full disk
+        console.print(visible(text, keep="\n\t"), markup=False, soft_wrap=True)
 
 
 def say_if_never_tracked(summary: dict[str, Any], of: str = "") -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mocapella.live.compilation import Compilation
     from mocapella.live.launch import Children
     from mocapella.live.server import Server, ServerSettings
+    from mocapella.live.thread_deaths import StopEvent
     from mocapella.wire.address import Address
     from mocapella.wire.server import ServerLink
 
@@ -91,7 +92,7 @@ def say_url(url: str) -> None:
 @contextmanager
 def live_session(
     settings: ServerSettings,
-    stop: threading.Event,
+    stop: StopEvent,
     *,
     view_port: int | None,
     on_url: Callable[[str], None] = say_url,
@@ -147,7 +148,8 @@ def live_session(
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
             settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
-        server = Server(replace(settings, log=log_in_use()), say=show, link=link)  # it logs its notices itself
+        settings = replace(settings, log=log_in_use())
+        server = Server(settings, say=show, link=link, failed=stop.died)  # it logs its notices itself
         stack.callback(server.close)
         view = stack.enter_context(Children())
         shown = threading.Event()
@@ -249,7 +251,8 @@ def wait_while(session: LiveSession, seconds: float | None, until: Callable[[], 
         if session.server.failed.is_set():
             break
     if session.server.failed.is_set():  # a thread died, and has set `stop`
-        raise MocapellaError("the server failed, as its log says; the take is closed; start it again to continue it")
+        session.server.close()  # before view and nodes, which may take longer than this process has
+        raise MocapellaError("the server failed, as its log says; its take is closed; start it again with another one")
 
 
 def finish(server: Server) -> dict[str, Any]:

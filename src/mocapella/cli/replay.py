@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -40,6 +39,7 @@ from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
+    from mocapella.live.thread_deaths import StopEvent
 
 
 @app.command(rich_help_panel=RECORDINGS)
@@ -146,7 +146,7 @@ def _comparison(recorded: int, differing: int) -> str:
 
 
 def _replay_live(
-    file: Path, recording: Recording, stop: threading.Event, port: int, view_port: int | None, take: Path | None
+    file: Path, recording: Recording, stop: StopEvent, port: int, view_port: int | None, take: Path | None
 ) -> dict[str, Any]:
     from mocapella.cli.live_session import finish, live_session, start_together, wait_while
     from mocapella.live.server import ServerSettings

@@ -57,6 +57,8 @@ def lines(now: SessionStatus) -> Iterator[str]:
     )
     if health.disk_free_bytes is not None:
         yield f"disk: {health.disk_free_bytes / 1e9:.1f} GB left"
+    if health.descriptors is not None:
+        yield f"file descriptors: {health.descriptors.used} of {health.descriptors.limit}"
     if health.log:
         yield f"log: {health.log}"
     for reason, count in health.errors.items():
@@ -75,6 +77,8 @@ def sensor_line(sensor: SensorHealth) -> str:
         parts.append(f"latency {1e3 * sensor.latency:.1f} ms")
     if sensor.clock_offset is not None and sensor.clock_bound is not None:
         parts.append(f"clock {1e3 * sensor.clock_offset:+.2f} ± {1e3 * sensor.clock_bound:.2f} ms")
+        if sensor.clock_poor:
+            parts[-1] += " (poorly synchronised)"
     if sensor.clock_drift_ppm is not None and sensor.clock_drift_bound_ppm is not None:
         parts.append(f"drift {sensor.clock_drift_ppm:+.1f} ± {sensor.clock_drift_bound_ppm:.1f} ppm")
     if sensor.calibration:

@@ -115,8 +115,7 @@ def run_camera_node(
         MocapellaError: of the source, or of ``on_picture``; any other error of ``on_picture`` costs that image only.
     """
     sensor = link.node.sensor
-    errors = Boundary(lambda text: say(f"{sensor}: {text}"))
-    process = _guarded(on_picture, errors)
+    process = _guarded(on_picture, link.errors)
     membership = Membership(link, stop, say)
     ended_by_itself = False
     try:
@@ -146,7 +145,7 @@ def run_camera_node(
             f"{sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
             "start it first (mocapella serve)"
         )
-    return CameraRun(membership.served.is_set(), round(clock() - began, 3), errors.counts)
+    return CameraRun(membership.served.is_set(), round(clock() - began, 3), link.errors.counts)
 
 
 def _guarded(on_picture: Callable[[Picture], None], errors: Boundary) -> Callable[[Picture], None]:

@@ -35,6 +35,8 @@ class Door:
         inbox: of the tracker's thread.
         commands: of the tracker's thread.
         recording: returns the service that records takes.
+        full: returns why no new sensor is admitted; an empty text if one is.
+        refused: receives a message about each join that ``full`` refuses.
     """
 
     def __init__(
@@ -44,9 +46,12 @@ class Door:
         inbox: Inbox,
         commands: CommandQueue,
         recording: Callable[[], RecordingService],
+        *,
+        full: Callable[[], str] = lambda: "",
+        refused: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._registry, self._lock, self._inbox, self._commands = registry, lock, inbox, commands
-        self._recording = recording
+        self._recording, self._full, self._refused = recording, full, refused
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         """Pass a live frame to the recorder and to the tracker; drop it if another node holds the sensor's name."""
@@ -85,7 +90,13 @@ class Door:
 
     def join(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
         """Answer a node that asks for its sensor's name, at once, with a `JoinReply`."""
-        answer(msgspec.json.encode(self._admit(node, arguments, None)))
+        full = self._full()
+        with self._lock:
+            refuse = bool(full) and not self._registry.proven(node)
+        if refuse:
+            self._refused(f'sensor "{node.sensor}" was refused: {full}')
+        reply = JoinReply(False, full, self._recording().active) if refuse else self._admit(node, arguments, None)
+        answer(msgspec.json.encode(reply))
 
     def leave(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:
         """Answer a node that sends no more frames, at once, with a `JoinReply`.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from mocapella.model.session import ServerHealth
+from mocapella.model.session import Descriptors, ServerHealth
 
 _DISK_EVERY_S: Final = 5.0
 """Interval between two looks at the free disk space [s]."""
@@ -21,6 +22,20 @@ def free_bytes(folder: Path) -> int | None:
         return None if there is None else shutil.disk_usage(there).free
     except OSError:
         return None
+
+
+def open_descriptors() -> Descriptors | None:
+    """Return how many file descriptors this process has open, and may have; None if the system does not say."""
+    try:
+        import resource  # not on Windows
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        used = sum(1 for _ in Path("/dev/fd").iterdir()) - 1  # one is that of the listing
+    except OSError as error:
+        return Descriptors(limit, limit) if error.errno == errno.EMFILE else None
+    except ImportError:
+        return None
+    return Descriptors(used, limit)
 
 
 class HealthWatch:
@@ -40,13 +55,15 @@ class HealthWatch:
         self._free: int | None = None
         self._looked_s = -_DISK_EVERY_S
         self._ended: tuple[str, ...] = ()
+        self._descriptors: Descriptors | None = None
 
     def beat(self, take: str) -> None:
-        """Measure the free disk space if it is due, every 5 s.
+        """Count the file descriptors, and measure the free disk space if it is due, every 5 s.
 
         Args:
             take: path of the present or last take, whose disk is measured; empty measures that of the takes' folder.
         """
+        self._descriptors = open_descriptors()
         if self._clock() - self._looked_s >= _DISK_EVERY_S:
             self._looked_s = self._clock()
             self._free = free_bytes(Path(take).parent if take else self._takes)
@@ -55,6 +72,13 @@ class HealthWatch:
         """Note that a part of the session, such as ``view``, has ended by itself; from now on `health` lists it."""
         if part not in self._ended:
             self._ended = (*self._ended, part)
+
+    def full(self) -> str:
+        """Return why no new sensor can be admitted; an empty text if one can."""
+        files = self._descriptors
+        if files is None or not files.scarce:
+            return ""
+        return f"the server has {files.used} of {files.limit} file descriptors in use; raise its limit (ulimit -n)"
 
     def health(
         self, errors: Mapping[str, int], turned_away: Mapping[str, int], latency_ms: Mapping[str, float]
@@ -74,4 +98,5 @@ class HealthWatch:
             reserve_bytes=self._reserve_bytes,
             ended=self._ended,
             log=self._log,
+            descriptors=self._descriptors,
         )

@@ -6,14 +6,20 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from mocapella.errors import NameTakenError, NoServerError
+from mocapella.live.thread_deaths import StopEvent
+from mocapella.live.wall_clock import WallClock
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
-from mocapella.supervision import Boundary
 from mocapella.wire.node import NodeLink
 
+ASK_AFTER_S: Final = 1.5
+"""Time without a question of the server, which asks for the clock each second, until the node asks the server [s]."""
+ANSWER_S: Final = 0.8
+"""Longest wait for that answer; then the server stands still [s]."""
+_LOOK_EVERY_S: Final = 0.5
 _TRIES_BEFORE_NOTICE = 5
 """Failed attempts to join before the user is notified; the first fail while the connection is being made."""
 
@@ -59,27 +65,40 @@ class NodeSummary:
 class Membership:
     """Claims the sensor's name until a server accepts the node, and again when a server comes back.
 
-    A thread, which the constructor starts, does so until ``stop`` is set.
+    A thread, which the constructor starts, does so until ``stop`` is set. A server that stands still, or whose link is
+    down, is reported within 3 s.
 
     Args:
         link: the sensor's end of the bus; stays open.
-        stop: ends the thread; the thread sets it if a server refuses the name.
+        stop: ends the thread; the thread sets it if a server refuses the name. If it is a `StopEvent`, the link leaves
+            without waiting once a thread has died.
         say: receives messages about the server.
+        clock: the monotonic clock, in seconds.
 
     Attributes:
         served: set once a server has accepted the node, and from then on.
         refusal: the error if a server has refused the name; else None.
-        errors: unexpected errors.
+        errors: unexpected errors of the thread and of the link.
     """
 
-    def __init__(self, link: NodeLink, stop: threading.Event, say: Callable[[str], None]) -> None:
-        self._link = link
+    def __init__(
+        self,
+        link: NodeLink,
+        stop: threading.Event,
+        say: Callable[[str], None],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._link, self._clock = link, clock
         self._stop = stop
         self._say = say
         self.served = threading.Event()
         self.refusal: NameTakenError | None = None
-        self.errors = Boundary(lambda text: say(f"{link.node.sensor}: {text}"))
-        self._joined, self._tries = False, 0
+        self.errors = link.errors
+        if isinstance(stop, StopEvent):
+            link.hurry = stop.died
+        self._joined, self._still, self._tries = False, False, 0
+        self._wall_clock = WallClock()
         self._thread = threading.Thread(target=self._run, name="membership")
         self._thread.start()
 
@@ -105,12 +124,17 @@ class Membership:
     def _run(self) -> None:
         while not self._stop.is_set():
             self.errors.run("server", self._look)
-            self._stop.wait(1.0 if self._joined else 0.2)
+            step = self._wall_clock.step()
+            if step:
+                self._say(f"{self._link.node.sensor}: {step}")
+            self._stop.wait(_LOOK_EVERY_S if self._joined else 0.2)
 
     def _look(self) -> None:
         sensor, address = self._link.node.sensor, self._link.address
         try:
             there = self._link.server_is_there() if self._joined else self._link.join()
+            if there and self._joined:
+                self._hear()
         except NameTakenError as refusal:
             self.refusal = refusal
             self._stop.set()
@@ -123,8 +147,21 @@ class Membership:
             self.served.set()
             self._say(f"{sensor}: serving {address}")
         if self._joined and not there:
+            self._still = False
             self._say(f"{sensor}: the server at {address} is gone; frames are kept for it, looking again …")
         self._joined = there
+
+    def _hear(self) -> None:
+        """Ask a connected server that has said nothing for a while, and report whether it answers."""
+        sensor, address, silent_s = self._link.node.sensor, self._link.address, self._clock() - self._link.heard_s
+        if silent_s > ASK_AFTER_S and not self._link.join(ANSWER_S):
+            if not self._still:
+                why = "it stands still, or the link is down"
+                self._say(f"{sensor}: the server at {address} does not answer ({why}); frames are kept for it")
+            self._still = True
+        elif self._still:
+            self._still = False
+            self._say(f"{sensor}: the server at {address} answers again")
 
 
 def run_node(

@@ -11,10 +11,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from mocapella.model.limits import LONGEST_NOTICE, NOTICES_A_SECOND, NOTICES_AT_ONCE
-from mocapella.supervision import printable
+from mocapella.supervision import Boundary, printable
 
 _LOG: Final = logging.getLogger("mocapella.notices")
 _SHOWN: Final = 8
@@ -29,7 +30,8 @@ class Notices:
     """Takes notices on any thread, and never blocks: a thread of its own writes them to the terminal.
 
     Args:
-        say: called with each notice, on that thread only; a terminal may block it for as long as it likes.
+        say: called with each notice, on that thread only; a terminal may block it for as long as it likes, and an error
+            of it is only logged.
         clock: the monotonic clock, in seconds.
 
     Attributes:
@@ -38,7 +40,7 @@ class Notices:
 
     def __init__(self, say: Callable[[str], None], *, clock: Callable[[], float] = time.monotonic) -> None:
         self.left_out = 0
-        self._say, self._clock = say, clock
+        self._say, self._clock, self._errors = say, clock, Boundary()
         self._newest: deque[str] = deque(maxlen=_SHOWN)
         self._lock = threading.Lock()
         self._allowed, self._since_s = float(NOTICES_AT_ONCE), clock()
@@ -101,4 +103,4 @@ class Notices:
 
     def _write(self) -> None:
         while (notice := self._unsaid.get()) is not None:
-            self._say(notice)
+            self._errors.run("notice", partial(self._say, notice))

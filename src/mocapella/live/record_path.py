@@ -17,6 +17,7 @@ from typing import Final, Protocol
 
 from mocapella.live.recorder import NodeState, Recorder, WantedFrames
 from mocapella.recording.ledger import NodeLedger
+from mocapella.supervision import Boundary
 from mocapella.wire.delivery import MOST_FRAMES, MOST_GAPS, FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import REQUEST_TIMEOUT_S, OnFrame
@@ -132,6 +133,7 @@ class RecordPath:
         nodes: returns the connected nodes.
         first: number of the first frame of each node that belongs to the take, where it is known.
         fresh: whether the take is new; else nodes that it does not know are asked for all their frames.
+        hurry: while it is set, `finish` and `close` do not wait for nodes; None never hurries.
     """
 
     def __init__(
@@ -142,6 +144,7 @@ class RecordPath:
         first: Mapping[NodeKey, int],
         *,
         fresh: bool,
+        hurry: threading.Event | None = None,
     ) -> None:
         self._recorder, self._link, self._nodes = recorder, link, nodes
         self._first, self._fresh = dict(first), fresh
@@ -150,7 +153,8 @@ class RecordPath:
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._finishing = False
+        self._finishing, self._hurry = False, hurry or threading.Event()
+        self._errors = Boundary()
         recorder.committed = self._committed
         self._thread = threading.Thread(target=self._run, name="record-path")
         self._thread.start()
@@ -171,7 +175,7 @@ class RecordPath:
         self._finishing = True
         self._wake.set()
         before, since_s = self._progress(), time.monotonic()
-        while not self._whole() and time.monotonic() - since_s < give_up_s:
+        while not (self._whole() or self._hurry.is_set()) and time.monotonic() - since_s < give_up_s:
             time.sleep(0.02)
             now = self._progress()
             if now != before:
@@ -192,7 +196,7 @@ class RecordPath:
             closed.add(node, FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True))
         told = closed.tell(self._nodes())
         deadline = time.monotonic() + CLOSE_S
-        for event in told:
+        for event in told if not self._hurry.is_set() else ():
             event.wait(max(0.0, deadline - time.monotonic()))
 
     def _run(self) -> None:
@@ -200,7 +204,7 @@ class RecordPath:
             self._wake.wait(_POLL_S)
             self._wake.clear()
             for node in self._nodes():
-                self._ask(node)
+                self._errors.run("request for frames", partial(self._ask, node))
 
     def _committed(self) -> None:
         """Forget which frames were asked for that are stored now; runs on the recorder's thread."""

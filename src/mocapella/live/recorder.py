@@ -10,6 +10,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import islice
 from typing import Any, Final, NamedTuple
@@ -293,6 +294,9 @@ class Recorder:
             self._ended = True
             if self._writer.report is None:  # an unexpected error, which the thread prints as it ends
                 self._stop(f"recording to {self._writer.path} failed (see above); what was committed is safe")
+                with suppress(Exception):  # without a proper end, the take is recovered when it is next read
+                    self._writer.accounts.agree_on_all()
+                    self._writer.close()
             self._publish_states()
 
     def _stop(self, problem: str) -> None:

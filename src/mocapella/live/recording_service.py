@@ -66,6 +66,7 @@ class RecordingService:
         reserve_bytes: free disk space to leave [bytes].
         between_steps: lock held while the tracker loses the recorder, so that a take has a step completely or not at
             all; None if nothing else runs.
+        hurry: while it is set, the end of a take waits for no missing frame and no node; None never hurries.
 
     Attributes:
         recorder: of the present take; None if there is none. Read it once before use: another thread may end it at any
@@ -81,10 +82,12 @@ class RecordingService:
         *,
         reserve_bytes: int,
         between_steps: AbstractContextManager[object] | None = None,
+        hurry: threading.Event | None = None,
     ) -> None:
         self.recorder: Recorder | None = None
         self._session, self._link, self._nodes, self._say = session, link, nodes, say
         self._reserve_bytes = reserve_bytes
+        self._hurry = hurry or threading.Event()
         self._between_steps = between_steps or nullcontext()
         self._health: Callable[[], RecordingHealth] = RecordingHealth
         self._changing = threading.Lock()
@@ -130,7 +133,7 @@ class RecordingService:
         self._command(recorder, "restore", memory)
         if not self._session.running:
             self._command(recorder, "stop", {})
-        self._record_path = RecordPath(recorder, self._link, self._nodes, first, fresh=fresh)
+        self._record_path = RecordPath(recorder, self._link, self._nodes, first, fresh=fresh, hurry=self._hurry)
         self.recorder, self._health = recorder, recorder.health
         return f"recording {path}"
 
@@ -171,13 +174,13 @@ class RecordingService:
         if not self._session.running:
             self._command(recorder, "stop", {})
 
-    def finish(self, *, at_once: bool = False) -> RecordingHealth:
+    def finish(self) -> RecordingHealth:
         """Finish the take and return its result; missing frames are requested until they arrive or are given up.
 
-        ``at_once`` waits for none of them. Without a take, the last result is returned.
+        Without a take, the last result is returned.
         """
         with self._changing:
-            self._end(0.0 if at_once else None)
+            self._end()
             return self._health()
 
     def _end(self, give_up_s: float | None = None) -> None:

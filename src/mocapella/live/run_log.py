@@ -13,6 +13,7 @@ import queue
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,11 +81,15 @@ class _File(logging.handlers.RotatingFileHandler):
 
 
 class _Terminal(logging.Handler):
-    """Prints warnings as one line, unless another line has their text; tracebacks are in the file only."""
+    """Prints warnings as one line, unless another line has their text; tracebacks are in the file only.
+
+    A terminal that is closed gets nothing, and the caller no error.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         if not getattr(record, "told", False) and sys.stderr is not None:
-            sys.stderr.write(printable(record.getMessage()) + "\n")
+            with suppress(OSError, ValueError):
+                sys.stderr.write(printable(record.getMessage()) + "\n")
 
 
 class RunLog:

@@ -7,19 +7,23 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Final
 
 from mocapella.errors import WireError
 from mocapella.live.sequence_leaps import check_leap
 from mocapella.model.frame_types import frame_type_of, what_it_sends
 from mocapella.model.limits import MOST_REFUSED_NODES, MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
+from mocapella.model.pace import Pace
 from mocapella.model.scene import SensorPlace
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorHealth, Setup
-from mocapella.wire.clock import ClockEstimate, ClockProbe, OffsetFilter, SensorClock
+from mocapella.wire.clock import POOR_BOUND_S, ClockEstimate, ClockProbe, OffsetFilter, SensorClock
 from mocapella.wire.keys import NodeKey
 
-SILENT_AFTER_S = 2.0
-"""Time without a frame after which a sensor is silent [s]."""
+HOLDS_FOR_S: Final = 2.0
+"""Time without a frame after which a node without a liveliness token no longer holds its name [s]."""
+STOOD_STILL_S: Final = 0.5
+"""Time between two looks at the sensors from which the server itself stood still, and could receive nothing [s]."""
 _RECENT_S = 3.0
 _MOST_REASONS = 32
 """Different reasons reported for one node; a faulty node must not fill the memory."""
@@ -51,7 +55,9 @@ class _Entry:
     offset: OffsetFilter = field(default_factory=OffsetFilter)
     last_frame: SensorFrame | None = None
     heard_ns: int = 0
+    pace: Pace = field(default_factory=Pace)
     silent: bool = False
+    poor_clock: bool = False
     frames: int = 0
     skipped: int = 0
     behind: int = 0
@@ -64,7 +70,7 @@ class _Entry:
 
     def may_run(self, now_ns: int) -> bool:
         """Whether a node without a liveliness token may still be running."""
-        return not self.left and now_ns - self.heard_ns < SILENT_AFTER_S * 1e9
+        return not self.left and now_ns - self.heard_ns < HOLDS_FOR_S * 1e9
 
 
 class SensorRegistry:
@@ -87,6 +93,8 @@ class SensorRegistry:
         self._tokens: set[NodeKey] = set()
         self._refused: set[NodeKey] = set()
         self._notices: list[str] = []
+        self._looked_ns: int | None = None
+        self._awake_ns: int | None = None
 
     def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
         """Return the standing of a node that sends a message; nothing is kept of a stranger.
@@ -179,6 +187,10 @@ class SensorRegistry:
         entry = self._entries.get(node.sensor)
         return entry is not None and entry.node == node
 
+    def proven(self, node: NodeKey) -> bool:
+        """Whether the node holds its sensor's name and has sent a valid frame."""
+        return self.holds(node) and self._entries[node.sensor].frames > 0
+
     def set_local(self, node: NodeKey, local: bool) -> None:
         """Set whether the node runs on the server's machine."""
         if self.holds(node):
@@ -225,6 +237,7 @@ class SensorRegistry:
             entry.skipped += frame.sequence - last - 1
         if entry.silent:
             self._notices.append(f'sensor "{node.sensor}" is back')
+        entry.pace.update(arrived_ns)
         entry.last_frame, entry.heard_ns, entry.silent = frame, arrived_ns, False
         entry.rejection = ""
         if entry.before is None:
@@ -270,18 +283,37 @@ class SensorRegistry:
         return latency
 
     def notice_silence(self, now_ns: int) -> None:
-        """Mark sensors that have been silent for `SILENT_AFTER_S`; forget unproven ones after `UNPROVEN_S`.
+        """Mark sensors that are silent (`Pace.silent`) or poorly synchronised; forget unproven ones after `UNPROVEN_S`.
+
+        It is to be called several times a second. After `STOOD_STILL_S` without a call, the server stood still, and a
+        sensor's silence counts from now on.
 
         Args:
             now_ns: the present time on the server's monotonic clock [ns].
         """
+        if self._looked_ns is not None and now_ns - self._looked_ns > STOOD_STILL_S * 1e9:
+            self._awake_ns = now_ns
+        self._looked_ns = now_ns
         for name, entry in list(self._entries.items()):
             if not entry.frames and not entry.connected and now_ns - entry.heard_ns > UNPROVEN_S * 1e9:
                 del self._entries[name]
         for name, entry in self._entries.items():
-            if entry.frames and not entry.silent and now_ns - entry.heard_ns > SILENT_AFTER_S * 1e9:
+            if not entry.silent and entry.pace.silent(now_ns, self._awake_ns):
                 entry.silent = True
-                self._notices.append(f'sensor "{name}" has sent nothing for {SILENT_AFTER_S:g} s')
+                self._notices.append(f'sensor "{name}" has sent nothing for {entry.pace.silent_after_s:.2g} s')
+            self._notice_clock(entry, now_ns)
+
+    def _notice_clock(self, entry: _Entry, now_ns: int) -> None:
+        clock = entry.offset.estimate(now_ns)
+        if clock is None or entry.silent or not entry.connected:  # which is known already
+            return
+        name = entry.node.sensor
+        if clock.poor and not entry.poor_clock:
+            entry.poor_clock = True
+            self._notices.append(f'sensor "{name}" is {_poor(clock)}')
+        elif entry.poor_clock and clock.bound < POOR_BOUND_S / 2:
+            entry.poor_clock = False
+            self._notices.append(f'sensor "{name}" is well synchronised again')
 
     def take_notices(self) -> list[str]:
         """Return messages for users about the events since the last call."""
@@ -336,6 +368,10 @@ def _taken(node: NodeKey) -> str:
     return f"another node serves the sensor {node.sensor}; give this one another with --name, or end that node"
 
 
+def _poor(clock: ClockEstimate) -> str:
+    return f"poorly synchronised: its clock is known to ±{1e3 * clock.bound:.0f} ms"
+
+
 def _health(
     entry: _Entry, now_ns: int, setup: Setup, stored: int, lost: int, *, place: SensorPlace | None
 ) -> SensorHealth:
@@ -352,6 +388,8 @@ def _health(
     else:
         problem = entry.rejection
     clock = entry.offset.estimate(now_ns)
+    if clock is not None and clock.poor and not problem:
+        problem = _poor(clock)
     frames_before, dropped_before = entry.before or (entry.frames, entry.skipped)
     return SensorHealth(
         name=entry.node.sensor,
@@ -381,4 +419,5 @@ def _health(
         capture_offset=None if entry.clock.offset_ns is None else entry.clock.offset_ns / 1e9,
         clock_drift_ppm=clock.drift_ppm if clock else None,
         clock_drift_bound_ppm=clock.drift_bound_ppm if clock else None,
+        clock_poor=clock is not None and clock.poor,
     )

@@ -37,6 +37,7 @@ from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
 from mocapella.live.state_notices import StateNotices
 from mocapella.live.summary import RunSummary
+from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
@@ -87,10 +88,12 @@ class Server:
         settings: of the server.
         say: called with each notice, on a thread of its own.
         link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
+        failed: value of the attribute; whoever finds that any thread of the process has died sets it.
 
     Attributes:
         summary: statistics of the run.
-        failed: set when a thread of the server has ended with an unexpected error; close the server then.
+        failed: set when a thread has ended with an unexpected error; close the server then. From then on nothing but
+            the disk is waited for.
 
     Raises:
         AddressInUseError, BusError: it cannot listen at the address.
@@ -99,7 +102,11 @@ class Server:
     """
 
     def __init__(
-        self, settings: ServerSettings, say: Callable[[str], None] = lambda text: None, link: ServerLink | None = None
+        self,
+        settings: ServerSettings,
+        say: Callable[[str], None] = lambda text: None,
+        link: ServerLink | None = None,
+        failed: threading.Event | None = None,
     ) -> None:
         self._settings = settings
         self._session = Session(
@@ -116,10 +123,11 @@ class Server:
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
         self._ended = threading.Event()
-        self.failed = threading.Event()
+        self.failed = failed or threading.Event()
         self._began = time.monotonic()
         self.summary = RunSummary(began_ns=time.monotonic_ns())
         self._health = HealthWatch(settings.takes, settings.reserve_bytes, settings.log)
+        self._wall_clock = WallClock()
         self._notices = Notices(say)
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
@@ -143,7 +151,8 @@ class Server:
         """Begin the take of the settings, and only then admit nodes: it has their first frames."""
         self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
         self._link.errors = self._errors
-        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording)
+        door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording,
+                    full=self._health.full, refused=self._note_foreign)  # fmt: skip
         self._recording = RecordingService(
             self._session,
             self._link,
@@ -151,6 +160,7 @@ class Server:
             self._note,
             reserve_bytes=self._settings.reserve_bytes,
             between_steps=self._stepping,
+            hurry=self.failed,
         )
         if self._settings.record is not None:
             undo.callback(self._recording.finish, at_once=True)
@@ -349,6 +359,9 @@ class Server:
         for notice in notices:
             self._note_foreign(notice)
         self._recording.tell_closed()
+        step = self._wall_clock.step()
+        if step:
+            self._note(step)
         self._notices.beat()
         self._health.beat(self._recording.health().path)
         status = self.status()
@@ -429,10 +442,13 @@ class Server:
     def close(self) -> RecordingHealth:
         """Finish the take, leave the bus, and return the result of the last take.
 
-        After a failure the take is closed at once, without missing frames: the next start of the server continues it.
+        After a failure the take is closed first and at once, without missing frames, because the process exits soon.
         """
+        if self.failed.is_set():
+            self._ended.set()
+            self._recording.finish()
         self.halt()
-        health = self._recording.finish(at_once=self.failed.is_set())
+        health = self._recording.finish()
         for thread in self._finishing:
             thread.join()
         self._link.close()

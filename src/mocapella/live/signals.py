@@ -1,4 +1,4 @@
-"""Turn Ctrl-C and SIGTERM into an event that loops wait on, so that everything is closed and the exit status is 0.
+"""Turn signals (Ctrl-C, SIGTERM, SIGHUP) into an event that loops wait on: everything is closed, the exit status is 0.
 
 Work without such a loop is interrupted by an exception instead.
 
@@ -13,15 +13,16 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Final, NoReturn
 
-from mocapella.live.thread_deaths import end_with_any_thread
+from mocapella.live.thread_deaths import StopEvent, end_with_any_thread
 
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
 """Environment variable of a child process, whose parent holds its standard input open."""
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""SIGHUP comes when the terminal is closed; Windows has none."""
 
 _Handler = Callable[[int, FrameType | None], None]
 
@@ -55,13 +56,13 @@ def interruptible() -> Iterator[None]:
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
-    """Yield an event set by SIGINT, SIGTERM, the parent's end, or the death of a thread; restore earlier handlers.
+def stop_on_signals() -> Iterator[StopEvent]:
+    """Yield an event set by a signal, the parent's end, or the death of a thread; restore earlier handlers.
 
     Raises:
         MocapellaError: a thread died within the block (`mocapella.live.thread_deaths`).
     """
-    stop = threading.Event()
+    stop = StopEvent()
     if STARTED_BY_US in os.environ:
         threading.Thread(target=_stop_when_alone, args=(stop,), name="parent", daemon=True).start()
 
@@ -74,7 +75,8 @@ def stop_on_signals() -> Iterator[threading.Event]:
 
 @contextmanager
 def _handled_by(handle: _Handler) -> Iterator[None]:
-    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    heard = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup ignores some
+    before = {number: signal.signal(number, handle) for number in heard}
     try:
         yield
     finally:
@@ -84,6 +86,7 @@ def _handled_by(handle: _Handler) -> Iterator[None]:
 
 def _stop_when_alone(stop: threading.Event) -> None:
     # Reads the descriptor: a thread waiting in sys.stdin would hold its lock when the interpreter ends.
-    while os.read(0, 4096):
-        pass
+    with suppress(OSError):  # an input that cannot be read has nobody at its other end
+        while os.read(0, 4096):
+            pass
     stop.set()

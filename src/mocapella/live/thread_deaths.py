@@ -21,6 +21,19 @@ EXIT_WITHIN_S: Final = 1.8
 _LOG: Final = logging.getLogger(__name__)
 
 
+class StopEvent(threading.Event):
+    """Event that ends a command.
+
+    Attributes:
+        died: set before the event if the reason is the death of a thread: takes are closed, and nothing else is
+            waited for.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.died = threading.Event()
+
+
 def exit_process() -> None:
     """Exit with status 1, whatever other threads do."""
     os._exit(1)
@@ -28,12 +41,12 @@ def exit_process() -> None:
 
 @contextmanager
 def end_with_any_thread(
-    stop: threading.Event,
+    stop: StopEvent,
     *,
     exit_now: Callable[[], None] | None = None,
     within_s: float = EXIT_WITHIN_S,
 ) -> Iterator[None]:
-    """Set ``stop`` if a thread dies of an exception within this block, and raise an error at the end of the block.
+    """Set ``stop.died`` and ``stop`` if a thread dies of an exception within this block; raise an error at its end.
 
     If the process has not ended by itself ``within_s`` after the death, ``exit_now`` is called, also after the block;
     by default it is `exit_process`.
@@ -49,6 +62,7 @@ def end_with_any_thread(
         name = "a thread" if death.thread is None else f"the thread {death.thread.name}"
         said = printable(f"{name} died: {death.exc_type.__name__}: {death.exc_value}")
         deaths.append(said)
+        stop.died.set()
         stop.set()
         threading.Thread(
             target=_exit_later, args=(exit_now or exit_process, within_s), name="exit", daemon=True

@@ -15,9 +15,11 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
+from mocapella.conventions import NS_PER_S
 from mocapella.decoding import convert
 from mocapella.errors import MocapellaError, NoServerError, NotAdmittedError
 from mocapella.live.board_service import BoardService
+from mocapella.model.pace import Pace
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
@@ -37,20 +39,25 @@ CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
 ATTEMPT_S = 0.5
 """Longest duration of an attempt to reach the server [s]; Ctrl-C waits for its end."""
 STALE_AFTER_S = 2.0
-"""Age from which a scene, status or frame is no longer shown [s]."""
+"""Age from which a scene or a status is no longer shown [s]; a frame is not once its sensor is silent."""
 
 T = TypeVar("T")
 
 
 class Held(Generic[T]):
-    """Holds a value until a newer one comes, or until it is stale."""
+    """Holds a value until a newer one comes, or until it is stale.
 
-    def __init__(self) -> None:
+    Args:
+        pace: of the values, whose silence ends each; None for `STALE_AFTER_S`.
+    """
+
+    def __init__(self, pace: Pace | None = None) -> None:
+        self._pace = pace
         self._value: T | None = None
         self._since_s = 0.0
 
     def update(self, fresh: T | None, now_s: float) -> T | None:
-        """Return the fresh value, or else the held one while it is at most `STALE_AFTER_S` old, or else None.
+        """Return the fresh value, or else the held one until it is stale, or else None.
 
         The age is the time since the call with the value, not since its capture.
 
@@ -60,9 +67,16 @@ class Held(Generic[T]):
         """
         if fresh is not None:
             self._value, self._since_s = fresh, now_s
-        elif now_s - self._since_s > STALE_AFTER_S:
+            if self._pace is not None:
+                self._pace.update(round(now_s * NS_PER_S))
+        elif self._stale(now_s):
             self._value = None
         return self._value
+
+    def _stale(self, now_s: float) -> bool:
+        if self._pace is not None:
+            return self._pace.silent(round(now_s * NS_PER_S))
+        return now_s - self._since_s > STALE_AFTER_S
 
 
 class ViewState:
@@ -85,10 +99,10 @@ class ViewState:
             now_s: the present time on a monotonic clock [s].
 
         Returns:
-            Scene, frames by sensor, and status, none older than `STALE_AFTER_S`; no scene while the session is stopped.
+            Scene, frames by sensor, and status, none of which is stale; no scene while the session is stopped.
         """
         for sensor in frames:
-            self._frames.setdefault(sensor, Held())
+            self._frames.setdefault(sensor, Held(Pace()))
         held = {sensor: slot.update(frames.get(sensor), now_s) for sensor, slot in self._frames.items()}
         drawn = {sensor: frame for sensor, frame in held.items() if frame is not None}
         shown = self._status.update(status, now_s)
@@ -171,11 +185,13 @@ class Link:
         while self._session is None and not self._closed.is_set():
             try:
                 self._session = open_reader(self._connect, timeout=ATTEMPT_S)
-            except NoServerError as error:
+            except MocapellaError as error:
                 if not notified:
                     nobody = f"no server at {self._address} yet: start one with `mocapella serve`"
-                    self._on_waiting(str(error) if isinstance(error, NotAdmittedError) else nobody)
+                    absent = isinstance(error, NoServerError) and not isinstance(error, NotAdmittedError)
+                    self._on_waiting(nobody if absent else str(error))
                 notified = True
+                self._closed.wait(ATTEMPT_S)
         if self._session is not None:
             self._newest = Newest(self._session)
 

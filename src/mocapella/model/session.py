@@ -113,7 +113,7 @@ class SensorHealth:
     Attributes:
         name, node_id: the sensor, and the process that serves it.
         connected: whether its node is connected to the bus.
-        silent: whether no frame has arrived for longer than the limit, connected or not.
+        silent: whether no frame has arrived for longer than the limit (`mocapella.model.pace`), connected or not.
         local: whether the node runs on the server's machine.
         bodies: number of items, such as people, in its newest frame.
         rate_hz: frame rate over the last seconds.
@@ -137,6 +137,7 @@ class SensorHealth:
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
         clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
         clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
+        clock_poor: whether ``clock_bound`` is above 10 ms.
     """
 
     name: str
@@ -166,6 +167,7 @@ class SensorHealth:
     calibration: str = ""
     clock_drift_ppm: float | None = None
     clock_drift_bound_ppm: float | None = None
+    clock_poor: bool = False
 
 
 @dataclass(frozen=True)
@@ -212,6 +214,19 @@ class RecordingHealth:
 
 
 @dataclass(frozen=True)
+class Descriptors:
+    """File descriptors of the server's process: number of open ones, and the largest number."""
+
+    used: int
+    limit: int
+
+    @property
+    def scarce(self) -> bool:
+        """Whether less than a tenth is left."""
+        return self.used > 0.9 * self.limit
+
+
+@dataclass(frozen=True)
 class ServerHealth:
     """State of the server itself.
 
@@ -224,6 +239,7 @@ class ServerHealth:
         reserve_bytes: free space that a recording leaves.
         ended: parts of the session that have ended by themselves, such as ``view``.
         log: file of the structured log on the server's machine; empty if there is none.
+        descriptors: file descriptors of the process, which each connection and each take needs; None if unknown.
     """
 
     errors: dict[str, int] = field(default_factory=dict)
@@ -233,9 +249,10 @@ class ServerHealth:
     reserve_bytes: int = 0
     ended: tuple[str, ...] = ()
     log: str = ""
+    descriptors: Descriptors | None = None
 
     def problems(self) -> tuple[str, ...]:
-        """Return the problems, one line each: ended parts, errors, a full disk, refusals; empty without any."""
+        """Return the problems, one line each: ended parts, errors, scarce disk and descriptors, refusals."""
         lines = [f"the {part} has ended" for part in self.ended]
         if self.errors:
             lines.append(f"{sum(self.errors.values())} unexpected errors; the first: {next(iter(self.errors))}")
@@ -243,6 +260,9 @@ class ServerHealth:
         if free is not None and free < 2 * self.reserve_bytes:
             stops = f"a recording stops at {self.reserve_bytes / 1e9:.1f} GB"
             lines.append(f"{free / 1e9:.1f} GB of disk are left; {stops}")
+        files = self.descriptors
+        if files is not None and files.scarce:
+            lines.append(f"{files.used} of {files.limit} file descriptors are in use; new sensors are refused")
         if self.turned_away:
             lines.append("turned away: " + ", ".join(f"{count} {what}" for what, count in self.turned_away.items()))
         return tuple(lines)

@@ -64,6 +64,11 @@ class ClockEstimate:
         """Largest error of the offset [s]."""
         return self.bound_ns / 1e9
 
+    @property
+    def poor(self) -> bool:
+        """Whether the offset is known to worse than `POOR_BOUND_S`."""
+        return self.bound > POOR_BOUND_S
+
 
 def read_clock(answer: bytes) -> int:
     """Return a node's clock [ns] from its answer, which is decimal text.
@@ -78,6 +83,8 @@ def read_clock(answer: bytes) -> int:
 
 MOST_DRIFT_PPM: Final = 1000
 """Largest drift between two clocks for which bounds hold [µs/s]: two clocks that are each slewed by 500 µs/s."""
+POOR_BOUND_S: Final = 0.010
+"""Error bound of the offset from which a clock counts as poorly synchronised [s]."""
 DRIFT_OVER_S: Final = 60
 """Time over which the drift is measured [s]."""
 DRIFT_FROM_S: Final = 10
@@ -145,8 +152,9 @@ class OffsetFilter:
         return ClockEstimate(now.middle_ns, now.high_ns - now.middle_ns, drift, drift_bound)
 
     def _add(self, probe: ClockProbe) -> None:
-        # Read between question and answer: these are bounds at that instant, and so, widened, at the answer.
-        new = _Bounds(probe.sent_ns, probe.far_ns - probe.received_ns, probe.far_ns - probe.sent_ns)
+        # Read between question and answer: these are bounds at that instant, and so, widened, at the answer. A clock
+        # that reads n is between n and n + 1.
+        new = _Bounds(probe.sent_ns, probe.far_ns - probe.received_ns - 1, probe.far_ns + 1 - probe.sent_ns)
         new = new.later(probe.received_ns)
         if self._bounds is not None:
             old = self._bounds.later(new.at_ns)

@@ -27,6 +27,7 @@ from mocapella.model.frame_types import HISTORY_FRAMES
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.truth import Truth
 from mocapella.schema import encode_frame, encode_truth
+from mocapella.supervision import Boundary
 from mocapella.wire import keys
 from mocapella.wire.delivery import read_request
 from mocapella.wire.door import find_door, node_users
@@ -79,6 +80,9 @@ class NodeLink:
         node: identity on the bus.
         address: of the server.
         outbox: the frames that are kept.
+        hurry: while it is set, `close` waits for no acknowledgement; may be replaced.
+        errors: catches unexpected errors of the callbacks.
+        heard_s: monotonic time of the server's last question or answer; negative infinity before the first [s].
         farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
         on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
 
@@ -102,6 +106,9 @@ class NodeLink:
         self.farewell_s = FAREWELL_S
         self.on_published: Callable[[int, bytes, int], None] | None = None
         self._say = say
+        self.errors = Boundary(lambda text: say(f"{sensor}: {text}"))
+        self.heard_s = float("-inf")
+        self.hurry = threading.Event()
         place = None if spool is None else spool(self.node)
         self.outbox = Outbox(history_frames, place)
         self._server_since_ns: int | None = None
@@ -117,11 +124,12 @@ class NodeLink:
             express=True,
         )
         self._record_key = keys.of_node("record", self.node)
-        self._record = self._session.declare_queryable(self._record_key, self._deliver)
+        self._record = self._session.declare_queryable(
+            self._record_key, self.errors.wrap("request for frames", self._deliver)
+        )
         self._truth = self._session.declare_publisher(keys.of_node("truth", self.node))
-        clock_key = keys.of_node("clock", self.node)
         self._clock = self._session.declare_queryable(
-            clock_key, lambda query: query.reply(clock_key, str(time.monotonic_ns()).encode())
+            keys.of_node("clock", self.node), self.errors.wrap("clock probe", self._tell_time)
         )
         self._alive = self._session.liveliness().declare_token(keys.of_node("alive/sensor", self.node))
 
@@ -165,7 +173,7 @@ class NodeLink:
 
             on_question(query.payload.to_bytes() if query.payload is not None else b"", reply)
 
-        self._asked = self._session.declare_queryable(key, callback)
+        self._asked = self._session.declare_queryable(key, self.errors.wrap("question", callback))
 
     def join(self, timeout: float = 1.0) -> bool:
         """Claim the sensor's name at the server; return False if no server answers within ``timeout`` seconds.
@@ -183,7 +191,10 @@ class NodeLink:
         return why_not(self._door, self.node.sensor)
 
     def server_is_there(self) -> bool:
-        """Whether a server is connected now; waits up to half a second for its liveliness token."""
+        """Whether a server is connected now; waits up to half a second for its liveliness token.
+
+        A server that stands still, or whose link is down, stays connected for ten seconds; see `heard_s`.
+        """
         there = any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
         if not there:
             self._server_since_ns = None
@@ -222,7 +233,7 @@ class NodeLink:
             if answer is None:
                 answer = self._tell("leave", min(0.5, self.farewell_s))
             recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
-            if not (recording or self.outbox.holds) or time.monotonic() >= deadline:
+            if not (recording or self.outbox.holds) or self.hurry.is_set() or time.monotonic() >= deadline:
                 return
             time.sleep(0.02)
             if not self.server_is_there():
@@ -233,9 +244,14 @@ class NodeLink:
         state = {"machine": platform.node(), "next": self.outbox.next}
         for reply in self._session.get(keys.of_node(verb, self.node), payload=json.dumps(state), timeout=timeout):
             if reply.ok is not None:
+                self.heard_s = time.monotonic()
                 with contextlib.suppress(InputError):  # of an older server, which does not know the verb
                     return decode_json(reply.ok.payload.to_bytes(), JoinReply, what="reply of a server")
         return None
+
+    def _tell_time(self, query: zenoh.Query) -> None:
+        self.heard_s = time.monotonic()
+        query.reply(query.key_expr, str(time.monotonic_ns()).encode())
 
     def _deliver(self, query: zenoh.Query) -> None:
         """Answer a recording server: the frames that it lacks, and then this node's state."""
@@ -245,6 +261,7 @@ class NodeLink:
             except WireError as error:
                 query.reply_err(str(error).encode())
                 return
+            self.heard_s = time.monotonic()
             answer = self.outbox.update(request, time.monotonic_ns())
             self._spooler.begin()
             gone: dict[tuple[int, int], str] = {}

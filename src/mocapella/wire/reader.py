@@ -6,8 +6,10 @@ import getpass
 import json
 import platform
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -18,6 +20,7 @@ from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, SessionStatus
 from mocapella.schema import decode_frame, decode_scene
+from mocapella.supervision import Boundary
 from mocapella.wire import keys
 
 
@@ -32,17 +35,21 @@ class Newest:
     Attributes:
         refused: number of unreadable messages.
         skipped: number of scenes that were replaced by newer ones before they were read.
+        heard_s: monotonic time of the newest status, which a server publishes five times a second; negative infinity
+            before the first. A server that stands still, or whose link is down, is only noticed by it [s].
     """
 
     def __init__(self, session: zenoh.Session) -> None:
         self.refused = self.skipped = 0
+        self.heard_s = float("-inf")
         self._scene: bytes | None = None
         self._status: bytes | None = None
         self._frames: dict[str, bytes] = {}
+        guard = Boundary().wrap
         self._subscribers = [
-            session.declare_subscriber(keys.SCENE, self._take_scene),
-            session.declare_subscriber(keys.STATUS, self._take_status),
-            session.declare_subscriber(keys.ALL_LIVE, self._take_frame),
+            session.declare_subscriber(keys.SCENE, guard("scene", self._take_scene)),
+            session.declare_subscriber(keys.STATUS, guard("status", self._take_status)),
+            session.declare_subscriber(keys.ALL_LIVE, guard("frame", self._take_frame)),
         ]
 
     def scene(self) -> Scene | None:
@@ -66,7 +73,7 @@ class Newest:
         self._scene = sample.payload.to_bytes()
 
     def _take_status(self, sample: zenoh.Sample) -> None:
-        self._status = sample.payload.to_bytes()
+        self._status, self.heard_s = sample.payload.to_bytes(), time.monotonic()
 
     def _take_frame(self, sample: zenoh.Sample) -> None:
         self._frames[str(sample.key_expr).split("/")[-2]] = sample.payload.to_bytes()
@@ -97,9 +104,10 @@ class Following:
         self.refused = self.lost = 0
         self._waiting: deque[tuple[Callable[[bytes], Scene | SensorFrame], bytes]] = deque(maxlen=most)
         self._lock = threading.Lock()
+        guard = Boundary().wrap
         self._subscribers = [
-            session.declare_subscriber(keys.SCENE, lambda sample: self._put(decode_scene, sample)),
-            session.declare_subscriber(keys.ALL_LIVE, lambda sample: self._put(decode_frame, sample)),
+            session.declare_subscriber(keys.SCENE, guard("scene", partial(self._put, decode_scene))),
+            session.declare_subscriber(keys.ALL_LIVE, guard("frame", partial(self._put, decode_frame))),
         ]
 
     def take(self) -> list[Scene | SensorFrame]:

@@ -153,8 +153,9 @@ class ServerLink:
         """Tell a node which of its frames are stored, and ask for those that are missing; return at once.
 
         ``on_frame`` is called with each frame in order, then ``on_answer`` with the node's state, if it answers within
-        `REQUEST_TIMEOUT_S`, and in any case ``on_end`` at last.
+        `REQUEST_TIMEOUT_S`, and in any case ``on_end`` at last. Their unexpected errors are caught by ``errors``.
         """
+        on_end = self.errors.wrap("end of an answer", on_end)
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is None:
@@ -171,7 +172,7 @@ class ServerLink:
         try:
             self._session.get(
                 keys.of_node("record", node),
-                zenoh.handlers.Callback(on_reply, on_end),
+                zenoh.handlers.Callback(self.errors.wrap("answer of a node", on_reply), on_end),
                 payload=msgspec.json.encode(request),
                 congestion_control=zenoh.CongestionControl.BLOCK,  # of the replies, too
                 consolidation=zenoh.ConsolidationMode.NONE,

@@ -115,7 +115,7 @@ def _config(
     _set(config, "scouting/gossip/enabled", False)
     _set(config, "transport/shared_memory/enabled", False)
     _set(config, "transport/link/tls", tls)
-    _set(config, "timestamping/enabled", True)
+    _set(config, "timestamping/enabled", False)  # it is by wall clocks, and refuses messages of a clock that is ahead
     return config
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from mocapella.errors import RecordingError
+from mocapella.supervision import Boundary
 from mocapella.wire.outbox import Hold, Outbox, Store
 
 SPILL_AFTER_S: Final = 2.0
@@ -61,6 +62,7 @@ class Spooler:
         self._outbox, self._spool, self._say = outbox, spool, say
         self._server_since_ns = server_since_ns
         self.kept: list[str] = []
+        self._errors = Boundary(say)
         self._missing: dict[tuple[str, int], int] = {}
         self._told: set[str] = set()
         self._stop = threading.Event()
@@ -123,4 +125,4 @@ class Spooler:
 
     def _run(self) -> None:
         while not self._stop.wait(_EVERY_S):
-            self.update(time.monotonic_ns())
+            self._errors.run("spool", lambda: self.update(time.monotonic_ns()))

@@ -1,0 +1,61 @@
+"""The pace of a sensor: its usual interval between frames, and from when on it is silent. Time is an argument."""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from typing import Final
+
+from mocapella.conventions import NS_PER_S
+
+SILENT_AFTER_S: Final = 0.8
+"""Time without a frame after which a sensor is silent at the earliest; it is looked for every 0.2 s [s]."""
+SILENT_INTERVALS: Final = 3
+"""Number of usual intervals without a frame after which a slow sensor is silent."""
+UNKNOWN_S: Final = 2.0
+"""Time without a second frame after which a sensor is silent, because its interval is not known [s]."""
+_LONGEST_S: Final = 20.0
+_OF: Final = 5
+
+
+class Pace:
+    """The usual interval of a sensor, the median of the last five, and its silence.
+
+    Attributes:
+        heard_ns: time of the last frame [ns]; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.heard_ns: int | None = None
+        self._intervals: deque[int] = deque(maxlen=_OF)
+
+    def update(self, at_ns: int) -> None:
+        """Add a frame's time on the receiver's monotonic clock [ns]."""
+        if self.heard_ns is not None:
+            self._intervals.append(at_ns - self.heard_ns)
+        self.heard_ns = at_ns
+
+    @property
+    def interval_s(self) -> float | None:
+        """Usual interval between two frames [s]; None before the second."""
+        return statistics.median(self._intervals) / NS_PER_S if self._intervals else None
+
+    @property
+    def silent_after_s(self) -> float:
+        """Time without a frame after which the sensor is silent [s]."""
+        interval_s = self.interval_s
+        if interval_s is None:
+            return UNKNOWN_S
+        return min(max(SILENT_AFTER_S, SILENT_INTERVALS * interval_s), _LONGEST_S)
+
+    def silent(self, now_ns: int, awake_ns: int | None = None) -> bool:
+        """Whether no frame has come for longer than `silent_after_s`; False before the first.
+
+        Args:
+            now_ns: the present time on the same clock [ns].
+            awake_ns: when the receiver, which stood still before, could receive again [ns]; None if it never did.
+        """
+        if self.heard_ns is None:
+            return False
+        since_ns = self.heard_ns if awake_ns is None else max(self.heard_ns, awake_ns)
+        return now_ns - since_ns > self.silent_after_s * NS_PER_S
