@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import errno
 import http
@@ -10,6 +11,7 @@ import io
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,8 @@ from mocapella.viewer.gui_guard import hear_nothing_unused
 from mocapella.viewer.page_door import PageDoor, users_token
 from mocapella.viewer.page_refusals import PageRefusals
 
+_INFRA: Final[Any] = viser.infra._infra
+_THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 _THEIR_TITLE: Final = b"<title>Viser</title>"
 _TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
@@ -49,19 +53,6 @@ def unprinted() -> Iterator[None]:
     """
     with contextlib.redirect_stdout(io.StringIO()):
         yield
-
-
-@contextlib.contextmanager
-def tolerated() -> Iterator[None]:
-    """Ignore the error of a race in viser 1.1, which sets an `asyncio.Event` of its own thread from this thread.
-
-    The message to the browser is queued before the error; the next update draws the remaining content.
-    """
-    try:
-        yield
-    except RuntimeError as error:
-        if str(error) != "deque mutated during iteration":
-            raise
 
 
 class PageServer(viser.ViserServer):
@@ -173,6 +164,39 @@ class _PageSocket(viser.infra.WebsockServer):
         super()._background_worker(ready_sem)  # type: ignore[no-untyped-call,unused-ignore]
 
 
+class _LoopEvent(asyncio.Event):
+    """Event that other threads may set: its waiters are woken on the loop's own thread. Made on that thread.
+
+    viser sets events from the drawing loop's thread. An `asyncio.Event` is not made for that: it changes its waiters
+    while their loop does, raises an error into the drawing, and may wake nobody.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._loop_of_page = asyncio.get_event_loop()
+        self._asked = False
+
+    def set(self) -> None:
+        if asyncio._get_running_loop() is self._loop_of_page:
+            super().set()
+        elif not self._asked:
+            self._asked = True  # until the loop has heard, so that it is not woken for each message of a drawing
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
+                self._loop_of_page.call_soon_threadsafe(self._hear)
+
+    def _hear(self) -> None:
+        self._asked = False
+        super().set()
+
+
+@dataclass
+class _Messages(_INFRA.AsyncMessageBuffer):  # type: ignore[misc]
+    """The library's messages to one page or to all, with events that any thread may set."""
+
+    message_event: asyncio.Event = field(default_factory=_LoopEvent)
+    flush_event: asyncio.Event = field(default_factory=_LoopEvent)
+
+
 _AT: Final = threading.local()
 """The door and the seats of the page that a thread serves."""
 
@@ -277,14 +301,13 @@ class _GuardedSockets:
         return getattr(_THEIR_SOCKETS, name)
 
 
-_INFRA: Final[Any] = viser.infra._infra
-_THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 
 
 @contextlib.contextmanager
 def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
     """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
+    _INFRA.AsyncMessageBuffer = _Messages  # stays: pages that come later have theirs by this name, too
     usual = infra.WebsockServer
     infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
     _INFRA.websockets = _GuardedSockets()
