@@ -10,6 +10,7 @@ import inspect
 import io
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,11 +23,12 @@ import viser
 import viser.infra
 import viser.infra._infra
 from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosedError
 from websockets.http11 import Request, Response
 
 from mocapella.errors import AddressInUseError, SettingsError
-from mocapella.viewer.gui_guard import hear_nothing_unused
 from mocapella.viewer.page_door import PageDoor, users_token
+from mocapella.viewer.page_messages import MESSAGES_HZ, MessageQuota, PageInbox
 from mocapella.viewer.page_refusals import PageRefusals
 
 _INFRA: Final[Any] = viser.infra._infra
@@ -110,7 +112,6 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     with unprinted(), _own_socket(door, refusals):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
     server.door, server.refusals = door, refusals
-    hear_nothing_unused(server.gui)
     if port not in (0, server.get_port()):
         server.stop()
         raise _in_use(host, port)
@@ -157,6 +158,7 @@ class _PageSocket(viser.infra.WebsockServer):
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
         keywords["http_server_root"] = _Page(http_server_root)
+        keywords["message_class"] = PageInbox(self.refusals)
         super().__init__(*args, **keywords)
 
     def _background_worker(self, ready_sem: threading.Semaphore) -> None:
@@ -246,6 +248,16 @@ class _Connection(ServerConnection):
     def __init__(self, *args: Any, seats: _Seats, **keywords: Any) -> None:
         super().__init__(*args, **keywords)
         self._seats = seats
+        self._quota = MessageQuota()
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return a page's next message, as bytes; end the connection of a page that sends too many."""
+        data = await super().recv(decode=False)
+        if not self._quota.take(time.monotonic()):
+            self._seats.refusals.add("messages", f"a page sent more than {MESSAGES_HZ:.0f} messages a second")
+            self.transport.abort()  # what it has sent besides is dropped
+            raise ConnectionClosedError(None, None)
+        return data
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
@@ -299,8 +311,6 @@ class _GuardedSockets:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(_THEIR_SOCKETS, name)
-
-
 
 
 @contextlib.contextmanager
