@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import http.client
 import logging
 import os
@@ -26,7 +27,7 @@ from websockets.typing import Subprotocol
 
 from mocapella.errors import SettingsError
 from mocapella.model.session import CommandReply
-from mocapella.viewer import Viewer
+from mocapella.viewer import Viewer, page
 from mocapella.viewer.commands import MOST_WAITING, Commander
 from mocapella.viewer.gui_guard import may_change
 from mocapella.viewer.page import MAX_MESSAGE_BYTES, MOST_CONNECTIONS, MOST_PAGES
@@ -210,6 +211,46 @@ def test_connections_that_send_nothing_keep_nobody_out(viewer: Viewer, port: int
         with pytest.raises(BlockingIOError):  # it may still ask
             mute[-1].recv(1)
         assert viewer._server.refusals._counts["connections"] - before >= 5
+
+
+def test_a_request_that_comes_byte_by_byte_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "HANDSHAKE_S", 0.5)
+    viewer = Viewer("127.0.0.1", 0, command=None)
+    try:
+        with socket.create_connection(("127.0.0.1", viewer._server.get_port()), timeout=0.05) as slow:
+
+            def cut_off() -> bool:
+                try:
+                    slow.sendall(b"G")
+                    return slow.recv(1) == b""
+                except TimeoutError:
+                    return False
+                except OSError:
+                    return True
+
+            wait_until("it is cut off", cut_off)
+    finally:
+        viewer.close()
+
+
+def test_without_file_descriptors_the_view_says_so_and_goes_on_once_there_are_some(
+    viewer: Viewer, port: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    accept, attempts = socket.socket.accept, list[int]()
+
+    def failing(listener: socket.socket) -> Any:
+        if listener.getsockname()[1] == port and not attempts:
+            attempts.append(1)
+            raise OSError(errno.EMFILE, "Too many open files")
+        return accept(listener)
+
+    monkeypatch.setattr(socket.socket, "accept", failing)
+    with caplog.at_level(logging.WARNING):
+        assert get(port, f"/?token={TOKEN}")[0] == 200
+    assert attempts == [1]
+    assert not any(record.name == "asyncio" for record in caplog.records)
+    assert any("cannot open more connections at present (Too many open files)" in one for one in caplog.messages)
+    assert viewer._server.refusals._counts["resources"] == 1
 
 
 def test_the_pages_are_bounded_and_a_closed_one_makes_room(viewer: Viewer, port: int) -> None:

@@ -43,7 +43,7 @@ MOST_CONNECTIONS: Final = 256
 """Largest number of open connections."""
 MOST_PAGES: Final = 64
 """Largest number of open pages, which each have one connection."""
-HANDSHAKE_S: Final = 10.0
+HANDSHAKE_S: Final = 8.0
 """Longest duration of a browser's request; then its connection is closed [s]."""
 
 
@@ -299,9 +299,19 @@ class _GuardedServe(serve):
                 response.headers["Set-Cookie"] = admission.cookie
             return response  # type: ignore[no-any-return]
 
+        asyncio.get_running_loop().set_exception_handler(partial(_hear_error, seats.refusals))
         keywords["create_connection"] = partial(_Connection, seats=seats)
         keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
         super().__init__(handler, *args, process_request=guarded, **keywords)
+
+
+def _hear_error(refusals: PageRefusals, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Count connections that cannot be accepted for want of file descriptors or memory; the loop soon tries again."""
+    error = context.get("exception")
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+        refusals.add("resources", f"it cannot open more connections at present ({error.strerror})")
+    else:
+        loop.default_exception_handler(context)
 
 
 class _GuardedSockets:
