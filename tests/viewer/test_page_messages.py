@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -25,6 +27,7 @@ from websockets.typing import Subprotocol
 from mocapella.errors import InputError
 from mocapella.model.session import CommandReply
 from mocapella.viewer import Viewer
+from mocapella.viewer.commands import Commander
 from mocapella.viewer.page_messages import (
     FARTHEST,
     LARGEST,
@@ -182,15 +185,19 @@ def send_many(flood: ClientConnection) -> None:
 class DrawnPage:
     """A page that draws the view, without a socket: its messages go to viser as they do from one."""
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Viewer, *, operates: bool = True) -> None:
         self._viewer, self._room, self._number = viewer, Room(), 10**6
         loop = asyncio.new_event_loop()
         asyncio.set_event_loop(loop)
         self._loop = loop
         own = _ClientHandleState(AsyncMessageBuffer(loop, persistent_messages=False), loop)
         self._connection: Any = WebsockClientConnection(self._number, own)
-        for connected in viewer._server._websock_server._client_connect_cb:
-            loop.run_until_complete(connected(self._connection))  # type: ignore[arg-type]
+        sockets: Any = viewer._server._websock_server
+        sockets._live_connections[self._number] = SimpleNamespace(operates=operates)
+        for connected in sockets._client_connect_cb:
+            loop.run_until_complete(connected(self._connection))
+        self.send(CAMERA)
+        self.draw()
 
     def send(self, message: Any) -> None:
         decoded = decode_page_message(packed(message))
@@ -200,8 +207,15 @@ class DrawnPage:
         frames = self._room.frames(0.0)
         self._viewer.show(self._room.scene(0.0, frames), frames, status())
 
+    def press(self, button: str) -> None:
+        panel = self._viewer._browsers[self._number]._panel
+        self.send({**UPDATE, "uuid": getattr(panel, button)._impl.uuid})
+
+    def leave(self) -> None:
+        self._viewer._server._connected_clients.pop(self._number, None)
+
     def close(self) -> None:
-        self._viewer._server._connected_clients.pop(self._number)
+        self.leave()
         self._viewer._browsers.clear()
         self._loop.close()
 
@@ -210,11 +224,50 @@ class DrawnPage:
 def drawn() -> Iterator[DrawnPage]:
     viewer = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
     made = DrawnPage(viewer)
-    made.send(CAMERA)
-    made.draw()
     yield made
     made.close()
     viewer.close()
+
+
+@pytest.mark.parametrize(("operates", "sent"), [(True, ["stop", "recalibrate", "record"]), (False, [])])
+def test_only_an_operator_s_press_of_an_enabled_button_is_sent(
+    operates: bool, sent: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[str] = []
+    monkeypatch.setattr(Commander, "send", lambda commander, verb, *_: found.append(verb))
+    viewer = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
+    drawn = DrawnPage(viewer, operates=operates)
+    try:
+        for button in ("_start", "_record_stop", "_stop", "_start", "_recalibrate", "_record"):
+            drawn.press(button)  # of a session that tracks and does not record
+        assert found == sent
+    finally:
+        drawn.close()
+        viewer.close()
+
+
+def test_waiting_commands_of_a_page_that_has_left_are_dropped() -> None:
+    go_on = threading.Event()
+
+    def command(verb: str, arguments: dict[str, Any]) -> CommandReply:
+        go_on.wait(60)
+        return CommandReply(True)
+
+    viewer = Viewer("127.0.0.1", 0, command=command)
+    drawn = DrawnPage(viewer)
+    assert viewer._commander is not None
+    try:
+        for button in ("_stop", "_recalibrate", "_record"):
+            drawn.press(button)
+        drawn.draw()
+        assert viewer._commander._waiting
+        drawn.leave()
+        drawn.draw()
+        assert not viewer._commander._waiting
+    finally:
+        go_on.set()
+        drawn.close()
+        viewer.close()
 
 
 numbers = st.sampled_from([0.0, -0.0, 1e-300, 1e-9, 1.0, FARTHEST, -FARTHEST]) | st.floats(-FARTHEST, FARTHEST)
@@ -250,16 +303,10 @@ def test_whatever_click_passes_meets_a_picture_within_it_or_not(origin: list[flo
     assert at is None or (-0.5 <= at[0] <= 639.5 and -0.5 <= at[1] <= 479.5)
 
 
-json_like = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers(-(2**63), 2**64 - 1)
-    | st.floats()
-    | st.text(max_size=20)
-    | st.binary(max_size=8),
-    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=12), inner, max_size=5),
-    max_leaves=12,
-)
+leaves = st.sampled_from([None, True, -(2**63), 2**64 - 1, math.nan, 1e308, "x" * 2000, b"x"]) | numbers | st.text()
+lists = st.lists(leaves, max_size=5)
+fields = st.dictionaries(st.sampled_from(["value", "x"]), leaves | lists, max_size=2)
+json_like = leaves | lists | fields | st.lists(lists)
 
 
 @given(st.sampled_from(list(VALID)), st.data())
