@@ -214,6 +214,13 @@ def test_connections_that_send_nothing_keep_nobody_out(viewer: Viewer, port: int
 
 
 def test_a_request_that_comes_byte_by_byte_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits, theirs = list[float](), page.serve.__init__
+
+    def listen(self: Any, *arguments: Any, **keywords: Any) -> None:
+        limits.append(keywords["open_timeout"])
+        theirs(self, *arguments, **keywords)
+
+    monkeypatch.setattr(page.serve, "__init__", listen)
     monkeypatch.setattr(page, "HANDSHAKE_S", 0.5)
     viewer = Viewer("127.0.0.1", 0, command=None)
     try:
@@ -229,6 +236,7 @@ def test_a_request_that_comes_byte_by_byte_is_cut_off(monkeypatch: pytest.Monkey
                     return True
 
             wait_until("it is cut off", cut_off)
+        assert limits == [0.5]
     finally:
         viewer.close()
 
