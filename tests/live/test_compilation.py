@@ -16,6 +16,7 @@ from support.programs import Program, free_port, wait_until
 from mocapella.cli.common import PAGE_DRAWN
 from mocapella.cli.live_session import LiveSession, _pass_on
 from mocapella.errors import NotNowError
+from mocapella.live import compilation
 from mocapella.live.compilation import Compilation
 from mocapella.live.launch import Children
 from mocapella.live.session import Session
@@ -176,11 +177,47 @@ def test_what_the_view_says_of_itself_is_not_shown_as_it_is(
 
 
 @pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux with autogroups has them")
-def test_a_compilation_gives_way_to_other_sessions_too() -> None:
-    code = "from mocapella.live.compilation import _give_way; _give_way(); print(open('/proc/self/autogroup').read())"
+def test_a_compilation_gives_way_to_other_sessions_too_and_not_for_ever() -> None:
+    code = """if True:
+        from mocapella.live.compilation import _give_way, _set_group_niceness
+        _give_way(3600.0)
+        print(open("/proc/self/autogroup").read())
+        _set_group_niceness(0)
+        print(open("/proc/self/autogroup").read())
+    """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split()[-1] == "10"
-    assert done.stdout != Path("/proc/self/autogroup").read_text(encoding="ascii")
+    (group, _, gives_way), (same, _, normal) = (line.split() for line in done.stdout.split("\n") if line)
+    assert (group, gives_way, normal) == (same, "10", "0")
+    assert group != Path("/proc/self/autogroup").read_text(encoding="ascii").split()[0]
+
+
+class Group:
+    """A group's niceness that can be changed at every third attempt."""
+
+    def __init__(self) -> None:
+        self.attempts, self.niceness = 0, list[str]()
+
+    def write_text(self, text: str, encoding: str) -> None:
+        self.attempts += 1
+        if self.attempts % 3:
+            raise BlockingIOError
+        self.niceness.append(text)
+
+
+def test_a_change_of_priority_that_is_refused_for_now_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = Group()
+    monkeypatch.setattr(compilation, "_AUTOGROUP", group)
+    monkeypatch.setattr(compilation, "_AGAIN_S", 0.0)
+    monkeypatch.setattr(os, "setsid", lambda: None)
+    compilation._give_way(0.01)
+    wait_until("it no longer gives way", lambda: group.niceness == ["10", "0"])
+
+
+def test_where_priority_could_not_be_taken_back_it_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compilation, "_AUTOGROUP", tmp_path / "no folder" / "autogroup")
+    monkeypatch.setattr(os, "setsid", lambda: None)
+    monkeypatch.setattr(os, "nice", None)  # it may not be used
+    compilation._give_way(0.01)
 
 
 def test_where_kernels_cannot_be_kept_no_process_compiles_them(monkeypatch: pytest.MonkeyPatch) -> None:

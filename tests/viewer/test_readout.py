@@ -297,6 +297,19 @@ def test_what_is_not_known_yet_is_left_out_and_no_sensor_is_said():
     assert "No sensor yet." in Reader(sensors_html(None, SensorColours())).text
 
 
+def test_the_drift_of_a_sensor_s_clock_is_shown_once_it_is_known_and_not_broken_into_lines():
+    row = health("front", clock_drift_ppm=0.1, clock_drift_bound_ppm=9.27)
+    for known, said in (
+        (row, "clock +12.3 ± 0.4 ms · drift +0.1 ± 9.3 ppm"),
+        (health("front"), "clock +12.3 ± 0.4 ms"),
+    ):
+        html = sensors_html(status(sensors=(known,)), SensorColours())
+        assert said in Reader(html).text
+        assert ("drift" in html) == ("drift" in said)
+        for fact in said.split(" · "):
+            assert "nowrap" in html[: html.index(fact)].rpartition("<")[2]
+
+
 def test_the_recording_shows_its_name_its_size_and_its_losses():
     take = RecordingHealth(
         active=True, path="/takes/walk-3.mcap", frames=900, scenes=800, lost=2, size_bytes=3_400_000, seconds=75

@@ -139,7 +139,7 @@ def tabs(server, chromium, tab):
 
 @pytest.fixture(autouse=True)
 def fresh(server):
-    """Each test begins with the same session, stopped, three sensors, nothing recorded."""
+    """Each test begins with the same session, stopped, three sensors, nothing recorded; none has a message refused."""
     server.answers, server.empty = True, False
     server.held.clear()
     server.change(running=False, phase="stopped", setup=Setup(sensors_expected=3), recording=RecordingHealth())
@@ -147,6 +147,9 @@ def fresh(server):
     server.commands.clear()
     server.names.clear()
     server.scene = server.room.scene(1.0, server.frames)
+    yield
+    refused = server.viewer._server.refusals
+    assert not {"message", "messages"} & refused._counts.keys(), refused.lines
 
 
 def of_hue(pixels, colour):
@@ -699,7 +702,7 @@ def test_who_has_the_watchers_address_sees_all_and_controls_nothing(server, chro
     panel = panels(server)[-1]
     assert not panel._operates
     for control in (panel._start, panel._stop, panel._record, panel._record_stop, panel._name):
-        assert not may_change(control, {"value": control.value})
+        assert not may_change(control, control.value)
     panel._send("stop", {})
     panel._send_setup({"participant": 3})
     watcher.choose("Perspective", "free")  # its own view is its own

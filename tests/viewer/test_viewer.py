@@ -1,10 +1,16 @@
 """The address of the view, and that it costs nothing while nobody looks."""
 
+import asyncio
 import socket
+import threading
 
 import pytest
+import viser
+import zstandard
 from support.browser import page_url
+from support.programs import wait_until
 from support.walkers import Room, status
+from websockets.sync.client import connect
 
 from mocapella.errors import AddressInUseError, SettingsError
 from mocapella.model.session import CommandReply
@@ -63,26 +69,59 @@ def test_nothing_is_printed_because_standard_output_is_for_results(capsys):
 
 
 class FailingBrowser:
-    """One whose messages cannot be queued."""
+    """One whose messages cannot be queued, if it has an error."""
 
-    def __init__(self, error):
+    def __init__(self, error=None):
         self.error, self.shown, self.live = error, 0, True
 
     def show(self, *_):
         self.shown += 1
-        raise self.error
+        if self.error is not None:
+            raise self.error
 
 
-def test_a_race_in_the_library_costs_one_browser_one_drawing_and_any_other_error_is_raised(monkeypatch):
+def test_an_error_in_one_browser_is_raised_once_the_others_are_drawn(monkeypatch):
     viewer = Viewer("127.0.0.1", 0, command=obey)
     monkeypatch.setattr(viewer, "_welcome", lambda now_s: None)
-    racing = [FailingBrowser(RuntimeError("deque mutated during iteration")) for _ in range(2)]
     try:
-        viewer._browsers = dict(enumerate(racing))
-        viewer.show(None, {}, None)
-        assert [browser.shown for browser in racing] == [1, 1]
-        viewer._browsers = {0: FailingBrowser(RuntimeError("something else"))}
-        with pytest.raises(RuntimeError, match="something else"):
-            viewer.show(None, {}, None)
+        for text in ("deque mutated during iteration", "something else"):
+            browsers = [FailingBrowser(), FailingBrowser(RuntimeError(text)), FailingBrowser(), FailingBrowser()]
+            viewer._browsers = dict(enumerate(browsers))
+            with pytest.raises(RuntimeError, match=text):
+                viewer.show(None, {}, None)
+            assert [browser.shown for browser in browsers] == [1, 1, 1, 1]
     finally:
         viewer.close()
+
+
+def test_only_the_thread_that_serves_the_page_wakes_its_waiters(monkeypatch):
+    """And what another thread queues after the page's end is dropped."""
+    threads, theirs = set(), asyncio.Event.set
+    monkeypatch.setattr(asyncio.Event, "set", lambda event: (threads.add(threading.get_ident()), theirs(event)))
+    viewer = Viewer("127.0.0.1", 0, command=obey)
+    server = viewer._server._websock_server
+    address, protocol = viewer.url.replace("http", "ws"), f"viser-v{viser.__version__}"
+    try:
+        with connect(address, subprotocols=[protocol], max_size=None, open_timeout=60) as page:
+            wait_until("the page is known", lambda: bool(server._client_state_from_id))
+            buffers = [server._broadcast_buffer, *(own.message_buffer for own in server._client_state_from_id.values())]
+            for buffer in buffers:
+                wait_until("all is sent", lambda event=buffer.message_event: bool(event._waiters))
+                threads.clear()
+                buffer.message_event.set()
+                wait_until("it is woken", lambda: bool(threads))
+                assert threads == {server._server_thread.ident}
+            viewer._server.gui.add_html("the last")
+            while b"the last" not in unpacked(page.recv(60)):
+                pass
+    finally:
+        viewer.close()
+    assert threads == {server._server_thread.ident}
+    for buffer in buffers:
+        buffer.message_event.set()
+    assert threads == {server._server_thread.ident}
+
+
+def unpacked(window):
+    """Return the MessagePack of a window of viser's messages."""
+    return zstandard.ZstdDecompressor().decompress(window[16 : 16 + int.from_bytes(window[8:16], "little")])

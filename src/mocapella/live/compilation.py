@@ -12,7 +12,6 @@ import os
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -23,8 +22,13 @@ from mocapella.registry import load
 from mocapella.tracker import METHODS, warm_up
 
 _POLL_S: Final = 0.05
+GIVE_WAY_S: Final = 20.0
+"""Time after its start for which a compilation gives way, so that sensors and the view start first [s]."""
 _NICENESS: Final = 10
-"""Added to the processes' niceness: sensors and the view start first, and compilation still goes on beside them."""
+"""Niceness of a group that gives way: it gets a tenth of what another one gets."""
+_AUTOGROUP: Final = Path("/proc/self/autogroup")
+_AGAIN_S: Final = 0.1
+"""Linux accepts one change of a group's niceness in so much time, of all users together [s]."""
 
 
 class Compilation:
@@ -89,22 +93,36 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _give_way() -> None:
-    """Let every other process go first.
+def _give_way(for_s: float) -> None:
+    """Let every other session go first for some seconds.
 
-    Linux shares the processors among sessions first (autogroups, see sched(7)), and niceness counts only within one. A
-    browser has a session of its own. So this process gets one, too, and its group the niceness.
+    Linux shares the processors among sessions first (autogroups, see sched(7)), and niceness counts only within one. So
+    this process gets a session of its own, and the session the niceness. It can be taken back, but a process's own
+    niceness cannot without privileges: a browser that draws in software would then leave nothing to the compilation,
+    and people would not be tracked. So where there are no autogroups, it does not give way.
     """
-    if not hasattr(os, "nice"):
-        return
-    os.nice(_NICENESS)
-    with suppress(OSError):
+    try:
         os.setsid()
-        Path("/proc/self/autogroup").write_text(str(_NICENESS), encoding="ascii")
+        _set_group_niceness(_NICENESS)
+    except (AttributeError, OSError):
+        return
+    end = threading.Timer(for_s, _set_group_niceness, (0,))
+    end.daemon = True
+    end.start()
+
+
+def _set_group_niceness(niceness: int) -> None:
+    while True:
+        try:
+            _AUTOGROUP.write_text(str(niceness), encoding="ascii")
+        except BlockingIOError:  # another process has just changed its own
+            time.sleep(_AGAIN_S)
+        else:
+            return
 
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _give_way()
+    _give_way(GIVE_WAY_S)
     gc.set_threshold(200_000, 50, 100)  # numba makes millions of small objects that live until the end
     compile_part(*sys.argv[1:3])

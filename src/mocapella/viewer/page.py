@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import errno
 import http
@@ -9,7 +10,9 @@ import inspect
 import io
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,13 +23,16 @@ import viser
 import viser.infra
 import viser.infra._infra
 from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosedError
 from websockets.http11 import Request, Response
 
 from mocapella.errors import AddressInUseError, SettingsError
-from mocapella.viewer.gui_guard import hear_nothing_unused
 from mocapella.viewer.page_door import PageDoor, users_token
+from mocapella.viewer.page_messages import MESSAGES_HZ, MessageQuota, PageInbox
 from mocapella.viewer.page_refusals import PageRefusals
 
+_INFRA: Final[Any] = viser.infra._infra
+_THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 _THEIR_TITLE: Final = b"<title>Viser</title>"
 _TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
@@ -37,7 +43,7 @@ MOST_CONNECTIONS: Final = 256
 """Largest number of open connections."""
 MOST_PAGES: Final = 64
 """Largest number of open pages, which each have one connection."""
-HANDSHAKE_S: Final = 10.0
+HANDSHAKE_S: Final = 8.0
 """Longest duration of a browser's request; then its connection is closed [s]."""
 
 
@@ -49,19 +55,6 @@ def unprinted() -> Iterator[None]:
     """
     with contextlib.redirect_stdout(io.StringIO()):
         yield
-
-
-@contextlib.contextmanager
-def tolerated() -> Iterator[None]:
-    """Ignore the error of a race in viser 1.1, which sets an `asyncio.Event` of its own thread from this thread.
-
-    The message to the browser is queued before the error; the next update draws the remaining content.
-    """
-    try:
-        yield
-    except RuntimeError as error:
-        if str(error) != "deque mutated during iteration":
-            raise
 
 
 class PageServer(viser.ViserServer):
@@ -119,7 +112,6 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     with unprinted(), _own_socket(door, refusals):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
     server.door, server.refusals = door, refusals
-    hear_nothing_unused(server.gui)
     if port not in (0, server.get_port()):
         server.stop()
         raise _in_use(host, port)
@@ -166,11 +158,45 @@ class _PageSocket(viser.infra.WebsockServer):
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
         keywords["http_server_root"] = _Page(http_server_root)
+        keywords["message_class"] = PageInbox(self.refusals)
         super().__init__(*args, **keywords)
 
     def _background_worker(self, ready_sem: threading.Semaphore) -> None:
         _AT.door, _AT.seats = self.door, _Seats(self.refusals)  # this thread serves
         super()._background_worker(ready_sem)  # type: ignore[no-untyped-call,unused-ignore]
+
+
+class _LoopEvent(asyncio.Event):
+    """Event that other threads may set: its waiters are woken on the loop's own thread. Made on that thread.
+
+    viser sets events from the drawing loop's thread. An `asyncio.Event` is not made for that: it changes its waiters
+    while their loop does, raises an error into the drawing, and may wake nobody.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._loop_of_page = asyncio.get_event_loop()
+        self._asked = False
+
+    def set(self) -> None:
+        if asyncio._get_running_loop() is self._loop_of_page:
+            super().set()
+        elif not self._asked:
+            self._asked = True  # until the loop has heard, so that it is not woken for each message of a drawing
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
+                self._loop_of_page.call_soon_threadsafe(self._hear)
+
+    def _hear(self) -> None:
+        self._asked = False
+        super().set()
+
+
+@dataclass
+class _Messages(_INFRA.AsyncMessageBuffer):  # type: ignore[misc]
+    """The library's messages to one page or to all, with events that any thread may set."""
+
+    message_event: asyncio.Event = field(default_factory=_LoopEvent)
+    flush_event: asyncio.Event = field(default_factory=_LoopEvent)
 
 
 _AT: Final = threading.local()
@@ -222,6 +248,16 @@ class _Connection(ServerConnection):
     def __init__(self, *args: Any, seats: _Seats, **keywords: Any) -> None:
         super().__init__(*args, **keywords)
         self._seats = seats
+        self._quota = MessageQuota()
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return a page's next message, as bytes; end the connection of a page that sends too many."""
+        data = await super().recv(decode=False)
+        if not self._quota.take(time.monotonic()):
+            self._seats.refusals.add("messages", f"a page sent more than {MESSAGES_HZ:.0f} messages a second")
+            self.transport.abort()  # what it has sent besides is dropped
+            raise ConnectionClosedError(None, None)
+        return data
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
@@ -263,9 +299,19 @@ class _GuardedServe(serve):
                 response.headers["Set-Cookie"] = admission.cookie
             return response  # type: ignore[no-any-return]
 
+        asyncio.get_running_loop().set_exception_handler(partial(_hear_error, seats.refusals))
         keywords["create_connection"] = partial(_Connection, seats=seats)
         keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
         super().__init__(handler, *args, process_request=guarded, **keywords)
+
+
+def _hear_error(refusals: PageRefusals, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Count connections that cannot be accepted for want of file descriptors or memory; the loop soon tries again."""
+    error = context.get("exception")
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+        refusals.add("resources", f"it cannot open more connections at present ({error.strerror})")
+    else:
+        loop.default_exception_handler(context)
 
 
 class _GuardedSockets:
@@ -277,14 +323,11 @@ class _GuardedSockets:
         return getattr(_THEIR_SOCKETS, name)
 
 
-_INFRA: Final[Any] = viser.infra._infra
-_THEIR_SOCKETS: Final[Any] = _INFRA.websockets
-
-
 @contextlib.contextmanager
 def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
     """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
+    _INFRA.AsyncMessageBuffer = _Messages  # stays: pages that come later have theirs by this name, too
     usual = infra.WebsockServer
     infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
     _INFRA.websockets = _GuardedSockets()

@@ -265,18 +265,30 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None, *, be
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
     many = row.rejected > 0 or (begun and _drops_many(row))
-    losses = [f'<span style="color:{_AMBER if many else "inherit"}">{dropped} dropped</span>']
+    lines = [" · ".join(facts), f'<span style="color:{_AMBER if many else "inherit"}">{dropped} dropped</span>']
     if row.clock_offset is not None:
-        bound = "" if row.clock_bound is None else f" ± {row.clock_bound * 1000:.1f}"
-        losses.append(f"clock {row.clock_offset * 1000:+z.1f}{bound} ms")
+        bound_ms = None if row.clock_bound is None else row.clock_bound * 1000
+        clock = [_whole(f"clock {_bounded(row.clock_offset * 1000, bound_ms)} ms")]
+        if row.clock_drift_ppm is not None:
+            clock.append(_whole(f"drift {_bounded(row.clock_drift_ppm, row.clock_drift_bound_ppm)} ppm"))
+        lines.append(" · ".join(clock))
     return (
         '<div style="padding:2px 0 4px">'
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
         f'<span style="color:{colour.css}">●</span> <b>{escape(row.name)}</b>{where}</span>'
         f'<span style="color:{health_colour};text-align:right">{escape(health)}</span></div>'
-        f'<div style="font-size:12px;color:{_GREY}">{" · ".join(facts)}<br>{" · ".join(losses)}</div>'
+        f'<div style="font-size:12px;color:{_GREY}">{"<br>".join(lines)}</div>'
         f"{_place(place)}</div>"
     )
+
+
+def _bounded(value: float, bound: float | None) -> str:
+    return f"{value:+z.1f}" + ("" if bound is None else f" ± {bound:.1f}")
+
+
+def _whole(text: str) -> str:
+    """Return a text that is not broken into lines, as HTML."""
+    return f'<span style="white-space:nowrap">{text}</span>'
 
 
 def _drops_many(row: SensorHealth) -> bool:

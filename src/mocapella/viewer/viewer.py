@@ -21,7 +21,7 @@ from mocapella.viewer.commands import Commander, SendCommand
 from mocapella.viewer.gui_guard import guard_controls
 from mocapella.viewer.lanes import kept
 from mocapella.viewer.layout import Look
-from mocapella.viewer.page import open_page, tolerated, unprinted
+from mocapella.viewer.page import open_page, unprinted
 from mocapella.viewer.panel import WIDTH_PX
 from mocapella.viewer.picture_plane import SizedPicture
 from mocapella.viewer.scenery import PROP as SCENERY
@@ -132,6 +132,9 @@ class Viewer:
             pictures: encoded image of each camera at the scene's time, by camera; a camera that is not in it keeps its
                 last image for `LATEST_S`. None lets the view request images itself.
             keep: whether the scene is stored on the timeline; a scene object that is shown again is stored once.
+
+        Raises:
+            Exception: the first error of drawing in a browser; the other browsers are drawn before.
         """
         now_s = time.monotonic()
         self._welcome(now_s)
@@ -145,9 +148,14 @@ class Viewer:
             return
         self._drawings.begin()
         now = ViewNow(moment, status, board, self._drawings, self._look_home(moment), now_s)
+        errors = []
         for browser in self._browsers.values():
-            with tolerated():
+            try:
                 browser.show(now)
+            except Exception as error:  # noqa: BLE001 - it is raised once all others are drawn
+                errors.append(error)
+        if errors:
+            raise errors[0]
 
     def tell_fields(self, fields_deg: Mapping[str, tuple[float, float]]) -> None:
         """Set the horizontal and vertical field of view [°] of sensors whose frames do not define it, by sensor."""
