@@ -26,15 +26,15 @@ PIECE: Final = 20_000
 """Inputs of a door of share 1 that a process reads at a time, after which its limit of memory begins anew."""
 
 PARTS: Final = (
-    "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys", "requests for frames",
-    "answers about frames", "numbers of frames", "clocks", "replies", "statuses", "replies to nodes", "questions",
-    "questions of the view", "answers", "corners of boards", "commands", "rings", "camera rigs", "sensor layouts",
-    "hands", "boards", "runs of takes", "bodies' builds", "colours", "settings", "pairing codes", "key files",
-    "session keys", "view tokens", "page requests", "study logs", "study logs, packed", "image tracks", "keypoints",
-    "point recordings", "distances", "timestamps", "followed bodies", "named joints", "space alignments",
-    "depth sidecars", "BVH", "TRC", "facing models", "bias models", "depth images", "images .png", "images .jpg",
-    "images .bmp", "images .tiff", "images .webp", "meshes .glb", "meshes .gltf", "settings files", "layout files",
-    "rig files", "hand files", "board files", "colour files", "reference points", "sensor errors",
+    "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys",
+    "requests for frames", "answers about frames", "numbers of frames", "clocks", "replies", "statuses",
+    "replies to nodes", "questions", "questions of the view", "answers", "corners of boards", "commands", "rings",
+    "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "bodies' builds", "colours", "settings",
+    "pairing codes", "key files", "session keys", "view tokens", "page requests", "study logs", "study logs, packed",
+    "image tracks", "keypoints", "point recordings", "distances", "timestamps", "followed bodies", "named joints",
+    "space alignments", "depth sidecars", "BVH", "TRC", "facing models", "bias models", "depth images", "images .png",
+    "images .jpg", "images .bmp", "images .tiff", "images .webp", "meshes .glb", "meshes .gltf", "settings files",
+    "layout files", "rig files", "hand files", "board files", "colour files", "reference points", "sensor errors",
     "bodies with meshes", "references to images", "memories of stand-still", "memories of default",
     "memories of arms", "memories of hands", "memories of silhouettes", "contents of takes",
 )  # fmt: skip
