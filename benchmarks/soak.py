@@ -27,9 +27,11 @@ from mocapella.model.session import CommandReply, RecordingHealth, SessionStatus
 from mocapella.recording.take_reader import read_take
 from mocapella.schema import decode_scene, encode_frame
 from mocapella.supervision import Boundary
+from mocapella.tracker import warm_up
 from mocapella.wire.delivery import FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
 
+METHOD: Final = "default"
 SENSORS: Final = 6
 PEOPLE: Final = 1
 FRAMES: Final = 24 * 3600 * 30 * SENSORS
@@ -148,10 +150,11 @@ class Reader:
 
 def run(quick: bool = False, inputs: int | None = None) -> list[Row]:
     frames = inputs or (QUICK if quick else FRAMES)
+    warm_up(METHOD)
     with tempfile.TemporaryDirectory(prefix="mocapella-soak-") as folder:
         bus, began = Bus(), time.perf_counter()
         server = Server(
-            ServerSettings("", takes=Path(folder), setup=Setup(sensors_expected=SENSORS), reserve_bytes=0),
+            ServerSettings("", takes=Path(folder), setup=Setup(METHOD, sensors_expected=SENSORS), reserve_bytes=0),
             link=bus,  # type: ignore[arg-type]
         )
         reader = Reader(bus)
@@ -168,7 +171,8 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
     rounds = frames // SENSORS
     long = round(LONG_SHARE * rounds)
     short = (rounds - long) // (SHORT_TAKES + 1)
-    wait_for_compilation(bus)
+    for _ in range(600):  # until the sensors are calibrated, and everything is loaded
+        bus.send_round()
     process, looks, wrong = psutil.Process(), list[tuple[int, ...]](), 0
 
     def send(count: int) -> None:
@@ -190,12 +194,6 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
         path.unlink()
     send(SENSORS)
     return looks, wrong
-
-
-def wait_for_compilation(bus: Bus) -> None:
-    """Send frames until the tracker has compiled everything that it needs."""
-    for _ in range(600):
-        bus.send_round()
 
 
 def check_take(reply: CommandReply, path: Path, sent: int) -> int:
