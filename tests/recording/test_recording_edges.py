@@ -250,3 +250,29 @@ def test_a_result_whose_disk_fails_at_the_end_is_said(tmp_path: Path, monkeypatc
     with pytest.raises(RecordingError, match="No space left"):
         writer.finish({}, {ALONE: {}})
     writer.close()
+
+
+def test_frames_from_a_spool_are_flushed_as_they_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(merge, "_FLUSH_BYTES", 0)
+    path, spool = tmp_path / "a.mcap", tmp_path / "spool.mcap"
+    writer = TakeWriter.create(path, info=info(), reserve_bytes=0)
+    record(writer, 0, 4)
+    write_frame(writer, "front", 9, 9 * SECOND)
+    writer.close()
+    small_take(spool, count=9)
+    assert merge.merge_frames(path, [spool], reserve_bytes=0)["front"] == 5
+    assert [stored.frame.sequence for stored in read_take(path).frames_in_sequence("front")] == [*range(9), 9]
+
+
+def test_a_result_without_a_file_that_cannot_be_put_together_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    bodies = {name: FollowedBody("male", [], None, {}) for name in ("anna", "ben")}
+    writer = BodiesWriter(None, bodies, {})
+    writer.add(dict.fromkeys(bodies, row(0)))
+
+    def fails(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(writer, "_write_whole", fails)
+    with pytest.raises(RecordingError, match="No space left"):
+        writer.finish({}, {name: {} for name in bodies})
+    writer.close()

@@ -11,7 +11,7 @@ from mocapella.errors import WireError
 from mocapella.model.part_types import PART_TYPES
 from mocapella.schema import decode_scene, encode_frame, encode_scene, format_of, frames
 from mocapella.schema import mocapella_pb2 as pb
-from mocapella.schema.bodies import MAX_BUILD, decode_body
+from mocapella.schema.bodies import MAX_BUILD, MAX_VIEWS, decode_body
 from mocapella.schema.body_frames import decode_body_frame
 from mocapella.schema.envelope import ENVELOPE, protobuf_format, seal, unseal
 from mocapella.testing.frames import example_frames
@@ -28,6 +28,14 @@ def test_a_frame_of_skeletons_is_read_without_a_look_at_its_type() -> None:
 def test_a_body_with_too_long_a_build_is_refused() -> None:
     with pytest.raises(WireError, match=r"Body\.build has"):
         decode_body(pb.Body(build="x" * (MAX_BUILD + 1)))
+
+
+def test_a_body_seen_by_too_many_cameras_is_refused() -> None:
+    body = pb.Body()
+    for _ in range(MAX_VIEWS + 1):
+        body.views.add()
+    with pytest.raises(WireError, match=r"Body\.views has"):
+        decode_body(body)
 
 
 def test_what_is_sealed_comes_back() -> None:
