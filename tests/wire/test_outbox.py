@@ -294,13 +294,13 @@ def test_a_spooler_runs_only_while_a_take_is_open_and_once(monkeypatch: pytest.M
     spooler = Spooler(outbox, shelf, lambda text: None)
     updated = threading.Event()
     monkeypatch.setattr(spooler, "update", lambda now_ns: updated.set())
-    before = threading.active_count()
     spooler.begin()
-    assert threading.active_count() == before
+    assert spooler._thread is None
     outbox.update(OPEN, 0)
     spooler.begin()
+    thread = spooler._thread
     spooler.begin()
-    assert threading.active_count() == before + 1
+    assert spooler._thread is thread is not None
     assert updated.wait(60.0)
     spooler.close()
-    assert threading.active_count() == before
+    assert not thread.is_alive()
