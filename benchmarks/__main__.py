@@ -37,9 +37,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--part", action="append", default=[], metavar="NAME", help="only this one, of a group of parts"
     )
-    parser.add_argument(
-        "--inputs", type=_count, metavar="N", help="how many damaged inputs of fuzz, or kills of kill; such as 1e8"
-    )
+    parser.add_argument("--inputs", type=_count, metavar="N", help="inputs of fuzz, frames of soak, kills of kill")
+    parser.add_argument("--processes", type=_count, metavar="N", help="of fuzz; one for each core if not given")
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
     for name in options.group:
@@ -60,8 +59,9 @@ def main(arguments: list[str] | None = None) -> int:
         with console.status(f"measuring {name} …"):
             run = importlib.import_module(f"benchmarks.{name}").run
             asked = {"parts": wanted} if wanted else {}
-            if options.inputs is not None and "inputs" in inspect.signature(run).parameters:
-                asked["inputs"] = options.inputs
+            for option in ("inputs", "processes"):
+                if (value := getattr(options, option)) is not None and option in inspect.signature(run).parameters:
+                    asked[option] = value
             measured = run(quick=options.quick, **asked)
         console.print(table(name, measured))
         rows += measured

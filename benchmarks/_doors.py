@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import gzip
 import random
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +13,12 @@ import msgspec
 import numpy as np
 
 from benchmarks import _seeds as seeds
-from benchmarks._mutations import MUTATIONS, flip_bits, insert, splice, truncate
+from benchmarks._bus_doors import bus_doors, key_doors
+from benchmarks._door import BYTES, TEXT, Door, of_bytes, of_file, read_valid
+from benchmarks._mutations import MUTATIONS, flip_bits
 from benchmarks._take_mutations import TakeMutations, read_everything, write_example
-from benchmarks._text_mutations import drop_stretch, repeat_token, replace_token
 
 VECTORS: Final = Path(__file__).resolve().parent.parent / "tests" / "vectors"
-Damage = Callable[[bytes, random.Random, Sequence[bytes]], bytes]
-BYTES: Final[tuple[Damage, ...]] = (flip_bits, truncate, insert, splice)
-TEXT: Final[tuple[Damage, ...]] = (*BYTES, replace_token, replace_token, replace_token, repeat_token, drop_stretch)
 
 
 def repaired_png(data: bytes, rng: random.Random, others: Sequence[bytes]) -> bytes:
@@ -76,61 +72,18 @@ STRANGE: Final = (
 )
 
 
-@dataclass(frozen=True)
-class Door:
-    """A reader of content from outside.
-
-    Attributes:
-        name: of it.
-        share: of all inputs, relative to the other doors: small for what is slow.
-        inputs: yields a callable for each damaged input, which reads it, and the input's bytes for a report.
-    """
-
-    name: str
-    share: float
-    inputs: Callable[[random.Random], Iterator[tuple[Callable[[], Any], bytes]]]
-
-
 def doors(folder: Path) -> list[Door]:
     """Return all doors; ``folder`` is empty, for files of the inputs."""
-    return [*_messages(), *_texts(), *_keys(), *_files(folder), *_memories(), _takes(folder)]
-
-
-def _of_bytes(
-    name: str, valid: Sequence[bytes], read: Callable[[bytes], Any], damage: Sequence[Damage], share: float = 1.0
-) -> Door:
-    def inputs(rng: random.Random) -> Iterator[tuple[Callable[[], Any], bytes]]:
-        while True:
-            data = rng.choice(damage)(rng.choice(valid), rng, valid)
-            yield (lambda data=data: read(data)), data
-
-    read_valid(name, valid, read)
-    return Door(name, share, inputs)
-
-
-def read_valid(name: str, valid: Sequence[bytes], read: Callable[[bytes], Any]) -> None:
-    """Check that a door opens to its seeds: refused ones would test nothing."""
-    for seed in valid:
-        try:
-            read(seed)
-        except Exception as error:
-            raise AssertionError(f"{name}: the valid input is refused: {error!r}") from error
-
-
-def _of_file(
-    name: str, path: Path, valid: Sequence[bytes], read: Callable[[Path], Any], damage: Sequence[Damage], *,
-    share: float = 0.1,
-) -> Door:  # fmt: skip
-    def of_bytes(data: bytes) -> None:
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(data)
-        read(path)
-
-    return _of_bytes(name, valid, of_bytes, damage, share)
+    return [
+        *_messages(), *bus_doors(), *_texts(), *key_doors(folder), *_files(folder), *_settings_files(folder),
+        *_memories(), _takes(folder),
+    ]  # fmt: skip
 
 
 def _messages() -> list[Door]:
+    from mocapella.model.observations import BodyFrame
     from mocapella.schema import decode_frame, decode_scene, decode_truth
+    from mocapella.schema.body_frames import decode_body_frame
     from mocapella.schema.delimited import DelimitedReader
     from mocapella.schema.marker_datagrams import decode_marker_datagram
     from mocapella.sources import osc
@@ -139,6 +92,7 @@ def _messages() -> list[Door]:
     vectors = {path.stem: path.read_bytes() for path in sorted(VECTORS.glob("*.bin"))}
     others = ("scene_", "truth_", "stream_")
     frames = [data for name, data in vectors.items() if not name.startswith(others)]
+    skeletons = [data for data in frames if isinstance(decode_frame(data), BodyFrame)]
     pose = osc.encode("/mocapella/pose", "wand", 0.1, 1.2, 0.3, 0.0, 0.0, 0.0, 1.0)
     tracker = osc.encode("/tracking/trackers/1/position", 0.1, 1.2, 0.3)
 
@@ -147,19 +101,20 @@ def _messages() -> list[Door]:
             decode_frame(message)
 
     return [
-        _of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),
-        _of_bytes("scenes", _starting(vectors, "scene_"), decode_scene, MUTATIONS),
-        _of_bytes("truths", _starting(vectors, "truth_"), decode_truth, MUTATIONS),
-        _of_bytes("bridge stream", _starting(vectors, "stream_"), stream, MUTATIONS),
-        _of_bytes(
+        of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),
+        of_bytes("skeletons", skeletons, decode_body_frame, MUTATIONS, 0.2),
+        of_bytes("scenes", _starting(vectors, "scene_"), decode_scene, MUTATIONS),
+        of_bytes("truths", _starting(vectors, "truth_"), decode_truth, MUTATIONS),
+        of_bytes("bridge stream", _starting(vectors, "stream_"), stream, MUTATIONS),
+        of_bytes(
             "marker datagrams", [b"1.5,2.5;3,4", b"#7,1000;1.5,2.5;,"],
             lambda data: decode_marker_datagram(data, ("red", "blue"), (640, 480)), TEXT,
         ),
-        _of_bytes(
+        of_bytes(
             "OSC", [pose, tracker, osc.bundle(pose, tracker)], lambda data: osc.OscPoses("vr", "room").update(data, 1),
             BYTES,
         ),
-        _of_bytes(
+        of_bytes(
             "bus keys", [b"mocapella/v1/live/front/00000000000000ff"],
             lambda data: keys.node_of(data.decode("latin-1")), TEXT,
         ),
@@ -180,22 +135,18 @@ def _texts() -> list[Door]:
         SensorLayout,
         decode_layout,
         encode_layout,
+        is_layout,
     )
-    from mocapella.decoding import decode_json
     from mocapella.model.board import Board, encode_board, parse_board
     from mocapella.model.body_builds import mesh_of_build
-    from mocapella.model.camera import Camera, CameraRig, PlacedCamera
-    from mocapella.model.camera_rig_file import decode_camera_rig, encode_camera_rig
+    from mocapella.model.camera_rig_file import decode_camera_rig, is_camera_rig
     from mocapella.model.hand import HandShape
     from mocapella.model.hand_file import decode_hand_shape, encode_hand_shape
-    from mocapella.model.session import CommandReply, Setup
+    from mocapella.model.session import Setup
     from mocapella.recording.take import Run, TakeInfo, decode_run, encode_run
     from mocapella.sensing.colour_profile import decode_profile
-    from mocapella.settings import parse
-    from mocapella.wire.questions import read_answer, read_question
+    from mocapella.settings import settings_of_pairs
 
-    camera = Camera("cam_1", (640, 480), np.array([500.0, 500, 320, 240, 0, 0, 0, 0, 0]))
-    rig = CameraRig({"cam_1": PlacedCamera(camera, np.eye(4), np.eye(6), 0.01)})
     foreign = (
         b"[cam_1]\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n"
         b"distortions = [0.0, 0.0, 0.0, 0.0]\nrotation = [0.1, 0.2, 0.3]\ntranslation = [1.0, 2.0, 3.0]\n"
@@ -206,45 +157,20 @@ def _texts() -> list[Door]:
     hand = HandShape("left", np.full((5, 3), 0.03), np.full((5, 3), 0.02), "anna")
     run = Run(0, 1, TakeInfo(Setup(), 1_700_000_000_000_000_000, 5))
     return [
-        _of_bytes("camera rigs", [encode_camera_rig(rig).encode(), foreign], decode_camera_rig, TEXT, 0.1),
-        _of_bytes("sensor layouts", [encode_layout(layout)], decode_layout, TEXT, 0.3),
-        _of_bytes("hands", [encode_hand_shape(hand)], decode_hand_shape, TEXT, 0.5),
-        _of_bytes("boards", [encode_board(Board("charuco", 7, 5, 0.03)).encode()], parse_board, TEXT, 0.5),
-        _of_bytes("runs of takes", [encode_run(run)], lambda data: decode_run(data, "take"), TEXT, 0.5),
-        _of_bytes(
+        of_bytes("camera rigs", [seeds.rig(), foreign],
+                 lambda data: is_camera_rig(data) and decode_camera_rig(data), TEXT, 0.1),
+        of_bytes("sensor layouts", [encode_layout(layout)], lambda data: is_layout(data) and decode_layout(data), TEXT,
+                 0.3),
+        of_bytes("hands", [encode_hand_shape(hand)], decode_hand_shape, TEXT, 0.5),
+        of_bytes("boards", [encode_board(Board("charuco", 7, 5, 0.03)).encode()], parse_board, TEXT, 0.5),
+        of_bytes("runs of takes", [encode_run(run)], lambda data: decode_run(data, "take"), TEXT, 0.5),
+        of_bytes(
             "bodies' builds", [b'{"model":"legs","height_m":1.7,"proportions":{"thigh":0.43}}'],
             lambda data: mesh_of_build(data.decode("utf-8", "surrogateescape")), TEXT, 0.02,
         ),
-        _of_bytes("colours", [seeds.colour_profile()], decode_profile, TEXT, 0.1),
-        _of_bytes("questions", [b'{"ask":"board","board":"columns = 5","explain":true}'], read_question, TEXT),
-        _of_bytes("answers", [b'{"ok":true,"positions_px":[[1,2],null],"controls":{"fps":30}}'], read_answer, TEXT),
-        _of_bytes("commands", [b'{"participant":7,"method":"default"}'],
-                  lambda data: parse(Setup, decode_json(data, dict[str, Any])), TEXT),
-        _of_bytes("replies", [b'{"ok":true,"message":"done"}'], lambda data: decode_json(data, CommandReply), TEXT),
-    ]  # fmt: skip
-
-
-def _keys() -> list[Door]:
-    from mocapella.decoding import decode_json
-    from mocapella.wire.certificates import SERVER, Certified
-    from mocapella.wire.doorbell import Ring
-    from mocapella.wire.role_key import PREFIX, RoleKey, read_code
-    from mocapella.wire.roles import READER, users_of
-    from mocapella.wire.session_key import SessionKey, read_session_key
-
-    own = Certified(b"certificate", b"private")
-    role = msgspec.msgpack.encode(RoleKey("lab", READER, "tls/192.0.2.7:7447", b"authority", own))
-    session = SessionKey("lab", own, dict.fromkeys((SERVER, *users_of(["front"])), own), ("front",))
-
-    def code(data: bytes) -> RoleKey:
-        return read_code(PREFIX + base64.urlsafe_b64encode(data).decode("ascii").rstrip("="))
-
-    return [
-        _of_bytes("pairing codes", [role], code, BYTES),
-        _of_bytes("session keys", [msgspec.json.encode(session)],
-                  lambda data: read_session_key(data.decode("latin-1"), "lab", Path("lab.json")), TEXT),
-        _of_bytes("rings", [msgspec.json.encode(Ring("lab", "0" * 16, READER))], lambda data: decode_json(data, Ring),
-                  TEXT),
+        of_bytes("colours", [seeds.colour_profile()], decode_profile, TEXT, 0.1),
+        of_bytes("settings", [b"people.reach_m=0.5", b'box={"low":[1,2]}'],
+                 lambda data: settings_of_pairs([data.decode("utf-8", "surrogateescape")]), TEXT),
     ]  # fmt: skip
 
 
@@ -272,50 +198,96 @@ def _files(folder: Path) -> list[Door]:
         return joints_of_people(read_json(path), path)
 
     return [
-        _of_file("study logs", folder / "log.csv", [log], read_study_log, TEXT),
-        _of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
+        of_file("study logs", folder / "log.csv", [log], read_study_log, TEXT),
+        of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
                  (*BYTES, packed, packed)),
-        _of_file("image tracks", folder / "tracks.csv", [seeds.TRACKS], lambda path: read_image_tracks([path]), TEXT),
-        _of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [seeds.OPENPOSE], keypoints, TEXT),
-        _of_file("point recordings", folder / "points.csv", [seeds.POINTS], read_point_recording, TEXT),
-        _of_file("distances", folder / "far.csv", [b"distance_cm,disparity_px\n100,5\n"],
+        of_file("image tracks", folder / "tracks.csv", [seeds.TRACKS], lambda path: read_image_tracks([path]), TEXT),
+        of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [seeds.OPENPOSE], keypoints, TEXT),
+        of_file("point recordings", folder / "points.csv", [seeds.POINTS], read_point_recording, TEXT),
+        of_file("distances", folder / "far.csv", [b"distance_cm,disparity_px\n100,5\n"],
                  read_measured_distances, TEXT),
-        _of_file("timestamps", folder / "times.csv", [b"camera,frame,time_s\na,0,0.1\na,1,0.2\n"],
+        of_file("timestamps", folder / "times.csv", [b"camera,frame,time_s\na,0,0.1\na,1,0.2\n"],
                  lambda path: read_timestamps(path, ["a"]), TEXT),
-        _of_file("followed bodies", folder / "body.json", [seeds.BODY, seeds.PEOPLE], read_followed_people, TEXT),
-        _of_file("named joints", folder / "joints.json", [b'{"anna":{"hip":[0,1,2],"knee":[0,0.5,2]}}'], joints, TEXT),
-        _of_file("space alignments", folder / "space.toml", [seeds.SPACE], load_space, TEXT),
-        _of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
+        of_file("followed bodies", folder / "body.json", [seeds.BODY, seeds.PEOPLE], read_followed_people, TEXT),
+        of_file("named joints", folder / "joints.json", [b'{"anna":{"hip":[0,1,2],"knee":[0,0.5,2]}}'], joints, TEXT),
+        of_file("space alignments", folder / "space.toml", [seeds.SPACE], load_space, TEXT),
+        of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
                  read_sidecar, TEXT),
-        _of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
-        _of_file("TRC", folder / "walk.trc", [seeds.TRC], trc_points, TEXT),
-        _of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],
+        of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
+        of_file("TRC", folder / "walk.trc", [seeds.TRC], trc_points, TEXT),
+        of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],
                  facing_model.read_model, TEXT, share=0.02),
-        _of_file("bias models", folder / "bias.json", [seeds.shipped("joint_bias.json")],
+        of_file("bias models", folder / "bias.json", [seeds.shipped("joint_bias.json")],
                  joint_bias.read_model, TEXT, share=0.01),
-        _of_file("depth images", folder / "depth.png", [images[".png16"]], read_depth_png,
+        of_file("depth images", folder / "depth.png", [images[".png16"]], read_depth_png,
                  (*BYTES, *[repaired_png] * 4)),
-        *(_of_file(f"images {kind}", folder / f"shot{kind}", [images[kind]], read_image,
+        *(of_file(f"images {kind}", folder / f"shot{kind}", [images[kind]], read_image,
                    (*BYTES, *[repaired_png] * 4) if kind == ".png" else BYTES)
           for kind in (".png", ".jpg", ".bmp", ".tiff", ".webp")),
-        _of_file("meshes .glb", folder / "mesh.glb", [seeds.mesh(folder, ".glb")], load_rigged_mesh, BYTES, share=0.05),
-        _of_file("meshes .gltf", folder / "mesh.gltf", [seeds.mesh(folder, ".gltf")], load_rigged_mesh,
+        of_file("meshes .glb", folder / "mesh.glb", [seeds.mesh(folder, ".glb")], load_rigged_mesh, BYTES, share=0.05),
+        of_file("meshes .gltf", folder / "mesh.gltf", [seeds.mesh(folder, ".gltf")], load_rigged_mesh,
                  TEXT, share=0.02),
     ]  # fmt: skip
 
 
-def _memories() -> list[Door]:
-    from mocapella.tracker import make_tracker
+def _settings_files(folder: Path) -> list[Door]:
+    """Readers of the files that the command line and the tracking methods take, each by its path."""
+    from mocapella.calibration.sensor_layout import SensorLayout, encode_layout
+    from mocapella.cli.command_settings import read_keys
+    from mocapella.cli.hand import HandKeys
+    from mocapella.cli.serve import _is_rig, load_layout_option
+    from mocapella.decoding import decode_json
+    from mocapella.evaluation.point_references import caliscope_points
+    from mocapella.model.board import Board, encode_board, load_board
+    from mocapella.model.hand import HandShape
+    from mocapella.model.hand_file import encode_hand_shape
+    from mocapella.sensing.colour_profile import load_profile
+    from mocapella.settings import parse
+    from mocapella.sources.simulate.measured import errors_from_json
+    from mocapella.tracker.method_files import camera_rig, hand_shape
+    from mocapella.tracker.silhouettes_setup import BodySetup, _starting
 
-    trackers = {name: make_tracker(name) for name in ("stand-still", "default")}
+    space, shape = seeds.space_tracks(), HandShape("left", np.full((5, 3), 0.03), np.full((5, 3), 0.02), "anna")
+    layout = encode_layout(SensorLayout(1, True, {}, []))
+    start = {"start": {"root_twist": [0, 0, 3, 0, 0, 0]}, "model": "a", "mesh": seeds.base64_mesh(folder)}
+    errors = seeds.package_file("mocapella.sources.simulate", "kinect_v2_measured.json")
+
+    def bodies(data: bytes) -> object:
+        return _starting(parse(BodySetup, decode_json(data, dict[str, Any])))
+
     return [
-        _of_bytes(f"memories of {name}", [one.snapshot()], one.restore, (*BYTES, *[changed_memory] * 4), 0.3)
+        of_file("settings files", folder / "keys.toml", [b"hand_length_mm = 180.0\n"],
+                lambda path: read_keys(HandKeys, path, None), TEXT),
+        of_file("layout files", folder / "layout.json", [layout],
+                lambda path: (_is_rig(path), load_layout_option(path)), TEXT),
+        of_file("rig files", folder / "rig.toml", [seeds.rig()], lambda path: camera_rig([path]), TEXT),
+        of_file("hand files", folder / "hand.json", [encode_hand_shape(shape)], lambda path: hand_shape([path]), TEXT),
+        of_file("board files", folder / "board.toml", [encode_board(Board("charuco", 7, 5, 0.03)).encode()], load_board,
+                TEXT),
+        of_file("colour files", folder / "colours.json", [seeds.colour_profile()], load_profile, TEXT, share=0.05),
+        of_file("reference points", folder / "xyz.csv", [seeds.CALISCOPE], lambda path: caliscope_points(path, space),
+                TEXT),
+        of_bytes("sensor errors", [errors], lambda data: errors_from_json(data, "errors.json"), TEXT, 0.02),
+        of_bytes("bodies with meshes", [msgspec.json.encode(start)], bodies, TEXT, 0.02),
+        of_bytes("references to images", seeds.image_references(folder), seeds.resolve, TEXT, 0.1),
+    ]  # fmt: skip
+
+
+def _memories() -> list[Door]:
+    from mocapella.tracker import METHODS, make_tracker
+    from mocapella.tracker.protocol import Tracker
+
+    trackers: dict[str, Tracker] = {name: make_tracker(name) for name in ("stand-still", "default", "arms")}
+    trackers |= {name: METHODS[name].warm_up_run()[0] for name in ("hands", "silhouettes")}
+    return [
+        of_bytes(f"memories of {name}", [one.snapshot()], one.restore, (*BYTES, *[changed_memory] * 4), 0.3)
         for name, one in trackers.items()
     ]
 
 
 def _takes(folder: Path) -> Door:
     mutations = TakeMutations(write_example(folder / "seed.mcap"))
+    read_valid("contents of takes", [b""], lambda _: read_everything(folder / "seed.mcap"))
     path = folder / "damaged.mcap"
 
     def inputs(rng: random.Random) -> Iterator[tuple[Callable[[], Any], bytes]]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from mocapella.model.point_tracks import SpaceTracks
 
 TRACKS: Final = b"""frame,camera,point,x_px,y_px,confidence,time_s
 0,a,nose,1.5,2.5,0.9,0.0
@@ -45,6 +49,7 @@ Frame Time: 0.01
 """
 TRC: Final = b"PathFileType\t4\nx\ny\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n"
 OPENPOSE: Final = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
+CALISCOPE: Final = b"sync_index,point_id,x_coord,y_coord,z_coord\n0,0,1,2,3\n1,0,1,2,3.5\n"
 _COLOUR: Final = (
     b'{"name":"red","seen":{"mean":[0.1,0.2],"covariance":[1.0,0.1,1.0],"luma":[1,2,3],"pixels":9},"area_px":50}'
 )
@@ -67,7 +72,48 @@ def colour_profile() -> bytes:
 
 def shipped(name: str) -> bytes:
     """Return a model that ships with Mocapella."""
-    return files("mocapella.fusion").joinpath("data", name).read_bytes()
+    return package_file("mocapella.fusion", name)
+
+
+def package_file(package: str, name: str) -> bytes:
+    """Return a file of a package's folder ``data``."""
+    return files(package).joinpath("data", name).read_bytes()
+
+
+def rig() -> bytes:
+    """Return a camera rig of one camera."""
+    from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+    from mocapella.model.camera_rig_file import encode_camera_rig
+
+    camera = Camera("cam_1", (640, 480), np.array([500.0, 500, 320, 240, 0, 0, 0, 0, 0]))
+    return encode_camera_rig(CameraRig({"cam_1": PlacedCamera(camera, np.eye(4), np.eye(6), 0.01)})).encode()
+
+
+def space_tracks() -> SpaceTracks:
+    """Return the frames and points that `CALISCOPE` has."""
+    from mocapella.model.point_tracks import SpaceTracks
+
+    n = np.zeros((2, 1))
+    return SpaceTracks(("0",), np.arange(2), np.zeros(2), np.zeros((2, 1, 3)), n, n, n.astype(int), n.astype(np.uint8))
+
+
+def image_references(folder: Path) -> list[bytes]:
+    """Return a reference to an image in this folder."""
+    from mocapella.model.images import image_frame
+    from mocapella.sources.referenced_images import checksum, referred
+
+    path = folder / "referred.png"
+    path.write_bytes(images()[".png"])
+    frame = image_frame("cam", np.zeros((12, 16, 3), np.uint8), time_ns=1)
+    return [bytes(referred(frame, path, checksum(path), 0).data)]
+
+
+def resolve(reference: bytes) -> object:
+    """Read the image that a take refers to."""
+    from mocapella.model.images import ImageFrame
+    from mocapella.sources.referenced_images import ReferencedImages
+
+    return ReferencedImages().resolve(ImageFrame("cam", 0, 0, 1, 0, (16, 12), "file", reference))
 
 
 def study_log(folder: Path) -> bytes:
@@ -100,3 +146,8 @@ def mesh(folder: Path, kind: str) -> bytes:
     path = folder / f"seed{kind}"
     save_rigged_mesh(path, legs_mesh("male", detail=0.8))
     return path.read_bytes()
+
+
+def base64_mesh(folder: Path) -> str:
+    """Return a rigged mesh as a setting has it."""
+    return base64.b64encode(mesh(folder, ".glb")).decode()

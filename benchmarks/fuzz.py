@@ -1,136 +1,129 @@
 """Damaged input for every reader of files and messages: what escapes our errors, how long it takes, and what memory.
 
 Valid inputs are damaged in bytes, in words (`_text_mutations`) and, of takes, in contents whose checksums are made
-right again (`_take_mutations`). The same seed gives the same inputs. ``--inputs 1e8`` asks for so many.
+right again (`_take_mutations`). The same seed gives the same inputs, on any number of processes. ``--inputs 1e8`` asks
+for so many, ``--processes 1`` for one process instead of one for each core.
 """
 
 from __future__ import annotations
 
 import os
-import random
 import sys
 import tempfile
-import time
-import traceback
-import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Iterator, MutableSequence, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-import psutil
+from benchmarks._feeding import MOST_BYTES, MOST_SECONDS, SEED, Report, Watch, feed
+from benchmarks.harness import Row, at_most, cores, measured
 
-from benchmarks._doors import Door, doors
-from benchmarks.harness import Row, at_most, measured
-from mocapella.errors import MocapellaError
-
-SEED: Final = 23
 INPUTS: Final = 1_000_000
 QUICK: Final = 4_000
-MOST_MIB: Final = 256
-MOST_SECONDS: Final = 5.0
-_MIB: Final = 1 << 20
-_LOOK: Final = 64
-"""Inputs between looks at the memory; after a slow one there is a look, too."""
-
+PIECE: Final = 20_000
+"""Inputs of a door of share 1 that a process reads at a time, after which its limit of memory begins anew."""
 
 PARTS: Final = (
-    "frames", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys", "camera rigs",
-    "sensor layouts", "hands", "boards", "runs of takes", "bodies' builds", "colours", "questions", "answers",
-    "commands", "replies", "pairing codes", "session keys", "rings",
-    "study logs", "study logs, packed", "image tracks", "keypoints", "point recordings", "distances", "timestamps",
-    "followed bodies", "named joints", "space alignments", "depth sidecars", "BVH", "TRC", "facing models",
-    "bias models",
-    "depth images", "images .png", "images .jpg", "images .bmp", "images .tiff", "images .webp", "meshes .glb",
-    "meshes .gltf", "memories of stand-still", "memories of default", "contents of takes",
+    "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys",
+    "requests for frames", "answers about frames", "numbers of frames", "clocks", "replies", "statuses",
+    "replies to nodes", "questions", "questions of the view", "answers", "corners of boards", "commands", "rings",
+    "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "bodies' builds", "colours", "settings",
+    "pairing codes", "key files", "session keys", "view tokens", "page requests", "study logs", "study logs, packed",
+    "image tracks", "keypoints", "point recordings", "distances", "timestamps", "followed bodies", "named joints",
+    "space alignments", "depth sidecars", "BVH", "TRC", "facing models", "bias models", "depth images", "images .png",
+    "images .jpg", "images .bmp", "images .tiff", "images .webp", "meshes .glb", "meshes .gltf", "settings files",
+    "layout files", "rig files", "hand files", "board files", "colour files", "reference points", "sensor errors",
+    "bodies with meshes", "references to images", "memories of stand-still", "memories of default",
+    "memories of arms", "memories of hands", "memories of silhouettes", "contents of takes",
 )  # fmt: skip
 """Names of the doors."""
 
 
-@dataclass
-class Report:
-    """Results of one door.
+class Piece(NamedTuple):
+    """A number of inputs of one door; ``number`` counts the pieces of the door."""
 
-    Attributes:
-        inputs: number of damaged inputs.
-        refused: of these, with an error of ours.
-        escaped: number of others' errors by type and place, with the first input of each.
-        seconds: time in the reader.
-        whole_s: time with the making of the inputs.
-        slowest_s: of one input.
-        grown_bytes: most memory above that before the first input.
-    """
-
-    name: str
-    inputs: int = 0
-    refused: int = 0
-    escaped: dict[str, tuple[int, bytes]] = field(default_factory=dict)
-    seconds: float = 0.0
-    whole_s: float = 0.0
-    slowest_s: float = 0.0
-    grown_bytes: int = 0
-
-    @property
-    def escapes(self) -> int:
-        return sum(count for count, _ in self.escaped.values())
+    door: str
+    number: int
+    inputs: int
 
 
-def run(quick: bool = False, parts: Sequence[str] = (), inputs: int | None = None) -> list[Row]:
-    count = inputs or (QUICK if quick else INPUTS)
-    with tempfile.TemporaryDirectory(prefix="mocapella-fuzz-", dir=_memory_disk()) as folder:
-        chosen = [door for door in doors(Path(folder)) if not parts or door.name in parts]
-        total = sum(door.share for door in chosen)
-        reports = [feed(door, max(1, round(count * door.share / total))) for door in chosen]
-    for report in reports:
+class Fed(NamedTuple):
+    """The results by door, and the pieces whose process died, each with the number of the input."""
+
+    reports: list[Report]
+    crashes: list[str]
+
+
+def run(
+    quick: bool = False, parts: Sequence[str] = (), inputs: int | None = None, processes: int | None = None
+) -> list[Row]:
+    fed = feed_all(inputs or (QUICK if quick else INPUTS), parts, processes or cores())
+    for report in fed.reports:
         tell(report)
-    return rows_of(reports)
+    for crash in fed.crashes:
+        print(f"a process died while it read {crash}", file=sys.stderr)
+    return [measured("fuzz: processes that died", len(fed.crashes), "", goal=at_most(0)), *rows_of(fed.reports)]
+
+
+def feed_all(inputs: int, parts: Sequence[str], processes: int) -> Fed:
+    """Feed damaged inputs to all doors or some.
+
+    Args:
+        inputs: how many, of all doors together; each door has at least one.
+        parts: names of the doors; all if empty.
+        processes: how many to use.
+    """
+    context: Any = get_context("spawn")
+    with tempfile.TemporaryDirectory(prefix="mocapella-fuzz-", dir=_memory_disk()) as folder:
+        for worker in range(processes):  # each takes one of these folders
+            (Path(folder) / str(worker)).mkdir()
+        taken = context.Value("i", 0)
+        now = context.RawArray("q", 1 << 20)
+        with ProcessPoolExecutor(processes, context, _begin, (folder, taken, now)) as pool:
+            shares = pool.submit(_shares).result()
+            pieces = list(pieces_of({name: shares[name] for name in shares if not parts or name in parts}, inputs))
+            return _collected([(piece, pool.submit(_feed, slot, piece)) for slot, piece in enumerate(pieces)], now)
+
+
+def pieces_of(shares: dict[str, float], inputs: int) -> Iterator[Piece]:
+    """Yield the pieces of all doors, which do not depend on the number of processes."""
+    total = sum(shares.values())
+    for name, share in shares.items():
+        left, size = max(1, round(inputs * share / total)), max(1, round(PIECE * share))
+        for number in range(-(-left // size)):
+            yield Piece(name, number, min(size, left - number * size))
+
+
+def _collected(pieces: Sequence[tuple[Piece, Future[Report]]], now: MutableSequence[int]) -> Fed:
+    reports: dict[str, Report] = {}
+    crashes = []
+    for slot, (piece, future) in enumerate(pieces):
+        try:
+            reports.setdefault(piece.door, Report(piece.door)).add(future.result())
+        except BrokenProcessPool:
+            if now[slot]:
+                crashes.append(f"{piece.door}, piece {piece.number}, input {now[slot]}")
+    return Fed([one for one in reports.values() if one.inputs], crashes)
 
 
 def rows_of(reports: Sequence[Report]) -> list[Row]:
     """Return the rows of all doors together, and of each its rate."""
     fed, seconds = sum(one.inputs for one in reports), sum(one.whole_s for one in reports)
     slowest = max(reports, key=lambda one: one.slowest_s)
-    hungry = max(reports, key=lambda one: one.grown_bytes)
+    starved, most = sum(one.starved for one in reports), MOST_BYTES >> 20
     return [
         measured(f"fuzz: escaped of {fed:,} inputs", sum(one.escapes for one in reports), "errors", goal=at_most(0)),
         measured("fuzz: refused", 100 * sum(one.refused for one in reports) / fed, "%"),
         measured(f"fuzz: slowest input ({slowest.name})", slowest.slowest_s, "s", goal=at_most(MOST_SECONDS)),
-        measured(f"fuzz: most memory ({hungry.name})", hungry.grown_bytes / _MIB, "MiB", goal=at_most(MOST_MIB)),
+        measured(f"fuzz: inputs that want more than {most} MiB", starved, "inputs", goal=at_most(0)),
         measured("fuzz: rate, one process", fed / seconds, "inputs/s"),
         *(
-            measured(f"fuzz: {one.name}, {one.inputs:,} inputs", one.inputs / one.seconds, "inputs/s")
+            measured(f"fuzz: {one.name}, {one.inputs:,} inputs", one.inputs / max(one.seconds, 1e-9), "inputs/s")
             for one in reports
         ),
     ]
-
-
-def feed(door: Door, count: int, seed: int = SEED) -> Report:
-    """Read damaged inputs, and count what happens."""
-    report = Report(door.name)
-    process = psutil.Process()
-    before, peak_before, started = process.memory_info().rss, _peak_bytes(), time.perf_counter()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for number, (read, data) in enumerate(islice(door.inputs(random.Random(f"{seed}/{door.name}")), count)):
-            begin = time.perf_counter()
-            try:
-                read()
-            except MocapellaError as error:
-                report.refused += 1
-                if "\n" in str(error):
-                    _note(report, f"{type(error).__name__} of several lines", data)
-            except Exception as error:  # noqa: BLE001  counted here
-                _note(report, _place(error), data)
-            took = time.perf_counter() - begin
-            report.seconds, report.slowest_s = report.seconds + took, max(report.slowest_s, took)
-            if number % _LOOK == 0 or took > 0.05:
-                report.grown_bytes = max(report.grown_bytes, process.memory_info().rss - before)
-            report.inputs += 1
-        report.whole_s = time.perf_counter() - started
-    if (peak := _peak_bytes()) > peak_before:  # between two looks
-        report.grown_bytes = max(report.grown_bytes, peak - before)
-    return report
 
 
 def tell(report: Report) -> None:
@@ -139,26 +132,39 @@ def tell(report: Report) -> None:
         print(f"{report.name}: {count} × {place}: {data[:200]!r}", file=sys.stderr)
 
 
-def _note(report: Report, place: str, data: bytes) -> None:
-    count, first = report.escaped.get(place, (0, data))
-    report.escaped[place] = (count + 1, first)
-
-
-def _place(error: Exception) -> str:
-    """Return the error's type and the last place of ours that it came through."""
-    ours = [frame for frame in traceback.extract_tb(error.__traceback__) if f"mocapella{os.sep}" in frame.filename]
-    where = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else "?"
-    return f"{type(error).__name__} at {where} ({str(error)[:80]})"
-
-
-def _peak_bytes() -> int:
-    """Return the most memory that this process ever had; 0 where that is not known."""
-    if sys.platform in ("win32", "darwin"):
-        return 0
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
-
-
 def _memory_disk() -> str | None:
     return "/dev/shm" if Path("/dev/shm").is_dir() else None
+
+
+_OWN: dict[str, Any] = {}
+"""Of a process that feeds: its doors, and where it notes which input it reads."""
+
+
+def _begin(folder: str, taken: Any, now: MutableSequence[int]) -> None:
+    """Make the doors of a new process."""
+    from benchmarks._doors import doors
+
+    with taken.get_lock():
+        own, taken.value = Path(folder) / str(taken.value), taken.value + 1
+    _silence_libraries()
+    _OWN.update(doors={door.name: door for door in doors(own)}, now=now)
+
+
+def _silence_libraries() -> None:
+    """Libraries of images print a line for each damaged one; what the process says of its own end is kept."""
+    import cv2
+
+    cv2.setNumThreads(1)  # a thread's stack counts as memory
+    kept = os.fdopen(os.dup(2), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    sys.stderr = kept
+
+
+def _shares() -> dict[str, float]:
+    return {name: door.share for name, door in _OWN["doors"].items()}
+
+
+def _feed(slot: int, piece: Piece) -> Report:
+    with Watch() as watch:
+        at = memoryview(_OWN["now"]).cast("B").cast("q")[slot : slot + 1]
+        return feed(_OWN["doors"][piece.door], piece.inputs, f"{SEED}.{piece.number}", watch=watch, now=at)

@@ -131,11 +131,15 @@ def against_peer(
     return compared(name, value, unit, peer=peer_name, peer_value=peer_value, goal=goal)
 
 
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @cache
 def machine() -> str:
     """The processor, how many cores this process may use, and the Python."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{_processor()}, {cores} cores, {platform.python_implementation()} {platform.python_version()}"
+    return f"{_processor()}, {cores()} cores, {platform.python_implementation()} {platform.python_version()}"
 
 
 def _processor() -> str:

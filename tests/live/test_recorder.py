@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import threading
 from functools import partial
 from pathlib import Path
 
 import msgspec
 import pytest
-from support.take_making import SECOND, frame, info
+from support.take_making import SECOND, frame, info, scene_bytes
 
 from mocapella.live import recorder as recorders
-from mocapella.live.record_path import hear_answer
+from mocapella.live.record_path import ON_THE_WAY_S, RecordPath, _Contact, hear_answer
 from mocapella.live.recorder import Recorder
+from mocapella.recording import disk
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_frame
+from mocapella.testing.server import session_status
 from mocapella.wire.delivery import FrameAnswer
 from mocapella.wire.keys import NodeKey
 
@@ -66,3 +70,72 @@ def test_a_disk_that_is_too_slow_costs_no_command_and_what_it_costs_is_said(
         "ground truths of front are not recorded",
     ]
     assert [command.values["verb"] for command in read_take(tmp_path / "walk.mcap").commands()] == ["recalibrate"]
+
+
+def test_all_kinds_of_entries_are_written_and_a_wrong_truth_is_said_once(tmp_path: Path) -> None:
+    said: list[str] = []
+    recorder = Recorder(TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0), said.append)
+    recorder.run(info(SECOND))
+    recorder.status(session_status(), SECOND)
+    recorder.clock({"front": [1, 2, 3]}, SECOND)
+    recorder.scene(scene_bytes(0, "front", 0), SECOND)
+    for _ in range(2):
+        recorder.truth("front", b"\xff no truth", SECOND)
+    health = recorder.close()
+    take = read_take(tmp_path / "walk.mcap")
+    assert (len(take.runs), len(list(take.statuses())), len(list(take.clock_probes())), health.scenes) == (2, 1, 1, 1)
+    assert [line.partition(":")[0] for line in said] == ["truths of front are not recorded"]
+
+
+def test_what_waits_for_the_disk_is_crowded_and_after_a_failure_nothing_more_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0)
+    released, failing = threading.Event(), threading.Event()
+
+    def waits_and_fails(fd: int) -> None:
+        failing.set()
+        released.wait(60.0)
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(disk, "_data_sync", waits_and_fails)
+    monkeypatch.setattr(recorders, "_CROWDED_BYTES", 10)
+    recorder = Recorder(writer, lambda text: None)
+    assert not recorder.crowded
+    recorder.run(info(SECOND))
+    assert failing.wait(60.0)
+    recorder.scene(scene_bytes(0, "front", 0), SECOND)  # waits, and is dropped as the recording has stopped
+    assert recorder.crowded
+    released.set()
+    health = recorder.close()
+    recorder.scene(scene_bytes(1, "front", 1), SECOND)
+    recorder.truth("front", b"a truth", SECOND)
+    assert "the disk failed" in health.problem
+    assert (health.scenes, recorder.crowded, recorder.stored_and_lost()) == (0, False, ({}, {}))
+
+
+def test_a_number_is_settled_once_it_was_said_long_enough_ago() -> None:
+    contact = _Contact()
+    for at_s, number, settled in ((0.0, 5, 0), (0.1, 9, 0), (ON_THE_WAY_S, 12, 5), (2 * ON_THE_WAY_S, 20, 12)):
+        contact.hear(number, at_s)
+        assert contact.settled == settled
+
+
+def test_a_node_is_asked_no_second_time_while_a_request_is_under_way(tmp_path: Path) -> None:
+    class Silent:
+        """Never answers."""
+
+        def __init__(self) -> None:
+            self.asked = 0
+
+        def request_frames(self, *_: object) -> None:
+            self.asked += 1
+
+    recorder = Recorder(TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0), lambda text: None)
+    link, connected = Silent(), list[NodeKey]()
+    path = RecordPath(recorder, link, lambda: connected, {}, fresh=True)
+    path.finish(0.0)  # its thread has ended
+    path._ask(FRONT)
+    path._ask(FRONT)
+    assert link.asked == 1
+    recorder.close()

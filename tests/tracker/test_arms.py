@@ -377,6 +377,17 @@ def test_frames_that_cannot_be_used_are_counted_and_change_nothing() -> None:
     assert tracker.report.kept == 3
 
 
+@pytest.mark.parametrize("kept", [7, "front", {"front": 7}, [1]])
+def test_a_snapshot_with_an_impossible_layout_is_refused(kept: object) -> None:
+    tracker = make_tracker("arms", sensors_expected=2)
+    tracker.reset()
+    strange = make_tracker("arms", sensors_expected=2)
+    strange._kept = kept  # type: ignore[attr-defined]
+    with pytest.raises(WireError, match="no memory of this tracker"):
+        tracker.restore(strange.snapshot())
+    tracker.recalibrate("asked for")
+
+
 def test_a_snapshot_goes_on_to_the_bit() -> None:
     arrivals = run(5.0, {"a": one("a", hidden=(4,)), "b": one("b", hidden=(8,))})
     whole, half = (make_tracker("arms", sensors_expected=2) for _ in range(2))

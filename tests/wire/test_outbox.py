@@ -397,3 +397,37 @@ def test_frames_that_come_while_others_are_spilled_stay_in_memory() -> None:
     assert outbox.spill()
     assert outbox.oldest == 0
     assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4]
+
+
+def test_frames_that_are_dropped_while_they_are_sent_end_the_answer() -> None:
+    outbox = filled(4)
+    asked = outbox.wanted(FrameRequest("take", 0, wanted=[(0, 3)]))
+    assert next(asked) == b"0"
+    outbox.add(b"4", 4)
+    outbox.add(b"5", 5)  # no room for 1 any more
+    assert list(asked) == []
+
+
+def test_an_empty_outbox_has_nothing_to_drop() -> None:
+    outbox = filled(0)
+    outbox.drop_oldest()
+    assert (outbox.dropped, outbox.next) == (0, 0)
+
+
+def test_a_spooler_runs_only_while_a_take_is_open_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mocapella.wire.spool._EVERY_S", 0.001)
+    shelf = Shelf()
+    outbox = filled(2, shelf=shelf)
+    spooler = Spooler(outbox, shelf, lambda text: None)
+    updated = threading.Event()
+    monkeypatch.setattr(spooler, "update", lambda now_ns: updated.set())
+    spooler.begin()
+    assert spooler._thread is None
+    outbox.update(OPEN, 0)
+    spooler.begin()
+    thread = spooler._thread
+    spooler.begin()
+    assert spooler._thread is thread is not None
+    assert updated.wait(60.0)
+    spooler.close()
+    assert not thread.is_alive()

@@ -163,7 +163,8 @@ class Server:
             hurry=self.failed,
         )
         if self._settings.record is not None:
-            undo.callback(self._recording.finish, at_once=True)
+            undo.callback(self._recording.finish)
+            undo.callback(self.failed.set)  # it waits for nobody then
             self._recording.begin(self._settings.record, resume=True)
         self._link.serve(
             on_frame=door.frame,

@@ -13,6 +13,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import count, takewhile
 from pathlib import Path
 from typing import IO, Any, Final, TypeVar
 
@@ -205,18 +206,12 @@ class BodiesWriter:
 
 def left_behind(path: Path) -> list[Path]:
     """Return the part files that exist for the result ``path``: of runs that were killed or still go on."""
-    found: list[Path] = []
-    for part in _part_names(path):
-        if not part.exists():
-            return found
-        found.append(part)
-    return found
+    return list(takewhile(Path.exists, _part_names(path)))
 
 
 def _part_names(path: Path) -> Iterator[Path]:
-    """Yield ``out.part.json``, ``out.part2.json``, …"""
-    for number in range(1, 1_000_000):
-        yield path.with_name(f"{path.stem}.part{number if number > 1 else ''}{path.suffix or '.json'}")
+    """Return ``out.part.json``, ``out.part2.json``, …"""
+    return (path.with_name(f"{path.stem}.part{k if k > 1 else ''}{path.suffix or '.json'}") for k in count(1))
 
 
 def _without_frames(body: FollowedBody) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from mocapella.model.names import is_device
 
 try:
     import fcntl
-except ImportError:  # Windows has no advisory locks of this kind; there the exclusive creation alone protects a take
+except ImportError:  # pragma: no cover  Windows, where the exclusive creation alone protects a take
     fcntl = None  # type: ignore[assignment]
 
 GIB: Final = 1 << 30
@@ -105,8 +105,6 @@ def make_private(folder: Path) -> None:
     for one in (*reversed(folder.parents), folder):
         if not one.is_dir():
             one.mkdir(mode=_PRIVATE_FOLDER, exist_ok=True)
-    if not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
 
 
 def part_path(path: Path, number: int) -> Path:
@@ -257,7 +255,7 @@ def sync(fd: int) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Flush a folder's entries, such as new and renamed files, to the disk; no effect on Windows."""
-    if os.name == "nt":  # folders cannot be opened there
+    if os.name == "nt":  # pragma: no cover  folders cannot be opened there
         return
     with _descriptor(folder) as fd:
         os.fsync(fd)

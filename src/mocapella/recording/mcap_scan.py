@@ -246,10 +246,9 @@ def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterat
     elif opcode == Opcode.CHANNEL:
         channel = _parse(Channel, body)
         topics[channel.id] = channel.topic
-    elif opcode == Opcode.MESSAGE_INDEX:
-        if len(body) < _INDEX.size or _INDEX.unpack_from(body)[1] != len(body) - _INDEX.size:
-            raise _MalformedError
-    elif opcode not in _SKIPPED:
+    elif opcode == Opcode.MESSAGE_INDEX and (
+        len(body) < _INDEX.size or _INDEX.unpack_from(body)[1] != len(body) - _INDEX.size
+    ):
         raise _MalformedError
 
 

@@ -71,8 +71,7 @@ class SequenceRanges:
         at = begin if i == 0 else max(begin, self._lasts[i - 1] + 1)
         while at < end:
             following = self._firsts[i] if i < len(self._firsts) else end
-            if at < following:
-                yield at, min(following, end) - 1
+            yield at, min(following, end) - 1
             if i == len(self._firsts):
                 return
             at = self._lasts[i] + 1

@@ -163,6 +163,8 @@ class ArmsTracker:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, tracks, calibration = unpack(data, _REMEMBERED)
+        if not all(isinstance(kept, LayoutSensor) for kept in own["_kept"].values()):  # `reset` uses them
+            raise TypeError("_kept has another type")
         set_memory(self, own, _OWN_MEMORY)
         set_memory(self._tracks, tracks)
         set_memory(self._calibration, calibration)

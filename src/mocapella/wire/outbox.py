@@ -323,8 +323,8 @@ class Outbox:
         part = self._spilled.popleft()
         self._failures.pop(part.first, None)
         self._forgotten_ns = part.last_sent_ns
-        if self._store is not None:
-            self._store.remove(part.first)
+        assert self._store is not None  # which has the part
+        self._store.remove(part.first)
 
     def _since(self, began_ns: int) -> int:
         """Return the number of the first frame sent since a time; 0 if such frames are no longer available."""
