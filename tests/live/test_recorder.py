@@ -79,11 +79,13 @@ def test_all_kinds_of_entries_are_written_and_a_wrong_truth_is_said_once(tmp_pat
     recorder.status(session_status(), SECOND)
     recorder.clock({"front": [1, 2, 3]}, SECOND)
     recorder.scene(scene_bytes(0, "front", 0), SECOND)
+    recorder.truth("front", (Path(__file__).parents[1] / "vectors" / "truth_two_people.bin").read_bytes(), SECOND)
     for _ in range(2):
         recorder.truth("front", b"\xff no truth", SECOND)
     health = recorder.close()
     take = read_take(tmp_path / "walk.mcap")
     assert (len(take.runs), len(list(take.statuses())), len(list(take.clock_probes())), health.scenes) == (2, 1, 1, 1)
+    assert len(list(take.truths("front"))) == 1
     assert [line.partition(":")[0] for line in said] == ["truths of front are not recorded"]
 
 

@@ -11,11 +11,12 @@ import pytest
 from mcap.opcode import Opcode
 from support.take_making import SECOND, info, record, scene_bytes, small_take, unclosed_take, write_frame
 
-from mocapella.errors import DamagedTakeError, InputError, RecordingError
+from mocapella.errors import DamagedTakeError, InputError, RecordingError, SchemaVersionError
 from mocapella.recording import bodies_writer, disk, merge
 from mocapella.recording.accounts import Accounts
 from mocapella.recording.bodies_file import ALONE, FollowedBody, FollowedFrame, read_followed_people
 from mocapella.recording.bodies_writer import BodiesWriter, left_behind
+from mocapella.recording.found_frames import FoundFrames
 from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.mcap_file import McapFile
 from mocapella.recording.mcap_scan import Damage, scan
@@ -23,6 +24,7 @@ from mocapella.recording.take import FRAMES, NODES, SCENES, new_take_id
 from mocapella.recording.take_index import index_take
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
+from mocapella.schema import mocapella_pb2 as pb
 
 
 def test_each_take_has_an_identity_of_its_own() -> None:
@@ -119,6 +121,7 @@ def test_a_take_tells_what_it_has(tmp_path: Path) -> None:
     assert take.take_id == take.info.take_id
     assert [stored.frame.sequence for stored in take.frames_in_sequence("front")] == [0, 1, 2, 3]
     assert take.seconds > 0
+    assert take.sensors == ("front", "side")
 
 
 def test_a_take_without_a_description_says_so(tmp_path: Path) -> None:
@@ -155,6 +158,22 @@ def test_frames_that_are_none_are_damage_with_their_place(tmp_path: Path, monkey
     monkeypatch.setattr(type(take), "_bytes", lambda self, files, ref: b"\xff\xff")
     with pytest.raises(DamagedTakeError, match="at byte"):
         list(take.frames())
+
+
+def test_a_frame_of_another_version_is_named_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = read_take(small_take(tmp_path / "a.mcap", count=2))
+    newer = pb.BodyFrame(schema_version=99, sensor="front").SerializeToString()
+    monkeypatch.setattr(type(take), "_bytes", lambda self, files, ref: newer)
+    with pytest.raises(SchemaVersionError, match="99"):
+        list(take.frames())
+
+
+def test_a_spool_that_shrinks_while_it_is_read_is_named(tmp_path: Path) -> None:
+    path = small_take(tmp_path / "spool.mcap", count=2)
+    ref = index_take([path]).frames[-1]
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(DamagedTakeError, match=r"spool\.mcap: became shorter"):
+        list(FoundFrames(((path, ref),), (), 0).read())
 
 
 def test_a_merge_flushes_as_it_goes_and_is_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
