@@ -341,3 +341,12 @@ def test_frames_that_come_while_others_are_spilled_stay_in_memory() -> None:
     assert outbox.spill()
     assert outbox.oldest == 0
     assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4]
+
+
+def test_the_oldest_frame_has_waited_since_it_was_sent() -> None:
+    outbox = Outbox(4)
+    outbox.add(b"0", 100)
+    outbox.add(b"1", 130)
+    assert outbox.waiting_ns(150) == 0  # nobody waits for it
+    outbox.update(OPEN, 140)
+    assert outbox.waiting_ns(150) == 50
