@@ -5,6 +5,7 @@ A command's module is imported when it runs or prints its help; a list of comman
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -76,7 +77,7 @@ class _ExportVerb(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         from mocapella.cli.recordings import tell_left_out
 
-        tell_left_out(str(self.name), ctx.params["take"])
+        tell_left_out(str(self.name), Path(ctx.params["take"]))  # typer converts it later
         return super().invoke(ctx)
 
 
