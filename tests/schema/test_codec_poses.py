@@ -113,3 +113,9 @@ def test_poses_of_a_wrong_shape_are_refused() -> None:
         pose_frame("vive", "vr", ["a"], **good, states=[3])
     nothing = pose_frame("vive", "vr", ["a"], **{**good, "orientations": [[0, 0, 0, 0]]})
     assert nothing.states.tolist() == [0]
+
+
+def test_the_quaternion_that_is_furthest_from_one_is_named() -> None:
+    both = {"positions_m": floats(1, 2, 3, 4, 5, 6), "states": bytes([2, 2])}
+    with pytest.raises(WireError, match=r"length 0\.5;"):
+        decode_frame(message(**both, orientations=floats(0.5, 0, 0, 0, 1.25, 0, 0, 0)))

@@ -431,3 +431,12 @@ def test_a_spooler_runs_only_while_a_take_is_open_and_once(monkeypatch: pytest.M
     assert updated.wait(60.0)
     spooler.close()
     assert not thread.is_alive()
+
+
+def test_the_oldest_frame_has_waited_since_it_was_sent() -> None:
+    outbox = Outbox(4)
+    outbox.add(b"0", 100)
+    outbox.add(b"1", 130)
+    assert outbox.waiting_ns(150) == 0  # nobody waits for it
+    outbox.update(OPEN, 140)
+    assert outbox.waiting_ns(150) == 50

@@ -5,6 +5,7 @@ A command's module is imported when it runs or prints its help; a list of comman
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -77,9 +78,10 @@ class _ExportVerb(TyperCommand):
         from mocapella.cli import DAMAGED
         from mocapella.cli.recordings import open_take, tell_left_out
 
-        tell_left_out(str(self.name), ctx.params["take"])
+        take = Path(ctx.params["take"])  # typer converts it later
+        tell_left_out(str(self.name), take)
         result = super().invoke(ctx)
-        if open_take(ctx.params["take"]).damaged:
+        if open_take(take).damaged:
             raise typer.Exit(DAMAGED)
         return result
 
