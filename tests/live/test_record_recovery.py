@@ -3,6 +3,7 @@ frames that nobody can store."""
 
 from __future__ import annotations
 
+import errno
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +16,7 @@ from support.record_bus import NODE, Harness, frame
 from mocapella.live import record_path
 from mocapella.live.record_path import MOST_REQUESTS, MOST_UNTOLD, ClosedTakes, _Batch, _Contact, request_of
 from mocapella.live.recorder import NodeState, WantedFrames
-from mocapella.recording import take_writer
+from mocapella.recording import disk, take_writer
 from mocapella.recording.take_reader import read_take
 from mocapella.wire.delivery import MOST_FRAMES, FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
@@ -165,6 +166,40 @@ def test_a_node_that_missed_the_end_of_a_take_hears_of_it_when_it_is_there_again
     harness.bus.outbox.release(next(take for take, one in harness.bus.outbox.holds.items() if one is hold))
     harness.service.tell_closed()
     assert not any(hold.closed for hold in harness.bus.outbox.holds.values())  # it is told once
+
+
+def test_a_take_that_failed_and_goes_on_is_not_called_closed(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_path, "ASK_EVERY_S", 0.0)
+    path = tmp_path / "a.mcap"
+    harness.service.begin(path)
+    harness.send(4)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
+    harness.bus.connected.clear()
+
+    def fails(_fd: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "_data_sync", fails)
+        harness.record(4)
+        wait_until("the disk fails", lambda: not harness.service.health().active)
+        harness.service.finish()
+    harness.service.begin(path, resume=True)
+    real, closed = harness.bus.request_frames, list[bool]()
+
+    def ask(node: NodeKey, request: FrameRequest, *calls: Callable[..., None]) -> None:
+        closed.append(request.closed)
+        real(node, request, *calls)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(harness.bus, "request_frames", ask)
+    harness.bus.connected.append(NODE)
+    harness.service.tell_closed()
+    harness.send(2)
+    wait_until("they are stored", lambda: harness.bus.outbox.oldest == 6)
+    assert not any(closed)
+    assert harness.service.finish().lost == 0
 
 
 def test_a_take_that_goes_on_is_called_closed_to_nobody() -> None:
