@@ -19,7 +19,7 @@ from mocapella.recording.bodies_writer import BodiesWriter, left_behind
 from mocapella.recording.found_frames import FoundFrames
 from mocapella.recording.ledger import NodeLedger
 from mocapella.recording.mcap_file import McapFile
-from mocapella.recording.mcap_scan import Damage, scan
+from mocapella.recording.mcap_scan import Damage, End, scan
 from mocapella.recording.take import FRAMES, NODES, SCENES, new_take_id
 from mocapella.recording.take_index import index_take
 from mocapella.recording.take_reader import read_take
@@ -295,3 +295,30 @@ def test_a_result_without_a_file_that_cannot_be_put_together_is_said(monkeypatch
     with pytest.raises(RecordingError, match="No space left"):
         writer.finish({}, {name: {} for name in bodies})
     writer.close()
+
+
+@pytest.mark.parametrize(("beyond", "said"), [(9, "checksum over all data"), (40, "checksum of the index")])
+def test_a_file_with_a_wrong_checksum_at_its_end_is_damaged(beyond: int, said: str, tmp_path: Path) -> None:
+    path = small_take(tmp_path / "a.mcap", count=2)
+    data = bytearray(path.read_bytes())
+    place = data.rindex(bytes([Opcode.DATA_END]) + struct.pack("<Q", 4)) + beyond
+    data[place] ^= 1
+    path.write_bytes(data)
+    assert [problem for problem in read_take(path).problems if said in problem] != []
+
+
+@pytest.mark.parametrize("body", [b"", struct.pack("<HI", 0, 99) + bytes(16)])
+def test_an_index_of_messages_with_a_wrong_length_is_damage(body: bytes) -> None:
+    record = bytes([Opcode.MESSAGE_INDEX]) + struct.pack("<Q", len(body)) + body
+    data = chunk_of(b"") + record + chunk_of(b"")[8:]
+    assert [type(event) for event in scan(io.BytesIO(data), len(data), "made.mcap")] == [Damage, End]
+
+
+def test_scenes_without_their_frame_are_passed_over_in_a_replay(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    writer = TakeWriter.create(path, info=info(), reserve_bytes=0)
+    writer.write_scene(scene_bytes(0, "front", 0), SECOND)
+    write_frame(writer, "front", 1, 2 * SECOND)
+    writer.write_scene(scene_bytes(1, "front", 1), 3 * SECOND)
+    writer.close()
+    assert len(list(read_take(path).replay_run(0))) == 1
