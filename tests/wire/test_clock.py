@@ -148,7 +148,7 @@ def test_the_drift_is_known_from_its_shortest_time_on_and_is_that_of_the_longest
         assert found._past[0].at_ns == 10**12 + max(0, second - DRIFT_OVER_S) * SECOND
         clocks.wait(SECOND)
     assert estimate.drift_ppm == pytest.approx(100)
-    assert estimate.drift_bound_ppm == pytest.approx(0, abs=1e-6)
+    assert estimate.drift_bound_ppm == pytest.approx(0, abs=1e-4)  # readings are of whole nanoseconds
 
 
 @given(step=st.integers(10**9, 10**15), sign=st.sampled_from([-1, 1]))
