@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
+import os
 import threading
 import time
 from collections.abc import Callable
+from tempfile import TemporaryFile
 
 import msgspec
 import numpy as np
@@ -74,9 +75,10 @@ class Harness:
         assert path is not None
         path.finish(0.0)
         writer = recorder._writer
-        for fd in (writer._fd, writer._lock_fd):
-            if fd is not None:
-                fcntl.flock(fd, fcntl.LOCK_UN)
+        with TemporaryFile() as nowhere:  # who was killed neither writes nor holds a lock any more
+            for fd in (writer._fd, writer._lock_fd):
+                if fd is not None:
+                    os.dup2(nowhere.fileno(), fd)
         self.service.recorder = self.service._record_path = None
         self.service._health = RecordingHealth
 
