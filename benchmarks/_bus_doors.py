@@ -20,6 +20,7 @@ def bus_doors() -> list[Door]:
 def key_doors(folder: Path) -> list[Door]:
     """Return the doors of keys, and of what a browser asks; ``folder`` is for the files."""
     from mocapella.viewer.page_door import PageDoor, _kept
+    from mocapella.viewer.page_messages import decode_page_message
     from mocapella.wire.certificates import SERVER, Certified
     from mocapella.wire.door import read_key_file
     from mocapella.wire.role_key import PREFIX, RoleKey, read_code, write_code
@@ -49,7 +50,21 @@ def key_doors(folder: Path) -> list[Door]:
         of_file("view tokens", folder / "token", [b"0123456789abcdef0123\n"], _kept, TEXT),
         of_bytes("page requests", [b"/?token=0123456789abcdef|127.0.0.1:8080|mocapella-8080=0123456789abcdef"], asked,
                  TEXT),
+        of_bytes("page messages", _page_messages(), decode_page_message, BYTES),
     ]  # fmt: skip
+
+
+def _page_messages() -> list[bytes]:
+    camera = {
+        "type": "ViewerCameraMessage", "wxyz": [0, 0, 1, 0], "position": [0.5, 1.5, -4], "fov": 0.6, "near": 0.01,
+        "far": 1000, "image_height": 720, "image_width": 900, "look_at": [0, 1, 0], "up_direction": [0, 1, 0],
+    }  # fmt: skip
+    update = {"type": "GuiUpdateMessage", "uuid": "7f1c", "updates": {"value": [1.5, True]}}
+    click = {
+        "type": "ScenePointerMessage", "event_type": "click", "ray_origin": [0, 1, -4], "ray_direction": [0, 0, 1],
+        "screen_pos": [[0.5, 0.5]], "modifier": None,
+    }  # fmt: skip
+    return [msgspec.msgpack.encode(message) for message in (camera, update, click)]
 
 
 def _record_path() -> list[Door]:

@@ -216,10 +216,10 @@ def _make_hands_ready() -> None:
 
 
 def _make_people_ready() -> None:
-    """The whole method, and its parts, which a server compiles in processes of their own."""
-    warm_up("default")
+    """The parts, which a server compiles in processes of their own, and then the whole method."""
     for part in METHODS["default"].warm_up_parts:
         load(part)()
+    warm_up("default")
 
 
 PARTS = {

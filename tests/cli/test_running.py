@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.programs import free_port, result, result_here, run, run_here
+from support.programs import free_port, result, run, run_here
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> 
 def test_a_take_that_was_cut_off_says_what_is_left(demo: Recorded, tmp_path: Path) -> None:
     whole = (demo.folder / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
-    (row,) = result_here(tmp_path, "replay", "cut.mcap")
+    done = run_here(tmp_path, "replay", "cut.mcap", "--json", "-")
+    assert done.returncode == 3
+    (row,) = json.loads(done.stdout)
     assert not row["clean"]
     assert row["problems"]
     assert 0 < row["frames_out"] < demo.summary["frames_out"]

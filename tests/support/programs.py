@@ -22,6 +22,8 @@ from support.warm_start import WarmProcess
 
 from mocapella import cli
 
+PYTHONPATH = os.environ.get("PYTHONPATH")
+"""Of what warm programs have imported."""
 Process = subprocess.Popen[Any] | WarmProcess
 
 
@@ -40,9 +42,10 @@ def wait_until(what: str, holds: Callable[[], bool], timeout: float = 90.0) -> N
 
 
 def start(folder: Path, module: str, arguments: Sequence[str], out: IO[Any], err: IO[Any]) -> Process:
-    """``python -m module arguments``; started by Python itself only where processes cannot be forked and watched."""
+    """``python -m module arguments``; started by Python itself where processes cannot be forked and watched, or where
+    it finds other packages, such as plug-ins."""
     environment = {**os.environ, "COLUMNS": "200"}
-    if hasattr(os, "pidfd_open"):
+    if hasattr(os, "pidfd_open") and environment.get("PYTHONPATH") == PYTHONPATH:
         return WarmProcess(module, arguments, folder, environment, (out.fileno(), err.fileno()))
     command = [sys.executable, "-m", module, *arguments]
     return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment)

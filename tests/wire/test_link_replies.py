@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -105,7 +106,9 @@ def farewell(
 ) -> int:
     """Let a node say farewell; return how often it waited."""
     tick = Tick(*events)
-    monkeypatch.setattr(node_module, "time", SimpleNamespace(monotonic=tick.monotonic, sleep=tick.sleep))
+    monkeypatch.setattr(
+        node_module, "time", SimpleNamespace(monotonic=tick.monotonic, monotonic_ns=time.monotonic_ns, sleep=tick.sleep)
+    )
     node.farewell_s = seconds
     node._say_farewell()
     return tick.waits

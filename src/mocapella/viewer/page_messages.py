@@ -15,7 +15,7 @@ from viser import _messages
 
 from mocapella.decoding import convert, decode_msgpack
 from mocapella.errors import InputError
-from mocapella.supervision import printable
+from mocapella.model.names import visible
 from mocapella.viewer.page_refusals import PageRefusals
 
 FARTHEST: Final = 1e6
@@ -123,7 +123,8 @@ class PageInbox:
         try:
             return decode_page_message(data)
         except InputError as error:
-            self._refusals.add("message", printable(f"a page's message cannot be used: {error}", _LONGEST_REASON))
+            reason = f"a page's message cannot be used: {error}"
+            self._refusals.add("message", visible(reason[:_LONGEST_REASON]))
             return Refused()
 
 
