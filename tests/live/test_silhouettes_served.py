@@ -130,7 +130,7 @@ def test_a_replay_gives_the_same_bodies_to_the_bit(ran: Ran) -> None:
 def test_what_the_method_needs_is_said_before_anything_begins(tmp_path: Path) -> None:
     save_camera_rig(tmp_path / "rig.toml", ring(2))
     for given, wanted in ((("--rig", "rig.toml"), "--start JOINTS.json is missing"), ((), "--rig RIG.toml is missing")):
-        done = run_here(tmp_path, "serve", "--method", "silhouettes", "--no-view", *given)
+        done = run_here(tmp_path, "serve", "--port", str(free_port()), "--method", "silhouettes", "--no-view", *given)
         assert done.returncode == 1
         assert wanted in done.stderr
 
@@ -147,6 +147,6 @@ def test_a_start_that_cannot_be_used_names_the_field(tmp_path: Path, content: di
     save_camera_rig(tmp_path / "rig.toml", ring(2))
     (tmp_path / "start.json").write_text(json.dumps(content))
     options = ("--rig", "rig.toml", "--start", "start.json")
-    done = run_here(tmp_path, "serve", "--method", "silhouettes", "--no-view", *options)
+    done = run_here(tmp_path, "serve", "--port", str(free_port()), "--method", "silhouettes", "--no-view", *options)
     assert done.returncode == 1
     assert said in done.stderr
