@@ -104,6 +104,18 @@ def test_a_terminal_that_is_closed_ends_the_program_in_order() -> None:
         signal.signal(hang_up, ignored)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_background_job_of_a_shell_can_be_ended(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_IGN)  # as a shell does to its background jobs
+    try:
+        with stop_on_signals() as stop:
+            signal.raise_signal(number)
+            assert stop.is_set()
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
 def no_room(*_: object, **__: object) -> None:
     raise MemoryError("planted")
 

@@ -75,8 +75,12 @@ def stop_on_signals() -> Iterator[StopEvent]:
 
 @contextmanager
 def _handled_by(handle: _Handler) -> Iterator[None]:
-    heard = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]  # as nohup ignores some
-    before = {number: signal.signal(number, handle) for number in heard}
+    # nohup ignores SIGHUP, which is then nobody's wish; a shell's background jobs ignore SIGINT, but a script sends it.
+    before = {
+        number: signal.signal(number, handle)
+        for number in _SIGNALS
+        if number in (signal.SIGINT, signal.SIGTERM) or signal.getsignal(number) is not signal.SIG_IGN
+    }
     try:
         yield
     finally:
