@@ -13,6 +13,7 @@ import pytest
 from support.programs import wait_until
 from support.record_bus import NODE, Harness, frame
 
+from mocapella.errors import RecordingError
 from mocapella.live import record_path
 from mocapella.live.record_path import MOST_REQUESTS, MOST_UNTOLD, ClosedTakes, _Batch, _Contact, request_of
 from mocapella.live.recorder import NodeState, WantedFrames
@@ -337,3 +338,26 @@ def test_a_node_gives_up_only_what_it_was_asked_for(harness: Harness, tmp_path: 
     assert done.wait(60.0)
     health = harness.service.finish()
     assert (health.frames, health.lost) == (1, 0)
+
+
+def test_an_undecodable_frame_beyond_what_was_asked_for_is_nobodys_loss(harness: Harness, tmp_path: Path) -> None:
+    harness.service.begin(tmp_path / "a.mcap")
+    harness.recorder.sent_again(WantedFrames([]), NODE, b"no frame", time.monotonic_ns())
+    harness.send(1)
+    wait_until("the frame is stored", lambda: harness.service.health().frames == 1)
+    assert (harness.service.finish().lost, harness.service.health().unwritten) == (0, 0)
+
+
+def test_a_disk_that_fails_as_a_frame_is_written_stops_the_recording(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RecordingError("the disk is gone")
+
+    harness.service.begin(tmp_path / "a.mcap")
+    monkeypatch.setattr(harness.recorder._writer, "write_frame", fails)
+    harness.send(1)
+    wait_until("it is noticed", lambda: harness.recorder.failed)
+    health = harness.service.finish()
+    assert "what was committed is safe" in health.problem
+    assert (health.frames, health.lost, health.unwritten) == (0, 1, 0)

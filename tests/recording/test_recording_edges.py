@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from support.take_making import SECOND, info, record, scene_bytes, small_take, unclosed_take, write_frame
 
 from mocapella.errors import DamagedTakeError, InputError, RecordingError, SchemaVersionError
-from mocapella.recording import bodies_writer, disk, merge
+from mocapella.recording import bodies_writer, disk, merge, take_reader
 from mocapella.recording.accounts import Accounts
 from mocapella.recording.bodies_file import ALONE, FollowedBody, FollowedFrame, read_followed_people
 from mocapella.recording.bodies_writer import BodiesWriter, left_behind
@@ -322,3 +322,28 @@ def test_scenes_without_their_frame_are_passed_over_in_a_replay(tmp_path: Path) 
     writer.write_scene(scene_bytes(1, "front", 1), 3 * SECOND)
     writer.close()
     assert len(list(read_take(path).replay_run(0))) == 1
+
+
+def test_frames_that_are_none_can_be_left_out_and_damage_the_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = read_take(small_take(tmp_path / "a.mcap", count=2))
+    assert not take.damaged
+    whole, real = len(list(take.frames())), type(take)._bytes
+    first = next(iter(take.frames())).log_ns
+    monkeypatch.setattr(
+        type(take), "_bytes", lambda self, files, ref: b"\xff" if ref.log_ns == first else real(self, files, ref)
+    )
+    take.skips = True
+    assert 0 < len(list(take.frames())) < whole
+    assert take.damaged
+    assert all("at byte" in problem for problem in take.skipped)
+
+
+def test_a_take_remembers_only_so_much_of_what_it_leaves_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(take_reader, "MOST_SKIPPED", 1)
+    take = read_take(small_take(tmp_path / "a.mcap", count=2))
+    monkeypatch.setattr(type(take), "_bytes", lambda self, files, ref: b"\xff")
+    take.skips = True
+    assert list(take.frames()) == []
+    assert len(take.skipped) == 1

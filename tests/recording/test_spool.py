@@ -170,3 +170,11 @@ def test_an_account_is_never_raised_and_its_end_is_said_once() -> None:
     ledger.hear(9, oldest=7)
     ledger.commit()
     assert (ledger.acknowledged, list(ledger.obtainable(9))) == (8, [(8, 8)])
+
+
+def test_frames_that_are_kept_twice_for_a_take_are_in_two_files(tmp_path: Path) -> None:
+    place = spool(tmp_path)
+    kept = [place.keep("0" * 32, [(n, data) for n, data in zip(part, frames(part), strict=True)], part)
+            for part in (range(3), range(7, 9))]  # fmt: skip
+    assert len({path.name for path in kept}) == 2
+    assert [path.stat().st_size > 0 for path in kept] == [True, True]

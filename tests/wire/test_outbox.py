@@ -440,3 +440,17 @@ def test_the_oldest_frame_has_waited_since_it_was_sent() -> None:
     assert outbox.waiting_ns(150) == 0  # nobody waits for it
     outbox.update(OPEN, 140)
     assert outbox.waiting_ns(150) == 50
+
+
+def test_a_take_that_is_released_leaves_the_newest_frames_in_memory_and_none_on_the_disk() -> None:
+    shelf = Shelf()
+    outbox = Outbox(4, shelf)
+    outbox.update(OPEN, 0)
+    for number in range(4):
+        outbox.add(b"%d" % number, number)
+    assert outbox.spill()
+    for number in range(4, 10):
+        outbox.add(b"%d" % number, number)
+    outbox.release("take")
+    assert shelf.parts == {}
+    assert (outbox.oldest, outbox.next) == (6, 10)
