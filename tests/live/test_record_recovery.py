@@ -19,6 +19,7 @@ from mocapella.live.record_path import MOST_REQUESTS, MOST_UNTOLD, ClosedTakes, 
 from mocapella.live.recorder import NodeState, WantedFrames
 from mocapella.recording import disk, take_writer
 from mocapella.recording.take_reader import read_take
+from mocapella.wire import outbox
 from mocapella.wire.delivery import MOST_FRAMES, FrameAnswer, FrameRequest
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.outbox import Outbox
@@ -294,7 +295,7 @@ def test_an_answers_order_tells_the_number_of_a_frame_that_cannot_be_decoded() -
 
 
 def test_frames_that_a_node_cannot_read_any_more_are_lost_and_hold_back_nothing(
-    harness: Harness, tmp_path: Path
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Damaged:
         """A store whose only part lacks a frame."""
@@ -304,6 +305,7 @@ def test_frames_that_a_node_cannot_read_any_more_are_lost_and_hold_back_nothing(
         def read(self, _first: int) -> list[bytes]:
             return [frame(2)]
 
+    monkeypatch.setattr(outbox, "READ_FOR_S", 0.0)
     harness.bus.outbox = Outbox(1000, Damaged())
     harness.bus.connected.clear()
     harness.service.begin(tmp_path / "a.mcap")

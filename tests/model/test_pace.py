@@ -47,5 +47,17 @@ def test_an_outage_does_not_change_the_pace_and_a_slower_rate_does() -> None:
 def test_a_receiver_that_stood_still_does_not_call_its_sensors_silent() -> None:
     pace = at(*(k / 30 for k in range(30)))
     assert pace.silent(6 * S)
-    assert not pace.silent(6 * S, awake_ns=6 * S)
-    assert pace.silent(7 * S, awake_ns=6 * S)
+    pace.awake(6 * S)
+    assert not pace.silent(6 * S)
+    assert pace.silent(7 * S)
+
+
+def test_a_receiver_that_often_stands_still_reports_a_silence_all_the_same() -> None:
+    pace = at(*(k / 30 for k in range(30)))
+    for tenths in range(15, 35, 6):
+        pace.awake(tenths * S // 10)
+    assert pace.silent(3 * S)
+    pace.update(4 * S)
+    pace.awake(5 * S)
+    assert not pace.silent(5 * S)
+    Pace().awake(S)  # before any frame

@@ -23,7 +23,7 @@ from mocapella.wire.delivery import (
 )
 from mocapella.wire.keys import of_node
 from mocapella.wire.node import NodeLink
-from mocapella.wire.outbox import MOST_READS, MOST_TAKES, Outbox
+from mocapella.wire.outbox import MOST_TAKES, READ_FOR_S, Outbox
 from mocapella.wire.server import ServerLink
 from mocapella.wire.spool import NEGLECTED_S, SPILL_AFTER_S, Spooler
 
@@ -262,16 +262,23 @@ def test_a_store_that_fails_for_a_moment_costs_no_frame() -> None:
     outbox.spill()
     outbox.add(b"4", 4)
     parts, gone = dict(shelf.parts), dict[tuple[int, int], str]()
-    shelf.parts[0] = []
     request = FrameRequest("take", 0, wanted=[(1, 9)])
-    for _ in range(MOST_READS - 1):
-        assert list(outbox.wanted(request, gone)) == [b"4"]
-    assert gone == {}
-    shelf.parts = parts
-    assert list(outbox.wanted(request, gone)) == [b"1", b"2", b"3", b"4"]
+
+    def given(at_s: float) -> list[bytes]:
+        outbox.update(request, round(at_s * 1e9))
+        return list(outbox.wanted(request, gone))
+
+    shelf.parts[0] = []
+    for k in range(100):  # requests follow each other fast
+        assert given(0.99 * READ_FOR_S * k / 100) == [b"4"]
+    shelf.parts = dict(parts)
+    assert given(READ_FOR_S) == [b"1", b"2", b"3", b"4"]
     outbox._read = (-1, ())
     shelf.parts[0] = []
-    assert list(outbox.wanted(request, gone)) == [b"4"]
+    assert given(1.5 * READ_FOR_S) == [b"4"]  # it fails anew
+    assert given(2.4 * READ_FOR_S) == [b"4"]
+    assert gone == {}
+    assert given(2.5 * READ_FOR_S) == [b"4"]
     assert list(gone) == [(1, 3)]
 
 

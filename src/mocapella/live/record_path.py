@@ -116,8 +116,10 @@ class _Contact:
         """Adapt the size and number of requests to what an answer has brought."""
         if not batch.answered:  # too much for the time, as on a slow link
             self.most, self.frames = 1, max(1, min(batch.count, self.frames) // 2)
+        elif batch.count == 0:  # the node cannot read them now
+            self.most = 1
         elif batch.count < batch.size:  # too large for one answer
-            self.frames = max(1, batch.count)
+            self.frames = batch.count
         else:
             self.most, self.frames = min(self.most + 1, MOST_REQUESTS), min(2 * self.frames, MOST_FRAMES)
 
@@ -192,7 +194,10 @@ class RecordPath:
         Args:
             closed: tells the nodes that do not answer now.
         """
+        mute = {node for node, contact in list(self._contacts.items()) if contact.mute}
         for node, state in self._recorder.states.items():
+            if node in mute:  # it answers nothing
+                continue
             closed.add(node, FrameRequest(self._recorder.take_id, state.stored, end=state.end, closed=True))
         told = closed.tell(self._nodes())
         deadline = time.monotonic() + CLOSE_S

@@ -94,7 +94,6 @@ class SensorRegistry:
         self._refused: set[NodeKey] = set()
         self._notices: list[str] = []
         self._looked_ns: int | None = None
-        self._awake_ns: int | None = None
 
     def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
         """Return the standing of a node that sends a message; nothing is kept of a stranger.
@@ -285,20 +284,21 @@ class SensorRegistry:
     def notice_silence(self, now_ns: int) -> None:
         """Mark sensors that are silent (`Pace.silent`) or poorly synchronised; forget unproven ones after `UNPROVEN_S`.
 
-        It is to be called several times a second. After `STOOD_STILL_S` without a call, the server stood still, and a
-        sensor's silence counts from now on.
+        It is to be called several times a second. After `STOOD_STILL_S` without a call, the server stood still, and
+        each silence counts from now on, once (`Pace.awake`).
 
         Args:
             now_ns: the present time on the server's monotonic clock [ns].
         """
         if self._looked_ns is not None and now_ns - self._looked_ns > STOOD_STILL_S * 1e9:
-            self._awake_ns = now_ns
+            for entry in self._entries.values():
+                entry.pace.awake(now_ns)
         self._looked_ns = now_ns
         for name, entry in list(self._entries.items()):
             if not entry.frames and not entry.connected and now_ns - entry.heard_ns > UNPROVEN_S * 1e9:
                 del self._entries[name]
         for name, entry in self._entries.items():
-            if not entry.silent and entry.pace.silent(now_ns, self._awake_ns):
+            if not entry.silent and entry.pace.silent(now_ns):
                 entry.silent = True
                 self._notices.append(f'sensor "{name}" has sent nothing for {entry.pace.silent_after_s:.2g} s')
             self._notice_clock(entry, now_ns)

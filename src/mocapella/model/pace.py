@@ -15,7 +15,9 @@ SILENT_INTERVALS: Final = 3
 UNKNOWN_S: Final = 2.0
 """Time without a second frame after which a sensor is silent, because its interval is not known [s]."""
 _LONGEST_S: Final = 20.0
-_OF: Final = 5
+"""Longest time without a frame after which a slow sensor is silent [s]."""
+_INTERVALS: Final = 5
+"""Number of intervals of which the usual one is the median."""
 
 
 class Pace:
@@ -27,13 +29,19 @@ class Pace:
 
     def __init__(self) -> None:
         self.heard_ns: int | None = None
-        self._intervals: deque[int] = deque(maxlen=_OF)
+        self._since_ns: int | None = None
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
     def update(self, at_ns: int) -> None:
         """Add a frame's time on the receiver's monotonic clock [ns]."""
         if self.heard_ns is not None:
             self._intervals.append(at_ns - self.heard_ns)
-        self.heard_ns = at_ns
+        self.heard_ns = self._since_ns = at_ns
+
+    def awake(self, at_ns: int) -> None:
+        """Count the silence from now on, because the receiver stood still before; once for each silence [ns]."""
+        if self._since_ns == self.heard_ns and self.heard_ns is not None:
+            self._since_ns = at_ns
 
     @property
     def interval_s(self) -> float | None:
@@ -48,14 +56,9 @@ class Pace:
             return UNKNOWN_S
         return min(max(SILENT_AFTER_S, SILENT_INTERVALS * interval_s), _LONGEST_S)
 
-    def silent(self, now_ns: int, awake_ns: int | None = None) -> bool:
+    def silent(self, now_ns: int) -> bool:
         """Whether no frame has come for longer than `silent_after_s`; False before the first.
 
-        Args:
-            now_ns: the present time on the same clock [ns].
-            awake_ns: when the receiver, which stood still before, could receive again [ns]; None if it never did.
+        ``now_ns`` is the present time on the same clock [ns]. See `awake`, too.
         """
-        if self.heard_ns is None:
-            return False
-        since_ns = self.heard_ns if awake_ns is None else max(self.heard_ns, awake_ns)
-        return now_ns - since_ns > self.silent_after_s * NS_PER_S
+        return self._since_ns is not None and now_ns - self._since_ns > self.silent_after_s * NS_PER_S

@@ -53,8 +53,8 @@ class JoinReply:
     """The server's answer to a node that asks to serve a sensor, or that leaves.
 
     Attributes:
-        accepted: False if another node holds the sensor's name, or if a leaving node gives an invalid frame number;
-            True otherwise, for a leaving node, too.
+        accepted: False if another node holds the sensor's name, if the server is short of file descriptors, or if a
+            leaving node gives an invalid frame number; True otherwise, for a leaving node, too.
         message: why the node is not accepted; empty if it is.
         recording: whether a take is being recorded; a leaving node then waits until its frames are acknowledged.
     """
@@ -179,7 +179,7 @@ class NodeLink:
         """Claim the sensor's name at the server; return False if no server answers within ``timeout`` seconds.
 
         Raises:
-            NameTakenError: another connected node serves a sensor of this name.
+            NameTakenError: another connected node serves a sensor of this name, or the server can take no new sensor.
         """
         answer = self._tell("join", timeout)
         if answer is not None and not answer.accepted:

@@ -8,16 +8,17 @@ from the oldest end, and counted.
 from __future__ import annotations
 
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
+from mocapella.conventions import NS_PER_S
 from mocapella.errors import RecordingError
 from mocapella.wire.delivery import MOST_ANSWER_BYTES, MOST_FRAMES, FrameAnswer, FrameRequest
 
-MOST_READS: Final = 20
-"""Failed attempts to read frames from the store before they count as lost: a disk may fail for a moment only."""
+READ_FOR_S: Final = 10.0
+"""Time for which frames that the store cannot give are tried again before they count as lost [s]."""
 MOST_TAKES: Final = 8
 """Open takes for which a node keeps frames."""
 
@@ -104,7 +105,8 @@ class Outbox:
         self._holds: dict[str, Hold] = {}
         self._leaving = False
         self._read: tuple[int, Sequence[bytes]] = (-1, ())
-        self._failures: Counter[int] = Counter()
+        self._now_ns = 0
+        self._failing_since: dict[int, int] = {}
 
     @property
     def next(self) -> int:
@@ -169,6 +171,7 @@ class Outbox:
             elif request.take in self._holds or len(self._holds) < MOST_TAKES:
                 self._holds[request.take] = hold
             self._forget()
+            self._now_ns = now_ns
             return FrameAnswer(self._next, self.oldest, first, self._leaving)
 
     def wanted(self, request: FrameRequest, gone: dict[tuple[int, int], str] | None = None) -> Iterator[bytes]:
@@ -177,7 +180,7 @@ class Outbox:
         Args:
             request: names them.
             gone: gets the reason for each range (first, last) of wanted frames that the store has failed to give
-                `MOST_READS` times.
+                for `READ_FOR_S`, until the last `update`.
         """
         count = size = 0
         for first, last in request.wanted:
@@ -188,8 +191,8 @@ class Outbox:
                 except RecordingError as error:
                     part = self._part_of(number)
                     behind = min(part.last, last)
-                    self._failures[part.first] += 1
-                    if gone is not None and self._failures[part.first] >= MOST_READS:
+                    since_ns = self._failing_since.setdefault(part.first, self._now_ns)
+                    if gone is not None and self._now_ns - since_ns >= READ_FOR_S * NS_PER_S:
                         gone[number, behind] = str(error)
                     number, count = behind + 1, count + 1
                     continue
@@ -226,6 +229,7 @@ class Outbox:
             last = part.first, self._store.read(part.first)
         if len(last[1]) != part.last - part.first + 1:
             raise RecordingError(f"spooled frames {part.first} to {part.last} are damaged; they count as lost")
+        self._failing_since.pop(part.first, None)
         self._read = last
         return last[1]
 
@@ -321,7 +325,7 @@ class Outbox:
 
     def _forget_spilled(self) -> None:
         part = self._spilled.popleft()
-        self._failures.pop(part.first, None)
+        self._failing_since.pop(part.first, None)
         self._forgotten_ns = part.last_sent_ns
         assert self._store is not None  # which has the part
         self._store.remove(part.first)

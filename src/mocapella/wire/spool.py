@@ -110,7 +110,6 @@ class Spooler:
 
     def _keep(self, take: str, hold: Hold) -> None:
         numbers = hold.numbers(self._outbox.next)
-        self._missing[take, numbers.start] = len(numbers)
         if numbers and self._spool is not None:
             try:
                 path = self._spool.keep(take, self._outbox.frames(numbers), numbers)
@@ -118,9 +117,12 @@ class Spooler:
                 if take not in self._told:
                     self._told.add(take)
                     self._say(f"{len(numbers)} frames that a take lacks cannot be kept: {error}")
+                if self._stop.is_set():
+                    self._missing[take, numbers.start] = len(numbers)
                 return  # parts that were spilled before stay
             self.kept.append(str(path))
             self._say(f"{len(numbers)} frames that a take lacks are kept in {path}")
+        self._missing[take, numbers.start] = len(numbers)
         self._outbox.release(take)
 
     def _run(self) -> None:
