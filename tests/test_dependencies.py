@@ -13,7 +13,17 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from scripts.dependencies import PINS, CannotAskError, RealUv, WrongPinsError, disagreements, main, read_pins, verdict
+from scripts.dependencies import (
+    PINS,
+    CannotAskError,
+    RealUv,
+    WrongPinsError,
+    _with_tools,
+    disagreements,
+    main,
+    read_pins,
+    verdict,
+)
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / PINS).read_text(encoding="utf-8")
@@ -180,3 +190,11 @@ def test_ci_runs_all_commands() -> None:
     steps = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     for command in ("check", "sbom", "audit"):
         assert f"run run python -m scripts.dependencies {command}\n" in steps
+
+
+def test_tools_that_cannot_be_installed_are_no_fault_of_the_pins() -> None:
+    def fails(*_: str, **__: Path) -> str:
+        raise WrongPinsError("error: no version of a tool\nno solution")
+
+    with pytest.raises(CannotAskError, match="no solution"):
+        _with_tools(fails, "build")

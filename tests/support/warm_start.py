@@ -19,9 +19,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+_ENVIRONMENT = dict(os.environ)
+"""As no test has changed it yet."""
 LONGEST = 1 << 20
 """Longest request, which contains the environment [B]."""
 
@@ -50,7 +53,9 @@ class WarmProcess:
         socket.send_fds(_requests(), [request], [*outputs, report])
         os.close(report)
         self._reports = os.fdopen(reports, encoding="ascii")
-        self.pid = int(self._reports.readline())
+        pid = self._reports.readline()
+        assert pid, "the process that starts programs has died: its error is above"
+        self.pid = int(pid)
 
     def poll(self) -> int | None:
         """Return the exit status; minus the signal's number if a signal ended it; None while it runs."""
@@ -90,9 +95,18 @@ def _requests() -> socket.socket:
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"},
+            env={**_ENVIRONMENT, "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"},
         )
-    atexit.register(lambda: (ours.close(), started.wait()))
+
+    def end() -> None:
+        ours.shutdown(socket.SHUT_RDWR)
+        ours.close()
+        try:
+            started.wait(10.0)
+        except subprocess.TimeoutExpired:
+            started.kill()
+
+    atexit.register(end)
     return ours
 
 
@@ -114,7 +128,7 @@ def _serve(requests: socket.socket) -> tuple[str, list[str]]:
         ready, _, _ = select.select([requests, *running], [], [])
         for process in set(ready) & set(running):
             pid, report = running.pop(process)
-            os.write(report, b"%d\n" % os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+            _report(report, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
             os.close(report)
             os.close(process)
         if requests not in ready:
@@ -124,7 +138,7 @@ def _serve(requests: socket.socket) -> tuple[str, list[str]]:
             os._exit(0)
         pid = os.fork()
         if pid:
-            os.write(files[2], b"%d\n" % pid)
+            _report(files[2], pid)
             running[os.pidfd_open(pid)] = pid, files[2]
             for file in files[:2]:
                 os.close(file)
@@ -142,6 +156,11 @@ def _serve(requests: socket.socket) -> tuple[str, list[str]]:
         sys.path[0] = folder
         time.tzset()
         return module, arguments
+
+
+def _report(pipe: int, number: int) -> None:
+    with suppress(BrokenPipeError):  # a failed test has forgotten the program
+        os.write(pipe, b"%d\n" % number)
 
 
 if __name__ == "__main__":

@@ -461,3 +461,16 @@ def test_a_take_that_is_released_leaves_the_newest_frames_in_memory_and_none_on_
     outbox.release("take")
     assert shelf.parts == {}
     assert (outbox.oldest, outbox.next) == (6, 10)
+
+
+def test_a_disk_that_was_full_for_a_while_costs_no_frame_that_was_stored_later() -> None:
+    shelf = Shelf()
+    outbox = filled(4, shelf=shelf)
+    outbox.update(FrameRequest("take", 2), 0)
+    spooler = Spooler(outbox, shelf, lambda text: None, lambda: 1)
+    shelf.full = True
+    spooler.update(int((NEGLECTED_S + 1) * 1e9))
+    shelf.full = False
+    outbox.update(FrameRequest("take", 4, end=4, closed=True), int((NEGLECTED_S + 2) * 1e9))
+    spooler.close()
+    assert (spooler.missing, shelf.kept) == (0, {})

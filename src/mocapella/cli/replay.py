@@ -94,12 +94,12 @@ def replay(
                 break
             rows.append({"file": str(file), **row})
         write_json(json, rows)
-    if any(row.get("damaged") for row in rows):
-        raise typer.Exit(DAMAGED)
     for row in rows:
-        if row.get("differing_scenes"):
+        if row.get("differing_scenes") and not row.get("damaged"):
             raise typer.Exit(1)
         exit_by(row.get("recording"))
+    if any(row.get("damaged") for row in rows):
+        raise typer.Exit(DAMAGED)
 
 
 def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]:
