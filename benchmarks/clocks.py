@@ -2,7 +2,7 @@
 
 A node sends 660 frames. In the middle, the wall clock of one process steps (`benchmarks/_wall_clock.c`, for Linux and a
 C compiler); in half of the cases the server is killed before it, and started again after it. ``--quick`` takes four of
-the 24 cases. The steps of the first test of this kind lost 322 to 539 frames.
+the 24 cases.
 """
 
 from __future__ import annotations
