@@ -41,8 +41,8 @@ def printable(text: str, most: int = LONGEST_LINE) -> str:
 class Boundary:
     """Runs the work of a loop or callback, and catches, counts and reports unexpected errors. Any thread may use it.
 
-    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one; `wrap` reports a
-    `MemoryError` of a library's callback to `threading.excepthook`.
+    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one; `wrap` reports
+    that of a library's callback to `threading.excepthook`.
 
     Args:
         say: receives a line about an error, at most every `AGAIN_S` for each reason (see `counts`), in the thread of
