@@ -542,6 +542,8 @@ def open_setup(tab):
     if not tab.page.get_by_text("Participant").first.is_visible():
         tab.page.get_by_text("Setup", exact=True).first.click()
         tab.page.get_by_text("Participant").first.wait_for()
+    # Until the page has the setup of `fresh`: what is typed before is drawn over.
+    tab.page.wait_for_function("[...document.querySelectorAll('input')].some(input => input.value === '3')")
 
 
 def test_two_browsers_with_opposite_commands_both_show_the_final_state(server, tabs):
