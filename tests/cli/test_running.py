@@ -88,7 +88,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
 
 def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
-        tmp_path, "demo", "arm", "--no-view", "--seconds", "6", "--record", "./arm", "--port", str(free_port())
+        tmp_path, "demo", "arm", "--no-view", "--seconds", "15", "--record", "./arm", "--port", str(free_port())
     )
     assert [row["name"] for row in summary["sensors"]] == ["arm"]
     assert summary["frames_in"] == summary["frames_out"] > 0
