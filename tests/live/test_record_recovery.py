@@ -106,6 +106,7 @@ def test_requests_adapt_to_what_an_answer_has_brought() -> None:
     assert learn(0, answered=False) == (1, 1)
     assert [learn(contact.frames)[0] for _ in range(5)] == [2, 3, 4, 4, 4]
     assert contact.frames == 32
+    assert learn(0) == (1, 32)  # the node cannot read them now: the same, but no others beside
     for _ in range(9):
         learn(contact.frames)
     assert contact.frames == MOST_FRAMES
