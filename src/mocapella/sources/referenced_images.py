@@ -47,9 +47,9 @@ def checksum(path: Path) -> str:
         InputError: it cannot be read.
     """
     digest = hashlib.sha256()
-    folder = path.is_dir()
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES) if folder else [path]
     try:
+        folder = path.is_dir()
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES) if folder else [path]
         for file in files:
             digest.update(file.name.encode() if folder else b"")
             with file.open("rb") as content:
@@ -108,7 +108,11 @@ class _Video:
 
     def __init__(self, reference: ImageReference) -> None:
         self._path = Path(reference.path)
-        if not self._path.exists():
+        try:
+            there = self._path.exists()
+        except OSError:  # such as a name that is too long
+            there = False
+        if not there:
             raise InputError("is not there any more", file=self._path, fix="put it back where the take was made of it")
         if checksum(self._path) != reference.sha256:
             raise InputError(
