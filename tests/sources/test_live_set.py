@@ -124,7 +124,8 @@ def test_a_camera_that_is_pulled_out_is_missing_said_and_counts_again():
         of["c2"].plugged = True
         wait_until("it is there again", lambda: comes("c2"))
         assert said[-1] == "c2: camera:1: there again"
-        assert len(said) == 2
+        # It is told once; on a busy machine the silence until then may be long enough to be told, too.
+        assert len([line for line in said if "is it plugged in" not in line]) == 2
         stop.set()
 
 
