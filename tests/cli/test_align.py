@@ -112,7 +112,7 @@ def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
     """A process that says what is missing; on the bus, scenes and a node's poses of somebody who moves the wand."""
     address, out, report = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml", tmp_path / "vr.json"
     server, over = ServerLink(address, on_nonsense=lambda text: None), threading.Event()
-    words = ["--body", "LHR-1", "--object", "wand", "--out", str(out), "--connect", address, "--seconds", "5"]
+    words = ["--body", "LHR-1", "--object", "wand", "--out", str(out), "--connect", address, "--seconds", "40"]
     try:
         with (
             Program(tmp_path, "align", "calibrate", "space", *words, "--json", str(report)) as program,
