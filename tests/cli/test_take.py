@@ -63,6 +63,19 @@ def test_a_node_records_on_its_own_disk_what_it_sent_also_without_a_server(tmp_p
         pytest.fail("began, though the take exists")
 
 
+def test_a_node_that_failed_goes_on_with_its_take_when_it_is_started_again(tmp_path: Path) -> None:
+    own, address = tmp_path / "own.mcap", f"tcp/127.0.0.1:{free_port()}"
+    for failed in (True, False):
+        with open_link(address, "front", NodeDisk(tmp_path / "spool", own, 0)) as link:
+            for number in range(5):
+                link.publish(frame("front", number))
+            if failed:
+                link.hurry.set()
+    take = read_take(own)
+    assert (take.clean, take.problems, len(take.interruptions)) == (True, (), 1)
+    assert [(node.stored, node.lost) for node in take.complete()] == [(5, 0), (5, 0)]
+
+
 def test_a_node_that_ends_waits_until_its_last_frame_is_stored(tmp_path: Path) -> None:
     """It ends right after its last frame; the server knows its end, and answers while the disk is written to."""
     address = f"tcp/127.0.0.1:{free_port()}"

@@ -70,7 +70,7 @@ def test_each_kind_is_told_by_itself() -> None:
 class Link:
     """A node's link without a bus."""
 
-    node, address, published = NodeKey("left", 1), "tcp/127.0.0.1:1", 0
+    node, address, published, put_off = NodeKey("left", 1), "tcp/127.0.0.1:1", 0, ""
 
     def __init__(self, said: list[str]) -> None:
         self.errors = Boundary(lambda text: said.append(f"left: {text}"))

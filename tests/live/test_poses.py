@@ -23,7 +23,7 @@ class Link:
 
     def __init__(self) -> None:
         self.node, self.address = SimpleNamespace(sensor="vive"), "tcp/127.0.0.1:1"
-        self.published = 0
+        self.published, self.put_off = 0, ""
         self.errors, self.heard_s = Boundary(), time.monotonic()
         self.frames: list[PoseFrame] = []
         self.came = threading.Event()

@@ -8,13 +8,13 @@ import subprocess
 import sys
 import textwrap
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import reduce
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.programs import free_port, wait_until
+from support.programs import Program, free_port, wait_until
 
 from mocapella.errors import MocapellaError, UnstoredFramesError
 from mocapella.live.node import Membership
@@ -207,28 +207,38 @@ PLANTED = """
 """A server whose tracker dies; that it exits in time all the same is held by the test of the block above."""
 
 
-def test_a_server_whose_tracker_dies_exits_with_its_take_closed(tmp_path: Path) -> None:
+def test_a_server_whose_tracker_dies_closes_its_take_and_goes_on_with_it_when_it_is_started_again(
+    tmp_path: Path,
+) -> None:
     port = free_port()
     words = f"serve --no-view --port {port} --method stand-still --record {tmp_path / 'a'} --set reserve_gib=0".split()
     server = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(PLANTED), *words],
         stderr=subprocess.PIPE, text=True, env={**os.environ, "MOCAPELLA_LOGS": str(tmp_path / "logs")},
     )  # fmt: skip
-    try:
-        # Frames that the server has not stored when its tracker dies are not acknowledged.
-        with suppress(UnstoredFramesError), NodeLink(f"tcp/127.0.0.1:{port}", "front") as link:
-            link.farewell_s = 0.0
+    with ExitStack() as links:
+        link = links.enter_context(NodeLink(f"tcp/127.0.0.1:{port}", "front"))
+        try:
             wait_until("the node joins", link.join, 60.0)
-
             wait_until("the server ends", lambda: publish(link) and server.poll() is not None, 60.0)
-        _, said = server.communicate()
-    finally:
-        server.kill()
+            _, said = server.communicate()
+        finally:
+            server.kill()
+        died = read_take(tmp_path / "a.mcap")
+        with Program(tmp_path, "again", *words) as again:
+            wait_until("the node joins", link.join)
+            publish(link)
+            link.farewell_s = 60.0  # until all is stored
+            links.close()
+            assert again.end() == 0, again.output
     assert server.returncode == 1
     assert "unexpected error (frame): ZeroDivisionError: planted, and caught" in said
     assert "the thread tracker died: MemoryError: planted" in said
+    assert [problem for problem in died.problems if "unknown after frame" not in problem] == []  # it is closed
+    assert died.scene_count == 18  # of the frames before, without the one whose error was caught
     take = read_take(tmp_path / "a.mcap")
-    assert [problem for problem in take.problems if "unknown after frame" not in problem] == []  # it is closed
-    assert len(list(take.scenes())) == 18  # of the frames before, without the one whose error was caught
+    assert (take.clean, take.problems, len(take.interruptions)) == (True, (), 1)
+    (node,) = take.complete()
+    assert (node.stored, node.lost) == (link.published, 0)
     (log,) = (tmp_path / "logs").iterdir()
     assert "ZeroDivisionError" in log.read_text()

@@ -1,5 +1,6 @@
 """A server that is killed at any time, also while it puts the parts together, costs nothing that was acknowledged."""
 
+import errno
 import os
 import random
 import signal
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from support.take_making import SECOND, info, keys, record, unclosed_take, write_frame
+from support.take_making import SECOND, STEP, info, keys, record, unclosed_take, write_frame
 
 from mocapella.errors import RecordingError, TakeExistsError
 from mocapella.recording import disk, merge
@@ -188,6 +189,47 @@ def test_a_copy_that_is_not_equal_replaces_nothing(tmp_path: Path, monkeypatch: 
     with pytest.raises(RecordingError, match="is not equal to the parts it was made of"):
         merge.merge_parts(path, reserve_bytes=0)
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == before
+
+
+def test_a_take_that_its_failing_program_closed_is_gone_on_with(tmp_path: Path) -> None:
+    """Twice; and in between it is a whole file for others."""
+    path = tmp_path / "walk.mcap"
+    for start in (0, 10):
+        writer = TakeWriter.resume_or_create(path, info=info(start * STEP), reserve_bytes=0)
+        record(writer, start, 10)
+        report = writer.close(interrupted=True)
+        assert not report.clean
+        assert "a recording to it goes on with it" in report.problem
+        parts = disk.parts_of(path)
+        assert len(parts) == 1 + start // 10
+        with parts[-1].open("rb") as file:
+            assert make_reader(file, validate_crcs=True).get_summary() is not None
+        assert keys(read_take(path), "front") == [("front", 1, s) for s in range(start + 10)]
+    writer = TakeWriter.resume_or_create(path, info=info(SECOND), reserve_bytes=0)
+    record(writer, 20, 10)
+    assert writer.close().clean
+    assert [entry.name for entry in tmp_path.iterdir()] == ["walk.mcap"]
+    take = read_take(path)
+    assert (take.clean, take.problems, len(take.interruptions)) == (True, (), 2)
+    assert keys(take, "front") == [("front", 1, s) for s in range(30)]
+    with pytest.raises(TakeExistsError):  # it was closed in the end
+        TakeWriter.resume_or_create(path, info=info(), reserve_bytes=0)
+
+
+def test_a_disk_that_fails_while_a_take_is_opened_again_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "walk.mcap"
+    TakeWriter.create(path, info=info(), reserve_bytes=0).close(interrupted=True)
+
+    def fail(fd: int) -> None:
+        raise OSError(errno.EIO, "planted")
+
+    monkeypatch.setattr(disk, "sync", fail)
+    with pytest.raises(RecordingError, match=r"cannot go on recording to .*walk.mcap"):
+        TakeWriter.resume_or_create(path, info=info(), reserve_bytes=0)
+    monkeypatch.undo()
+    assert TakeWriter.resume_or_create(path, info=info(), reserve_bytes=0).close().clean
 
 
 def test_a_take_that_is_being_recorded_is_not_merged(tmp_path: Path) -> None:

@@ -85,6 +85,14 @@ def test_a_node_joins_only_where_a_server_accepts_it(make_node: Callable[[Sessio
     assert not node.join()
 
 
+def test_a_node_that_is_put_off_knows_why_until_it_is_accepted(make_node: Callable[[Session], NodeLink]) -> None:
+    node = make_node(Session(joined(accepted=False, message="full", later=True), joined(accepted=True)))
+    assert not node.join()
+    assert (node.put_off, node.why_not_admitted()) == ("full", "full")
+    assert node.join()
+    assert node.put_off == ""
+
+
 class Tick:
     """A clock that advances while a node waits, and what happens then."""
 

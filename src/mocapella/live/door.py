@@ -95,7 +95,7 @@ class Door:
             refuse = bool(full) and not self._registry.proven(node)
         if refuse:
             self._refused(f'sensor "{node.sensor}" was refused: {full}')
-        reply = JoinReply(False, full, self._recording().active) if refuse else self._admit(node, arguments, None)
+        reply = JoinReply(False, full, later=True) if refuse else self._admit(node, arguments, None)
         answer(msgspec.json.encode(reply))
 
     def leave(self, node: NodeKey, arguments: dict[str, Any], answer: Answer) -> None:

@@ -127,7 +127,7 @@ class Membership:
             step = self._wall_clock.step()
             if step:
                 self._say(f"{self._link.node.sensor}: {step}")
-            self._stop.wait(_LOOK_EVERY_S if self._joined else 0.2)
+            self._stop.wait(_LOOK_EVERY_S if self._joined or self._link.put_off else 0.2)
 
     def _look(self) -> None:
         sensor, address = self._link.node.sensor, self._link.address

@@ -66,7 +66,6 @@ def open_link(
     disk = disk or NodeDisk()
     limits = SpoolLimits(disk.reserve_bytes)
     with ExitStack() as stack:
-        own = None if disk.record is None else stack.enter_context(_recording(disk.record, disk.reserve_bytes, say))
         link = NodeLink(
             connect,
             sensor,
@@ -76,21 +75,24 @@ def open_link(
         )
         link.farewell_s = disk.farewell_s
         stack.enter_context(link)
-        if own is not None:
-            link.on_published = partial(_record, own, link.node)
-            stack.callback(lambda: own.account(link.node, lambda ledger: ledger.finish(link.published, left=True)))
+        if disk.record is not None:
+            stack.enter_context(_recording(link, disk.record, disk.reserve_bytes, say))
         yield link
 
 
 @contextmanager
-def _recording(path: Path, reserve_bytes: int, say: Callable[[str], None]) -> Iterator[Recorder]:
+def _recording(link: NodeLink, path: Path, reserve_bytes: int, say: Callable[[str], None]) -> Iterator[None]:
+    """Record the frames of a link; a take whose node was killed or failed goes on."""
     info = TakeInfo(Setup(), time.time_ns(), time.monotonic_ns(), take_id=new_take_id())
-    recorder = Recorder(TakeWriter.create(path, info=info, reserve_bytes=reserve_bytes), say)
+    recorder = Recorder(TakeWriter.resume_or_create(path, info=info, reserve_bytes=reserve_bytes), say)
+    link.on_published = partial(_record, recorder, link.node)
     try:
-        yield recorder
+        yield
     finally:
-        health = recorder.close()
-    if health.problem:
+        recorder.account(link.node, lambda ledger: ledger.finish(link.published, left=True))
+        interrupted = link.hurry.is_set()
+        health = recorder.close(interrupted=interrupted)
+    if health.problem and not interrupted:
         raise RecordingError(health.problem)
     say(f"recorded {health.frames} frames in {health.path}")
 

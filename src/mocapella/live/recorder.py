@@ -131,7 +131,7 @@ class Recorder:
         self._refused: set[tuple[str, str]] = set()
         self._unwritten = 0
         self._errors = Boundary(lambda text: say(f"an entry is not in the take: {text}"))
-        self._closing = self._ended = False
+        self._closing = self._ended = self._interrupted = False
         self._health = _Counts({}, {}, 0)
         self.states: dict[NodeKey, NodeState] = {}
         self._publish_states()
@@ -239,8 +239,12 @@ class Recorder:
         """Return by sensor the number of committed frames, and of frames known to be missing."""
         return self._health.frames, self._health.gaps
 
-    def close(self) -> RecordingHealth:
-        """Write all waiting messages, finish the take, and return its result; a failure is its ``problem``."""
+    def close(self, *, interrupted: bool = False) -> RecordingHealth:
+        """Write all waiting messages, finish the take, and return its result; a failure is its ``problem``.
+
+        With ``interrupted``, a recording with `TakeWriter.resume_or_create` goes on with the take.
+        """
+        self._interrupted = interrupted
         self._queue.put(None)
         self._thread.join()
         return self.health()
@@ -283,8 +287,9 @@ class Recorder:
         try:
             self._write_until_end()
             self._closing = True
-            self._writer.accounts.agree_on_all()
-            self._writer.close()
+            if not self._interrupted:
+                self._writer.accounts.agree_on_all()
+            self._writer.close(interrupted=self._interrupted)
         except MocapellaError as error:
             self._stop(str(error))
             if not self._closing:
@@ -295,8 +300,7 @@ class Recorder:
             if self._writer.report is None:  # an unexpected error, which the thread prints as it ends
                 self._stop(f"recording to {self._writer.path} failed (see above); what was committed is safe")
                 with suppress(Exception):  # without a proper end, the take is recovered when it is next read
-                    self._writer.accounts.agree_on_all()
-                    self._writer.close()
+                    self._writer.close(interrupted=True)
             self._publish_states()
 
     def _stop(self, problem: str) -> None:

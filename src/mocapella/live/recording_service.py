@@ -66,7 +66,8 @@ class RecordingService:
         reserve_bytes: free disk space to leave [bytes].
         between_steps: lock held while the tracker loses the recorder, so that a take has a step completely or not at
             all; None if nothing else runs.
-        hurry: while it is set, the end of a take waits for no missing frame and no node; None never hurries.
+        hurry: while it is set, the end of a take waits for no missing frame and no node, and interrupts the take: a
+            later process goes on with it. None never hurries.
 
     Attributes:
         recorder: of the present take; None if there is none. Read it once before use: another thread may end it at any
@@ -183,16 +184,23 @@ class RecordingService:
             self._end()
             return self._health()
 
-    def _end(self, give_up_s: float | None = None) -> None:
+    def interrupt(self) -> None:
+        """Close the take at once, so that a later process goes on with it; without a take, do nothing."""
+        with self._changing:
+            self._end(0.0, interrupted=True)
+
+    def _end(self, give_up_s: float | None = None, *, interrupted: bool = False) -> None:
         with self._between_steps:  # from here on no scene and no frame of a later number belongs to the take
             recorder, self.recorder = self.recorder, None
         record_path = self._record_path
         if recorder is None or record_path is None:
             return
         record_path.finish(give_up_s)
-        ended = recorder.close()
+        interrupted = interrupted or self._hurry.is_set()
+        ended = recorder.close(interrupted=interrupted)
         self._record_path = None
-        record_path.close(self._closed)
+        if not interrupted:  # else the nodes keep their frames for it
+            record_path.close(self._closed)
         self._health = lambda: ended
         self._say(outcome(ended))
 

@@ -163,8 +163,7 @@ class Server:
             hurry=self.failed,
         )
         if self._settings.record is not None:
-            undo.callback(self._recording.finish)
-            undo.callback(self.failed.set)  # it waits for nobody then
+            undo.callback(self._recording.interrupt)
             self._recording.begin(self._settings.record, resume=True)
         self._link.serve(
             on_frame=door.frame,

@@ -104,7 +104,13 @@ class _Tail(msgspec.Struct, frozen=True):
 
 def is_closed(file: BinaryIO, size: int) -> bool:
     """Whether an MCAP file of ``size`` bytes has a complete end, which means that its writer has closed it."""
-    return _read_tail(file, size) is not None
+    return data_end(file, size) is not None
+
+
+def data_end(file: BinaryIO, size: int) -> int | None:
+    """Return where the data of an MCAP file of ``size`` bytes end [byte]; None if the file was not closed."""
+    tail = _read_tail(file, size)
+    return None if tail is None else tail.data_end
 
 
 def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:

@@ -8,6 +8,7 @@ parts are removed. A kill at any point leaves either all parts, or the complete 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
@@ -20,7 +21,7 @@ from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, DiskFullError, InputError, RecordingError
 from mocapella.recording import disk, take
 from mocapella.recording.found_frames import FoundFrames, found_frames
-from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, is_closed, scan
+from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, data_end, is_closed, scan
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import index_take
 
@@ -152,6 +153,26 @@ def closed(path: Path) -> bool:
     """Whether the MCAP file was closed properly, so that it has an end and an index."""
     with path.open("rb") as file:
         return is_closed(file, path.stat().st_size)
+
+
+def reopen(path: Path) -> bool:
+    """Remove the end of a take that was closed because its program failed; return whether it is one.
+
+    A kill at any point leaves an interrupted take. The caller holds the take's lock.
+
+    Raises:
+        DiskFullError, RecordingError: the disk failed.
+    """
+    last = deque(_metadata(path), maxlen=1)
+    if not last or last[0].name != take.INTERRUPTED_METADATA:
+        return False
+    try:
+        with path.open("r+b") as file:
+            file.truncate(data_end(file, path.stat().st_size))
+            disk.sync(file.fileno())
+    except OSError as error:
+        raise disk.as_ours(error, f"cannot go on recording to {path}") from error
+    return True
 
 
 def _metadata(path: Path) -> Iterator[MetadataRead]:

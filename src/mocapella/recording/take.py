@@ -30,6 +30,8 @@ FRAMES: Final = "/frames/"
 TRUTH: Final = "/truth/"
 RUN_METADATA: Final = "mocapella.run"
 MERGED_METADATA: Final = "mocapella.merged"
+INTERRUPTED_METADATA: Final = "mocapella.interrupted"
+"""Last metadata record of a file that was closed because its program failed: a recording goes on with it."""
 
 
 @dataclass(frozen=True)

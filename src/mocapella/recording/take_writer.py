@@ -99,7 +99,7 @@ class TakeWriter:
 
     @classmethod
     def resume_or_create(cls, path: Path, *, info: TakeInfo, reserve_bytes: int = disk.GIB) -> TakeWriter:
-        """Resume a take whose recording was killed, or create a new one if there is none; arguments as in `create`.
+        """Resume a take whose recording was killed or interrupted, or create a new one; arguments as in `create`.
 
         Frames that are already stored are not stored again. `close` merges the parts. The take keeps its identity;
         ``info`` begins a new run in it.
@@ -212,8 +212,10 @@ class TakeWriter:
             why = f"recording to {self.path} stopped: {disk.too_little(free, self._reserve)}"
             raise self._stopped(DiskFullError(why))
 
-    def close(self) -> TakeReport:
+    def close(self, *, interrupted: bool = False) -> TakeReport:
         """Flush and close the take, and merge its parts if its recording was interrupted; return the report.
+
+        With ``interrupted``, `resume_or_create` goes on with the take; its parts are not merged yet.
 
         If the parts cannot be merged, they are kept and read as one take, and the report gives the reason. A second
         call returns the same report.
@@ -225,13 +227,15 @@ class TakeWriter:
             return self.report
         try:
             self._store(last=True)
+            if interrupted:
+                self._file.add_metadata(take.INTERRUPTED_METADATA, {"part": str(self._part)})
             self._file.finish()
         except OSError as error:
             raise self._stopped(disk.as_ours(error, f"{self.path} could not be closed")) from error
-        problem = ""
+        problem = f"{self.path} was interrupted; a recording to it goes on with it" if interrupted else ""
         if not disk.leads_to(disk.part_path(self.path, self._part), self._fd):
             problem = f"{self.path} was moved while it was recorded; the frames are in the file that was moved"
-        elif self._lock_fd is not None:
+        elif self._lock_fd is not None and not interrupted:
             try:
                 merge.merge_locked(self.path, self._reserve)
             except (RecordingError, InputError) as error:
@@ -333,8 +337,8 @@ class TakeWriter:
 
 
 def _earlier_parts(path: Path) -> TakeIndex:
-    """Read an interrupted recording; raise `TakeExistsError` if the file is anything else."""
-    if merge.closed(path):
+    """Read an interrupted recording, and reopen it if need be; raise `TakeExistsError` if it is anything else."""
+    if merge.closed(path) and not merge.reopen(path):
         merge.remove_leftovers(path)
         raise disk.name_taken(path)
     with path.open("rb") as file:

@@ -57,11 +57,13 @@ class JoinReply:
             leaving node gives an invalid frame number; True otherwise, for a leaving node, too.
         message: why the node is not accepted; empty if it is.
         recording: whether a take is being recorded; a leaving node then waits until its frames are acknowledged.
+        later: whether a node that was not accepted should ask again: the server is short of file descriptors.
     """
 
     accepted: bool
     message: str = ""
     recording: bool = False
+    later: bool = False
 
 
 class NodeLink:
@@ -83,6 +85,7 @@ class NodeLink:
         hurry: while it is set, `close` waits for no acknowledgement; may be replaced.
         errors: catches unexpected errors of the callbacks.
         heard_s: monotonic time of the server's last question or answer; negative infinity before the first [s].
+        put_off: why the server took no new sensor at the last `join`; empty if it did.
         farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
         on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
 
@@ -108,6 +111,7 @@ class NodeLink:
         self._say = say
         self.errors = Boundary(lambda text: say(f"{sensor}: {text}"))
         self.heard_s = float("-inf")
+        self.put_off = ""
         self.hurry = threading.Event()
         place = None if spool is None else spool(self.node)
         self.outbox = Outbox(history_frames, place)
@@ -176,19 +180,22 @@ class NodeLink:
         self._asked = self._session.declare_queryable(key, self.errors.wrap("question", callback))
 
     def join(self, timeout: float = 1.0) -> bool:
-        """Claim the sensor's name at the server; return False if no server answers within ``timeout`` seconds.
+        """Claim the sensor's name at the server; return whether it accepts the node.
+
+        It does not if no server answers within ``timeout`` seconds, or if it can take no new sensor now.
 
         Raises:
-            NameTakenError: another connected node serves a sensor of this name, or the server can take no new sensor.
+            NameTakenError: another connected node serves a sensor of this name.
         """
         answer = self._tell("join", timeout)
-        if answer is not None and not answer.accepted:
+        self.put_off = answer.message if answer is not None and answer.later else ""
+        if answer is not None and not answer.accepted and not answer.later:
             raise NameTakenError(answer.message)
-        return answer is not None
+        return answer is not None and answer.accepted
 
     def why_not_admitted(self) -> str:
         """Return why the server at the address does not admit this node, with the remedy; empty if none says so."""
-        return why_not(self._door, self.node.sensor)
+        return self.put_off or why_not(self._door, self.node.sensor)
 
     def server_is_there(self) -> bool:
         """Whether a server is connected now; waits up to half a second for its liveliness token.
