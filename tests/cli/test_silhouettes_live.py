@@ -238,7 +238,8 @@ def films(tmp_path_factory):
     write_folders(where, [room.images(MESH, pose) for pose in poses])
     write_folders(where / "empty", [room.images() for _ in range(2)])
     write_folders(where / "first_empty", [room.images() for _ in range(10)] + [room.images(MESH, poses[0])] * 10)
-    write_folders(where / "walked", [room.images(MESH, pose_at(MESH, 0.1 * k)) for k in range(12)])
+    # Again and again, so that it goes on when a busy machine has learnt the room.
+    write_folders(where / "walked", 4 * [room.images(MESH, pose_at(MESH, 0.1 * k)) for k in range(12)])
     save_camera_rig(where / "rig.toml", RIG)
     (where / "joints.json").write_text(json.dumps(joints_at(MESH, poses[0])))
     return where
