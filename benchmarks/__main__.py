@@ -1,4 +1,4 @@
-"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--inputs N] [--strict]`: print tables."""
+"""`python -m benchmarks [GROUP…] [--part NAME] [--json FILE] [--quick] [--against REVISION] …`: print tables."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.harness import Row, machine
+from benchmarks.revision import in_turns
 from mocapella.errors import one_of
 
 
@@ -39,6 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--inputs", type=_count, metavar="N", help="inputs of fuzz, frames of soak, kills of kill")
     parser.add_argument("--processes", type=_count, metavar="N", help="of fuzz; one for each core if not given")
+    parser.add_argument("--against", metavar="REVISION", help="measure in turns with an earlier revision (git)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
     for name in options.group:
@@ -52,6 +54,12 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(f"no part {part!r} in {', '.join(chosen)}; there are {one_of(part, known) or 'none'}")
     console = Console(stderr=options.json == "-")
     rows: list[Row] = []
+    if options.against:
+        asked_too = [word for part in options.part for word in ("--part", part)] + ["--quick"] * options.quick
+        with console.status(f"measuring in turns with {options.against} …"):
+            rows = in_turns(options.against, chosen, asked_too)
+        console.print(table(f"against {options.against}", rows))
+        chosen = []
     for name in chosen:
         wanted = [part for part in options.part if part in parts[name]]
         if options.part and not wanted:

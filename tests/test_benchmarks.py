@@ -74,6 +74,32 @@ def test_without_a_goal_nothing_is_met_or_missed(harness: Any) -> None:
     assert (row.goal, row.met) == (None, None)
 
 
+def test_times_and_loads_are_compared_with_an_earlier_revision(harness: Any) -> None:
+    from benchmarks.revision import paired
+
+    def measurement(latency: float, load: float, lost: float = 0.0) -> list[dict[str, Any]]:
+        rows = (
+            harness.measured("a", latency, "ms"),
+            harness.measured("b", load, "%"),
+            harness.measured("c", lost, "frames"),
+        )
+        return [asdict(row) for row in rows]
+
+    ours = [measurement(2.0, 10.6), measurement(2.1, 10.6), measurement(9.0, 10.6)]
+    theirs = [measurement(2.2, 10.0)[1:], measurement(4.2, 10.0), measurement(4.2, 10.0)]
+    a, b, c = paired(ours, theirs, "revision x")
+    assert (a.value, a.ratio, a.met, a.peer) == (2.1, 2.0, True, "revision x 4.2 ms")
+    assert (b.met, c.ratio) == (False, None)
+    (alone, *_) = paired(ours, [measurement(0.0, 10.0)], "revision x")
+    assert (alone.value, alone.ratio) == (2.1, None)
+
+
+def test_a_revision_that_is_not_there_is_said() -> None:
+    done = command("codec", "--against", "no-such-revision")
+    assert done.returncode == 1
+    assert "no revision 'no-such-revision'" in done.stderr
+
+
 def test_an_unknown_group_is_refused_with_those_there_are() -> None:
     done = command("codek")
     assert done.returncode == 2
