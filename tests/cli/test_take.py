@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.programs import free_port, result_here, run_here, wait_until
-from support.take_making import STEP, frame, frame_bytes, info, record, scene_bytes, small_take, unclosed_take
+from support.take_making import SECOND, STEP, frame, frame_bytes, info, record, scene_bytes, small_take, unclosed_take
 
 from mocapella.errors import RecordingError
 from mocapella.live.node_disk import NodeDisk, open_link
@@ -17,13 +17,25 @@ from mocapella.recording import take
 from mocapella.recording.spool import DiskSpool, SpoolLimits
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
+from mocapella.testing import session_status
 
 
 def test_a_whole_take_is_whole(tmp_path: Path) -> None:
     small_take(tmp_path / "a.mcap")
     row = result_here(tmp_path, "take", "check", "a")
     assert (row["whole"], row["frames"], row["lost"], row["interruptions"]) == (True, 24, 0, 0)
-    assert result_here(tmp_path, "take", "info", "a") == row
+    assert result_here(tmp_path, "take", "info", "a") == row | {"conditions": []}
+
+
+def test_a_take_says_when_a_sensor_had_been_moved(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    for second, reason in enumerate(("", "left: it was moved", "left: it was moved", "")):
+        writer.write_status(session_status(reason=reason), second * SECOND)
+    writer.close()
+    done = run_here(tmp_path, "take", "info", "a", "--json", "-")
+    assert "left: from 1 to 3 s: it was moved" in done.stderr
+    (one,) = json.loads(done.stdout)["conditions"]
+    assert one == {"sensor": "left", "condition": "it was moved", "from_s": 1.0, "to_s": 3.0}
 
 
 def test_an_interrupted_take_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,13 +18,20 @@ if TYPE_CHECKING:
 
 @take_app.command()
 def info(take: TakeArgument, json: JsonOut = None) -> None:
-    """Print what is in a take: its origin, and the stored and missing frames of each sensor.
+    """Print what is in a take: its origin, the stored and missing frames of each sensor, and when sensors had problems.
 
     Example:  mocapella take info walk-1
     """
-    row = _row(_open(take))
+    from mocapella.recording.take_conditions import condition_intervals
+
+    found = _open(take)
+    row = _row(found)
     _say_row(row)
-    write_json(json, row)
+    began_ns = found.runs[0].info.started_ns if found.runs else 0
+    intervals = condition_intervals(found.statuses(), began_ns)
+    for one in intervals:
+        say(f"{one.sensor}: from {one.from_s:.0f} to {one.to_s:.0f} s: {one.condition}")
+    write_json(json, {**row, "conditions": [asdict(one) for one in intervals]})
 
 
 @take_app.command()

@@ -1,0 +1,60 @@
+"""When sensors of a take had problems, such as a camera that was moved: from the statuses that the take stores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mocapella.conventions import NS_PER_S
+from mocapella.model.conditions import trouble
+
+LONGEST_GAP_S: Final = 5.0
+"""After a longer time without a status, such as an interruption, a problem that goes on is a new interval [s]."""
+
+
+@dataclass(frozen=True)
+class ConditionInterval:
+    """Time in which a sensor had a problem.
+
+    Attributes:
+        sensor: name of the sensor.
+        condition: the problem and its remedy, as the view showed it.
+        from_s, to_s: the first status with it, and the first without it or the last one [s]; statuses are a second
+            apart.
+    """
+
+    sensor: str
+    condition: str
+    from_s: float
+    to_s: float
+
+
+def condition_intervals(statuses: Iterable[tuple[int, dict[str, Any]]], began_ns: int) -> list[ConditionInterval]:
+    """Return the intervals in the order of their beginning.
+
+    Args:
+        statuses: time [ns] and content of each `mocapella.model.session.SessionStatus`, as `Take.statuses` yields them.
+        began_ns: the time that counts as 0.
+    """
+    since: dict[tuple[str, str], float] = {}
+    found: list[ConditionInterval] = []
+    last_s = float("-inf")
+    for at_ns, status in statuses:
+        at_s = (at_ns - began_ns) / NS_PER_S
+        if not 0 <= at_s - last_s <= LONGEST_GAP_S:
+            found += [ConditionInterval(*key, began, last_s) for key, began in since.items()]
+            since = {}
+        now = _problems(status)
+        found += [ConditionInterval(*key, since.pop(key), at_s) for key in list(since) if key not in now]
+        since |= {key: at_s for key in now if key not in since}
+        last_s = at_s
+    found += [ConditionInterval(*key, began, last_s) for key, began in since.items()]
+    return sorted(found, key=lambda one: (one.from_s, one.sensor, one.condition))
+
+
+def _problems(status: dict[str, Any]) -> dict[tuple[str, str], None]:
+    """Return the sensors of a status with their problems, without the other sensor of a pair."""
+    sensors = {str(one.get("name")) for one in status.get("sensors", ()) if isinstance(one, dict)}
+    parts = (part.partition(": ") for part in str(status.get("reason", "")).split("; "))
+    return {(name, trouble(text)): None for name, _, text in parts if name in sensors and text}
