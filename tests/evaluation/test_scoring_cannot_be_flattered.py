@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -17,8 +18,8 @@ from mocapella.errors import EvaluationError
 from mocapella.evaluation.causal_run import run_causally
 from mocapella.evaluation.kinectmultitrack import AsLogged, AsRun, Tally
 from mocapella.evaluation.protocol import SensorViews, check_rigid
-from mocapella.evaluation.scored_views import known_before, views_of
-from mocapella.evaluation.study_pairs import StudySession
+from mocapella.evaluation.scored_views import SeenViews, asked_about, known_before, views_of
+from mocapella.evaluation.study_pairs import Pairs, StudySession
 from mocapella.evaluation.study_tables import MAX_WANDER, differences
 from mocapella.geometry import rigid
 from mocapella.model.observations import Arrival
@@ -247,6 +248,21 @@ def test_a_bias_is_a_function_of_the_fused_person_only() -> None:
     assert np.linalg.norm(velocity) == pytest.approx(0.6, abs=0.02)
     assert abs(facing) <= np.pi
     assert 1.7 < position[2] < 3.1
+
+
+def test_the_velocity_of_the_fused_person_is_over_the_past_quarter_of_a_second() -> None:
+    """Of each person alone; that of a person's first views is 0."""
+    at_s = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 1.0])
+    person = np.array([1, 1, 2, 1, 1, 1, 1])
+    rows = np.stack([np.arange(7)] * 2, axis=1)
+    joints = np.random.default_rng(3).normal(size=(7, 1, 25, 3)).repeat(2, axis=1)
+    seen = SeenViews(joints, np.broadcast_to(np.eye(4), (7, 2, 4, 4)), np.zeros((7, 2), bool))
+    session: Any = SimpleNamespace(at_s=at_s)
+    found = asked_about(session, Pairs(rows, person, person), seen).velocity[:, 0]
+    for k, before in enumerate([0, 0, 2, 0, 1, 3, 5]):
+        step_s = at_s[k] - at_s[before]
+        expected = (joints[k, 0, 0] - joints[before, 0, 0]) / step_s if step_s else np.zeros(3)
+        np.testing.assert_allclose(found[k], expected)
 
 
 def test_a_bias_of_another_shape_is_refused() -> None:

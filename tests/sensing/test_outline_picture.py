@@ -70,6 +70,14 @@ def test_an_outline_that_is_elsewhere_is_outside_or_inside(by):
     assert not near(picture, OUTSIDE).any()
 
 
+@pytest.mark.parametrize("side", range(4))
+def test_a_body_that_the_edge_of_the_image_cuts_off_deviates_nowhere(side):
+    phi = np.full((12, 12), -0.5, np.float32)
+    phi[:6, 3:9] = 0.5
+    one = Silhouette((0, 0), 1, np.ascontiguousarray(np.rot90(phi, side)))
+    assert deviations(one, one) == ([], [])
+
+
 @given(st.integers(1, 6), st.integers(-6, 6), st.integers(4, 16), st.sampled_from([1, 2]))
 def test_two_shapes_are_as_much_outside_of_each_other_as_the_other_way_round(right, down, side, step):
     a = square(20, 20, side, step)
