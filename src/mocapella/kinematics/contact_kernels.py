@@ -1,4 +1,8 @@
-"""Kernels of the nearest points of two limbs and of the planes that separate them. Importing this imports numba."""
+"""Kernels of the nearest points of two limbs and of the planes that separate them. Importing this imports numba.
+
+Limbs are capsules. A penalty on their penetration depth separates them, as two point-to-plane constraints for each
+pair.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations

@@ -227,14 +227,14 @@ def touching(
 
     Args:
         phi: (rows, columns) signed distance to the image's outline, valid up to ``reach_px`` [px].
-        surety: (rows, columns) evidence of an edge in the image [nats].
+        surety: (rows, columns) evidence of an edge in the image: log-likelihood ratio of both sides [nats].
         x0, y0, step: pixel of the first sample, and distance between samples [px].
         every: stride between samples of the image's outline.
         reach_px: largest distance of a match [px].
         at, normals, points, bone, far: of `outline_kernels.outline`.
         soft_px: scale of the robust loss: at this residual the weight is a quarter (Geman and McClure).
         sd_px: standard deviation of an outline [px].
-        full: least evidence of an edge with full weight [nats].
+        full: least evidence of an edge, a log-likelihood ratio, with full weight [nats].
         R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         lens, farthest_r2, T: of the camera, with T (4, 4) ``T_camera_world``.
 
