@@ -183,7 +183,7 @@ class DefaultTracker:
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """Return the estimated layout, None if not known yet; see `KeepsLayout`."""
+        """Return the estimated poses of the sensors, to be kept; None before two sensors have a relative pose."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:

@@ -146,7 +146,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict the Kalman filters ``points`` to ``now_s`` on the common clock [s], in place; later ones stay.
+    """Predict the people's Kalman filters to ``now_s`` on the common clock [s], in place; later ones stay.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.
@@ -205,7 +205,7 @@ def make(
     views: ViewArrays,
     skeletons: SkeletonArrays,
 ) -> tuple[Float64, Float64]:
-    """Fuse each person's views, correct the Kalman filter by the result, and write its state as the skeletons.
+    """Fuse each person's views by a robust weighted mean, correct the Kalman filter by it, and write the skeletons.
 
     Args:
         rows: (bodies,) rows of the persons in the frame.
@@ -350,7 +350,7 @@ def pose_people(
     steady: Float64,
     doubts: Float64,
 ) -> None:
-    """Fit the articulated bodies of the persons in the frame, and predict the others.
+    """Update the articulated-body filters of the persons in the frame by their fused joints, and predict the others.
 
     Args:
         rows: (bodies,) rows of the persons in the frame.

@@ -19,7 +19,7 @@ SKIN_POINTS = 6
 
 
 class Standing(msgspec.Struct, frozen=True, eq=False):
-    """A body in a pose: its vertices (n, 3) and landmarks (m, 3) in the world [m]."""
+    """A posed mesh: its vertices (n, 3) and landmarks (m, 3) in the world [m], by linear blend skinning."""
 
     pose: TreePose
     vertices: Float64

@@ -137,7 +137,7 @@ class SilhouettesTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames, see `Tracker`; images that wait for simultaneous ones count as kept."""
+        """Counts of all frames so far; images that wait for simultaneous ones count as kept."""
         rejected = self._rejected + self._sync.dropped
         learnt = int(self._room.done and bool(self._room.seen))
         return TrackerReport(self._steps, self._steps - rejected.total(), dict(rejected), learnt, self._restarts)

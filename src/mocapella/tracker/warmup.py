@@ -1,4 +1,7 @@
-"""Compile a method's kernels before the first frame."""
+"""Compile a method's kernels before the first frame.
+
+Numba compiles a kernel at its first call, which takes seconds; a warm-up run calls them with synthetic frames.
+"""
 
 from __future__ import annotations
 
