@@ -1,4 +1,4 @@
-"""Learn a static camera's background from images with people in them.
+"""Learn a static camera's background from images with people in them: a running Gaussian for each sample.
 
 Wherever no person is near, the image is background. It is learnt there, and used when a person comes later. So a clip
 needs no images of the empty room, only people who move. Where people were in every image, the
@@ -92,7 +92,7 @@ FIRST_SDS = 1.5
 
 
 class BackgroundMemory:
-    """The learnt background of one camera, in samples of the image; a `Background` of `region_contour`.
+    """Background model of one camera: mean and variance of each image sample; a `Background` of `region_contour`.
 
     The first image given to any method but `costs` sets the images' size and channels.
 
@@ -124,7 +124,7 @@ class BackgroundMemory:
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state of `memory`, of the same step and settings; its arrays are kept, not copied."""
+        """Restore a state that `memory` returned, of the same step and settings; its arrays are kept, not copied."""
         set_memory(self, memory)
 
     @property

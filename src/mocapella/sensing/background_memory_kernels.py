@@ -193,7 +193,7 @@ def learn(
     image: UInt8, step: int, window: PersonWindow, covered: UInt8, others: Bool, begin: int, end: int, every: int,
     rate: float, least_sd: float, learnt: BackgroundSamples,
 ) -> None:  # fmt: skip
-    """Update the background model away from people, in some rows of the image and more often beside the person.
+    """Update means and variances away from people (exponential averages), in some rows, more often beside the person.
 
     Args:
         image: (height, width, channels) uint8.

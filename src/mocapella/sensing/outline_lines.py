@@ -1,4 +1,7 @@
-"""The border of a silhouette as polylines of few points, to draw or send."""
+"""The border of a silhouette as polylines of few points, to draw or send.
+
+The border is traced along the samples, and thinned out evenly.
+"""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def segment(
     band: ContourBand, odd: Int32, outside_costs: Float32, w: ContourWeights, field: Float32, contrast: Float32,
     energies: Float64,
 ) -> int:  # fmt: skip
-    """Move a contour to where its energy is least; return the number of moves.
+    """Minimise the contour's energy by iterative thresholding (`region_contour` names the papers); return the moves.
 
     Args:
         band: the samples; its ``inside`` becomes the result.
@@ -232,7 +232,7 @@ def settled(
     band: ContourBand, outside_costs: Float32, w: ContourWeights, pad: int, columns: int, reported: bool, reach: int,
     step: np.float32,
 ) -> tuple[int, Float32, Float32, Float64]:  # fmt: skip
-    """Move a contour to where its energy is least, and measure distances from it.
+    """Minimise the contour's energy (`segment`), then compute the signed distance to the contour found.
 
     Args:
         band, outside_costs, w: samples, (blocks, size) costs of a background model or (0, 0), and weights, as in
