@@ -1,4 +1,9 @@
-"""Initial values of the rig: each camera's lens from its own views of a board, then poses from shared views."""
+"""Initial values of the rig: each camera's lens from its own views of a board, then poses from shared views.
+
+Each camera: focal length and board poses from homographies (Z. Zhang, IEEE PAMI 22(11), 2000;
+`mocapella.geometry.homography`), refined by reprojection error with a prior of typical lenses. Then extrinsics are
+chained along a spanning tree of the cameras with most shared views. `board_bundle` adjusts the result.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +58,7 @@ class OneCamera:
 
 
 def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = None) -> OneCamera:
-    """Estimate a camera's lens, unless it is given, and the board's pose in each of its views.
+    """Estimate a camera's intrinsics, unless given, and the board's pose in each of its views, by reprojection error.
 
     Args:
         views: one or more `usable` views of this camera, of one image size.
@@ -116,7 +121,7 @@ Poses = Mapping[str, Mapping[int, Float64]]
 
 
 def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m: Float64) -> tuple[Float64, float]:
-    """Return ``T_a_b`` of two cameras from the shared view that fits the others best.
+    """Return the extrinsics ``T_a_b`` of two cameras from the shared view that fits the others best (least median).
 
     A board that is small in the image may be mistaken for its mirror image in depth; the median over the views ignores
     a minority of such errors.
@@ -139,7 +144,7 @@ def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m
 
 
 def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
-    """Return ``T_camera_first`` of every camera, by name, along a spanning tree of the most shared views.
+    """Return the extrinsics ``T_camera_first`` (4, 4) by camera, chained along a spanning tree of most shared views.
 
     The first camera is the root.
 

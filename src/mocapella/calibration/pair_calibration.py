@@ -232,7 +232,10 @@ class PairCalibration:
         self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:
-        """Return the present result; see `estimates`."""
+        """Return the present relative pose and clock offset, with covariance and the reason for distrust.
+
+        It is computed from the moments; the state does not change. `estimates` does so for many pairs at once.
+        """
         return estimates([self])[0]
 
     @property
@@ -276,7 +279,7 @@ class PairCalibration:
 
 
 def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    """Return the present result of each pair, all with the settings of the first; `NO_PERSON` before there is one.
+    """Compute pose, clock offset and covariance of each pair, with the settings of the first; `NO_PERSON` if unknown.
 
     The pairs are not changed, and the results are copies.
     """
