@@ -210,7 +210,7 @@ def add_view(
 ) -> None:
     """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place; all angles are finite.
 
-    See `mocapella.fusion.facing_training.evidence`.
+    `mocapella.fusion.facing_training.evidence` computes the same in numpy.
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.

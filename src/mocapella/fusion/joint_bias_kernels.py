@@ -1,4 +1,4 @@
-"""Compiled joint bias of `mocapella.fusion.joint_bias`; importing this module imports numba."""
+"""Compiled regression of the joint bias, see `mocapella.fusion.joint_bias`; importing this module imports numba."""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Triangulate named points from the detections of several cameras, frame by frame."""
+"""Triangulate named points from the detections of several cameras, frame by frame.
+
+Each frame's points are triangulated on their own: by least squares of the reprojection error with outlier rejection
+(`mocapella.geometry.triangulation`), or by the weighted linear method (`mocapella.geometry.weighted_linear`).
+"""
 
 from __future__ import annotations
 

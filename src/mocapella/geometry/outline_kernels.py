@@ -175,7 +175,7 @@ def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: in
 
 @njit(cache=True)
 def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
-    """Return the contour edges of a mesh: those between a face with a visible outside and another face or none.
+    """Return the occluding-contour edges of a mesh: between a face with a visible outside and another face or none.
 
     Args:
         faces: (k, 3) corners.

@@ -1,4 +1,7 @@
-"""Kernels that rasterise triangles: the visible triangle at each sample of an image. Importing this imports numba."""
+"""Kernels that rasterise triangles: the visible triangle at each sample of an image. Importing this imports numba.
+
+A z-buffer: of the triangles that cover a sample, the one with the greatest inverse depth is visible.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations

@@ -74,7 +74,7 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
     """Return the reprojection error (du, dv) of a world point in view n: measured minus projected [px].
 
     Args:
-        views, n: the cameras, and the index of one.
+        views, n: (views, 25) the cameras, and the index of one.
         X, Y, Z: the point [m].
         u, v: its measured pixel [px].
 
@@ -591,7 +591,7 @@ def triangulate(
 def nothing(
     i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
 ) -> None:
-    """Write NaN, no used view and the state into row i of the results of `triangulate`.
+    """Write a failure into row i of the results of `triangulate`: NaN, no used view, and the reason.
 
     Args:
         i: index of the point.
