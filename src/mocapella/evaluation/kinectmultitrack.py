@@ -1,4 +1,9 @@
-"""Scores methods on the logs of the KinectMultiTrack studies: ``mocapella lab evaluate kinectmultitrack``."""
+"""Scores methods on the logs of the KinectMultiTrack studies: ``mocapella lab evaluate kinectmultitrack``.
+
+Scores without ground truth: how far two sensors' views of one person are apart after a method's alignment (Δx, Δy, Δz,
+Δd), quality metrics of the fused skeleton, and identity switches at labelled crossings. Estimates are causal
+(`causal_run`).
+"""
 
 from __future__ import annotations
 
@@ -60,7 +65,7 @@ _FIRST: Final = (
 
 
 class Output(Protocol):
-    """A method's output for one session, ready to be scored."""
+    """Interface of one method's output for one study log: aligned views, fused skeletons and people's positions."""
 
     @property
     def wander_m_per_min(self) -> float:
@@ -237,7 +242,7 @@ def _from_front(session: StudySession, turn: float) -> float:
 
 
 class Tally:
-    """Collects the results of one method over all sessions so far.
+    """Accumulates the scores of one method over study logs: distances of views, fused skeletons and identities.
 
     Attributes:
         scored: scored pairs of each session, by scoring (a row of the tables) and placement.

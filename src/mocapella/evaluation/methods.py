@@ -1,4 +1,8 @@
-"""Methods that can be scored."""
+"""Methods that can be scored.
+
+A method is a key of `mocapella.tracker.METHODS` whose tracker has the interface
+`mocapella.evaluation.protocol.ScoredTracker`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Compares triangulated points with the results of Caliscope and Pose2Sim from the same detections."""
+"""Compares triangulated points with the results of Caliscope and Pose2Sim from the same detections.
+
+The detections are 2D keypoints of sample recordings; equal inputs make the programs' triangulations comparable.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures how well one camera alone determines a body, with the penalty on jitter and without.
+"""Measures how well one camera alone determines a body, with the smoothness prior (penalty on jitter) and without.
 
 Rotations out of the image plane, and the body's distance, hardly move an outline: in these directions the outlines'
 equations are nearly singular (C. Bregler, J. Malik, "Tracking people with twists and exponential maps", CVPR 1998,
@@ -152,9 +152,10 @@ def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
 
 
 def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: SilhouetteSettings, fps: float) -> Float64:
-    """Compute the uncertainty of a pose's directions in a frame with exact outlines, by the tracker's own weights.
+    """Compute how observable a pose is: the uncertainty of its principal directions, from exact outlines in one frame.
 
-    The directions are the eigenvectors of the normal equations, with a metre for a radian.
+    The directions are the eigenvectors of the normal matrix with the tracker's weights, with a metre for a radian; a
+    standard deviation is 1/√eigenvalue.
 
     Args:
         mesh: the body's mesh.
@@ -188,7 +189,7 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
 
 
 def median_freedoms(true: Movement, rig: CameraRig, settings: SilhouetteSettings) -> Float64:
-    """Return the `freedoms` (dofs,): the median over `ASKED` frames of a movement.
+    """Return the standard deviations (dofs,) of `freedoms` [m, rad], each the median over `ASKED` frames of a movement.
 
     ``true`` is the true movement; ``rig`` and ``settings`` are as in `freedoms`.
     """
