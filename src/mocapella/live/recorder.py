@@ -37,7 +37,7 @@ class NodeState(NamedTuple):
     """State of a node's frames at the last commit.
 
     Attributes:
-        agreed: whether the first number is known.
+        agreed: whether the number of the take's first frame of this node is known.
         stored: every frame below this number that belongs to the take and exists is on the disk.
         after: number after the last frame known to exist.
         end: number after the last frame that belongs to the take; None if it is not known yet.
@@ -181,7 +181,10 @@ class Recorder:
         self._queue.put(partial(self._attempt, "account of a node", work))
 
     def believes(self, node: NodeKey, after: int) -> bool:
-        """Whether a node can have sent all frames below ``after``; if not, say so once."""
+        """Whether it is plausible that a node has sent all frames below ``after``; if not, report it once.
+
+        A number that is too high would make the take count frames as lost that never existed.
+        """
         try:
             self._leaps.check(node, after, time.monotonic_ns())
         except WireError as error:

@@ -44,10 +44,10 @@ class LeapGuard:
         self._newest: dict[NodeKey, tuple[int, int]] = {}
 
     def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
-        """Check a number that arrived; a node's first one may be any.
+        """Check the plausibility of a node's sequence number, and remember it; the first one may be any.
 
         Raises:
-            WireError: as in `check_leap`.
+            WireError: so many frames cannot have been skipped since the last number.
         """
         newest, newest_ns = self._newest.get(node, (sequence, arrived_ns))
         check_leap(sequence, newest, (arrived_ns - newest_ns) / 1e9)

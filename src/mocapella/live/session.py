@@ -42,7 +42,7 @@ def _waiting(setup: Setup) -> TrackerState:
 
 
 class Session:
-    """A tracker controlled by commands.
+    """A tracker with its setup, controlled by commands: frames in, scenes out, without threads and clocks.
 
     Args:
         setup: the first setup.

@@ -69,7 +69,7 @@ class BodyStatistics:
         self.overlaps: dict[str, BinnedValues] = {}
 
     def add(self, row: FollowedFrame) -> None:
-        """Add a frame."""
+        """Add one frame's result: whether the body is lost, the unused images, and the overlaps by camera."""
         self.frames += 1
         self.lost += row.lost
         self.left_out.update(row.left_out.keys())

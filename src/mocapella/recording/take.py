@@ -96,7 +96,7 @@ class Command:
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame of a take.
+    """A frame of a take: decoded, and as the bytes that the server received, with the time of its arrival.
 
     Attributes:
         log_ns: time at which the server received the frame, on the server's clock.

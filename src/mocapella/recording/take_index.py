@@ -28,7 +28,7 @@ NAMED_AT_MOST: Final = 5
 
 
 class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Position of a message in the files of a take.
+    """Position of a message in the files of a take, by which it is read on demand.
 
     Attributes:
         part: index of the file, from 0.

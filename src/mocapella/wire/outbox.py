@@ -24,7 +24,7 @@ MOST_TAKES: Final = 8
 
 
 class Store(Protocol):
-    """A place on the disk for frames that do not fit into memory; its fake is a dictionary."""
+    """Interface of a place on the disk for frames that do not fit into memory (a spool); its fake is a dictionary."""
 
     def write(self, first: int, frames: Sequence[bytes]) -> None:
         """Store consecutive frames; ``first`` is the first one's number.
@@ -49,7 +49,7 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Hold:
-    """Claim of a take on frames.
+    """A take's claim on a node's frames: they stay available until the take has stored them.
 
     Attributes:
         stored: number of the first frame that is not acknowledged.

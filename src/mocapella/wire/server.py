@@ -131,7 +131,7 @@ class ServerLink:
 
     @property
     def refused(self) -> int:
-        """Number of times that a program with a wrong key has rung."""
+        """Number of refused programs with a wrong key that asked for the reason (`mocapella.wire.doorbell`)."""
         return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
