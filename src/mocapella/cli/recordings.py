@@ -63,7 +63,7 @@ class Replayed:
 
 
 class Recording(Protocol):
-    """A file that can be replayed."""
+    """Interface of a recorded session, a take or a study log: its sensors' frames, and their tracking again."""
 
     @property
     def sensors(self) -> tuple[str, ...]:

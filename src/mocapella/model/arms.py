@@ -65,7 +65,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def joint_states(self) -> UInt8:
-        """(8,) `JointState` of `ARM_JOINTS`."""
+        """(8,) tracking states, `JointState`, of elbow, wrist, palm and fingertips, in the order of `ARM_JOINTS`."""
         return self.states[list(ARM_JOINTS)]
 
 

@@ -116,7 +116,7 @@ AVERAGE: Final = BodyProportions()
 
 @dataclass(frozen=True)
 class Flesh:
-    """Breadths and depths of a body, relative to its height.
+    """Breadths and depths of a body's surface, relative to its height.
 
     Attributes:
         trunk: cross sections from the hips to the shoulders: place along the trunk from 0 to 1, half breadth, half

@@ -215,7 +215,7 @@ class RecordingHealth:
 
 @dataclass(frozen=True)
 class Descriptors:
-    """File descriptors of the server's process: number of open ones, and the largest number."""
+    """File descriptors of the server's process: number of open ones, and the system's limit."""
 
     used: int
     limit: int

@@ -1,4 +1,7 @@
-"""Local cameras and network streams, through `cv2.VideoCapture`."""
+"""Local cameras and network streams, through `cv2.VideoCapture`.
+
+OpenCV chooses the backend of the system, such as V4L2 on Linux.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""One camera's UDP port: choose its sender, and the datagram that becomes a frame."""
+"""One camera's UDP port: choose its sender, and the datagram that becomes a frame.
+
+UDP does not identify a sender, so the first sender with a readable datagram owns the port until it falls silent.
+"""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def splined(
 
 
 def smoothed(values: Float64) -> Float64:
-    """Smooth values (n, …), sampled at `GRID_HZ`, along the first axis with a Gaussian of `SMOOTH_S`."""
+    """Smooth values (n, …), sampled at `GRID_HZ`, along the first axis with a Gaussian of sd `SMOOTH_S` [s]."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(values, SMOOTH_S * GRID_HZ, axis=0, mode="nearest"))

@@ -1,4 +1,7 @@
-"""Compiled kernels of `mocapella.sources.simulate.cloth`; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.cloth`; importing this module imports numba.
+
+Position-based dynamics: a step predicts the particles, then projects them onto distance constraints and out of spheres.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations

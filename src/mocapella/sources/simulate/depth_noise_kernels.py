@@ -45,7 +45,7 @@ class StructuredLightNoise(NamedTuple):
 
 
 class TimeOfFlightNoise(NamedTuple):
-    """The parameters of `TimeOfFlight`, by the same names and in the same units."""
+    """Parameters of a time-of-flight camera's noise, as floats: the fields of `TimeOfFlight`, in the same units."""
 
     least_m: float
     most_m: float

@@ -1,4 +1,7 @@
-"""Motions of people: poses on a periodic time grid, interpolated at any instant."""
+"""Motions of people: poses on a periodic time grid, interpolated at any instant.
+
+A pose is the root's position and a unit direction for each bone, so that interpolation keeps bone lengths.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +93,7 @@ class Ensemble:
 
 
 def together(motions: list[Motion]) -> Ensemble:
-    """Combine motions on the grid of the longest; people with shorter motions then stand still in their first pose."""
+    """Stack motions of several people, padded to the longest: the others then stand still in their first pose."""
     poses = max(len(motion) for motion in motions)
     padded = [motion.padded(poses) for motion in motions]
     return Ensemble(

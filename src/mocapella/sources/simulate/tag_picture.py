@@ -1,4 +1,7 @@
-"""Render square tags into an image of linear light, as ground truth for tag detectors."""
+"""Render square tags into an image of linear light, as ground truth for tag detectors.
+
+A tag is a textured square in space; it is projected through the lens with sub-pixel sampling.
+"""
 
 from __future__ import annotations
 
