@@ -45,7 +45,7 @@ class OneCamera:
     """A camera estimated from its own views alone.
 
     Attributes:
-        lens: (9,), see `geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_board: (4, 4) for each view, in order.
         sigma_px: standard deviation of a corner's coordinate [px].
         covariance: (9, 9) of the lens; 0 if it was given.

@@ -98,7 +98,7 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
 
 
 def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
-    """Compute the variation of bone lengths, as in `BoneLengthVariation`.
+    """Return the median over the hands' bones of the coefficient of variation of a bone's length.
 
     Args:
         points: (frames, points, 3) [m]; frames without a bone do not count for that bone.

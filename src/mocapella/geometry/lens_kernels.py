@@ -50,10 +50,12 @@ def distort(
 def undistorted(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Undistort normalised image coordinates as `undistort` does.
+    """Undistort normalised image coordinates by Newton's method, and return the distortion's derivatives there.
 
     Args:
-        u, v, k1, k2, p1, p2, k3, farthest_r2: as in `undistort`.
+        u, v: distorted x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
+        farthest_r2: squared radius of the lens model; 0 for no limit.
 
     Returns:
         x and y, NaN where there are none within the lens model; then the three derivatives that `distort` returns.
@@ -131,10 +133,10 @@ def undistort(
 
 @njit(cache=True)
 def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Float64) -> None:
-    """Undistort pixels to viewing directions, as `lens.undistort` does.
+    """Undistort pixels to viewing directions, by Newton's method; the compiled `lens.undistort`.
 
     Args:
-        lens: (9,), see `lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         farthest_r2: of `lens.farthest_r2`.
         pixels: (n, 2) [px].
         out: (n, 2) written: x/z and y/z; NaN outside the range of the distortion model.

@@ -36,7 +36,8 @@ def see(
     Args:
         vertices: (n, 3) in the world [m].
         T_camera_world: (4, 4) extrinsics.
-        lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
+        lens, farthest_r2: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3; and the squared radius up to which its distortion is
+            one-to-one, of `lens.farthest_r2`.
         pixels: (n, 2) written, x, y [px]; 0 where the depth is 0.
         depth: (n,) written: along the camera's axis [m]; 0 where a vertex is nearer than `NEAREST_M` or outside the
             range of the distortion model.

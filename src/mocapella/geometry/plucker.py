@@ -51,7 +51,7 @@ def camera_rays(pixels: Any, lens: Float64, T_camera_world: Float64) -> Float64:
 
     Args:
         pixels: (..., 2) [px].
-        lens: (9,), see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
 
     Returns:

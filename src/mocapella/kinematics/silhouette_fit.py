@@ -89,7 +89,7 @@ class Eye(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         size_px: (width, height) of the image.
-        lens: (9,), see `geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         farthest_r2: `geometry.lens.farthest_r2` of the lens.
         T_camera_world: (4, 4) extrinsics.
     """

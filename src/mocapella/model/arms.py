@@ -86,7 +86,7 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         size_px: (width, height) of the depth image.
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         method: name of the detector.
         arms: the arms, in the order of their ids.
         reason: as in `SeenArms`.

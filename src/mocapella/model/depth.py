@@ -26,7 +26,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         depth: (height, width) uint16 distance along the optical axis in units; 0 where nothing was measured.
         unit_m: length of a unit [m].
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
     """
 
     depth: UInt16

@@ -172,10 +172,11 @@ class BackgroundMemory:
         It is 1 for an image that is much noisier than the first one. Nothing is learnt.
 
         Args:
-            image, person: as in `update`.
+            image: (height, width) or (height, width, 3) uint8.
+            person: window about a person, which is left out; None: no person is in the image.
 
         Raises:
-            InputError: as of `update`.
+            InputError: an image of another size than the first, or a window that is not aligned.
         """
         image, (left, top), phi = self._door(image, person)
         differ, known, noise = self._compared(image, phi, left, top)
@@ -221,7 +222,7 @@ class BackgroundMemory:
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """Return the foreground score (n,), as of `strange`, at pixels x, y (n, 2) of an image [px]; 0 outside it.
+        """Return the foreground score (n,), −1 (background) to 1, at pixels x, y (n, 2) of an image [px]; 0 outside it.
 
         The sample nearest to a pixel is scored.
 

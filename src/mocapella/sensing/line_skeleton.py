@@ -158,7 +158,7 @@ class LineSkeleton:
         Stages that were not reached are omitted. The detector's state does not change.
 
         Raises:
-            SettingsError: as of `look`.
+            SettingsError: the image has another size than the camera's.
         """
         from mocapella.sensing.line_skeleton_sheet import pictures
 

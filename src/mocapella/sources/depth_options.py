@@ -101,7 +101,7 @@ def parse_unit(text: str | None) -> tuple[float | None, bool]:
 
 
 def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
-    """Complete 3, 4 or 9 numbers to the nine of a lens, see `mocapella.geometry.lens`.
+    """Complete 3, 4 or 9 numbers to intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     F,CX,CY is short for F,F,CX,CY [px]; without distortion coefficients they are 0. None is returned for another count,
     a number that is not finite, or a focal length of 0 or less.
@@ -115,7 +115,7 @@ def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
 
 
 def parse_lens(text: str | None) -> tuple[float, ...] | None:
-    """Parse the option ``--intrinsics``, such as ``476,313.7,242.8``, as `lens_of` does; None gives None.
+    """Parse the option ``--intrinsics``, such as ``476,313.7,242.8`` (F,CX,CY), to nine numbers; None gives None.
 
     Raises:
         SettingsError: the text is no lens.

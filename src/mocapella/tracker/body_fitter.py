@@ -81,8 +81,8 @@ class BodyFitter:
     Attributes:
         settings: the settings of every stage.
         mesh: the body's mesh.
-        body: the mesh with precomputed values.
-        eyes: the rig's cameras with precomputed values, by name.
+        body: the mesh, with values for rendering and collisions that all frames share.
+        eyes: intrinsics and extrinsics of the rig's cameras as arrays for rendering, by name.
     """
 
     def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:

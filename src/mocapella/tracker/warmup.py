@@ -32,7 +32,7 @@ def warm_up(method: str) -> None:
 
 
 def is_compiled(method: str) -> bool:
-    """Load a method's kernels as `warm_up` does, but compile none.
+    """Load a method's compiled kernels from the cache on disk, but compile none.
 
     Returns:
         Whether all of them were compiled on disk (or there are none), so that `warm_up` has nothing left to do.

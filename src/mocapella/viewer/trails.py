@@ -140,7 +140,7 @@ class Trails:
 def trail_lines(
     trails: Trails, shown: TrailChoice, room: RoomView, until_s: float = np.inf
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return the trails on the ROOM stage as line segments, see `Trails.lines`.
+    """Return people's recent paths on the ROOM stage as line segments that fade with age.
 
     Args:
         trails: recorded positions.

@@ -139,7 +139,7 @@ def overlaps(limbs: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def limit(angles: Float64, hand: HandGeometry) -> None:
-    """Clamp angles (21,) [rad] to the joint limits, in place, as `HandModel.limited` does."""
+    """Clamp angles (21,) [rad] to the joint limits, in place, towards the centres of their cones and ranges."""
     which, cones, limits = hand.which, hand.cones, hand.limits
     for i in range(len(angles)):
         angles[i] = min(max(angles[i], limits[i, 0]), limits[i, 1])

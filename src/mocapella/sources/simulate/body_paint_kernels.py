@@ -33,7 +33,7 @@ class PaintedSurface(NamedTuple):
         seen: (n, 3) projected vertices, see `raster_kernels.project`.
         triangles: (m, 3) indices of vertices.
         vertices, normals: (n, 3) in the world frame [m].
-        baked: (m, k, k, 4) of `bake`.
+        baked: (m, k, k, 4) reflectance (red, green, blue) and gloss on a grid over each triangle, of `bake`.
     """
 
     seen: Float64

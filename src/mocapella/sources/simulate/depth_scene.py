@@ -161,7 +161,7 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
         at_s: time of the image since the scene's start [s].
         depth: (height, width) uint16 distance along the optical axis in units; 0 without a measurement.
         unit_m: length of a unit [m].
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
     """
 
     at_s: float

@@ -64,9 +64,9 @@ class Ensemble:
     """The motions of several people on one time grid.
 
     Attributes:
-        root: (poses, people, 3), as in `Motion`, world [m].
-        directions: (poses, people, 25, 3), as in `Motion`.
-        lengths, radii: (people, 25), as in `Motion` [m].
+        root: (poses, people, 3) positions of the root joint, world [m].
+        directions: (poses, people, 25, 3) unit vectors along the bones, world.
+        lengths, radii: (people, 25) of the bones and of the capsules around them [m].
     """
 
     root: Float64
