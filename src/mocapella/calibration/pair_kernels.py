@@ -201,6 +201,9 @@ def add_bodies(
 def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
     """Update the pair with the newest frame of a that b's frames surround in time; return whether there was one.
 
+    One step of the online calibration of two sensors: joints of b are interpolated at the capture time of the frame of
+    a; the correspondences then update the relative pose and clock offset. At most one frame per ``every_s``.
+
     Args:
         pair: state, updated in place.
         a, b: the body's newest frames in both sensors.

@@ -83,7 +83,7 @@ class Output(Protocol):
         """
 
     def yaw(self) -> float:
-        """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
+        """Return the estimated yaw from the front to the side sensor before the exercise Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].

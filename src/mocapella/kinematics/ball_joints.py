@@ -96,7 +96,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
     axes: Float64
 
     def into(self, pose: TreePose) -> TreePose:
-        """Convert a pose of the body's tree to the local tree; its angles are new, its root's motion is shared."""
+        """Convert a pose of the body's tree to the tree whose rest pose is the present pose; the root is shared."""
         angles = np.array(pose.angles, np.float64)
         _kernels().into(self.balls.first, self.balls.axes, self.turned, self.axes, angles)
         return TreePose(pose.T_world_model, angles)

@@ -200,7 +200,7 @@ class Fabrik(_Iterative):
 
 
 class JacobianTranspose(_Iterative):
-    """Solver by gradient descent, with the step length that is optimal for linear motion of the tip (Buss, section 3).
+    """Solver by gradient descent, with the step length that is optimal for linear motion of the tip (Buss 2004, §3).
 
     Args:
         model: the hand's joints and limits.
@@ -212,7 +212,7 @@ class JacobianTranspose(_Iterative):
 
 
 class PseudoInverse(_Iterative):
-    """Solver by Gauss–Newton steps with the Moore–Penrose inverse of the Jacobian (Buss, section 4).
+    """Solver by Gauss–Newton steps with the Moore–Penrose inverse of the Jacobian (Buss 2004, §4).
 
     Args:
         model: the hand's joints and limits.
@@ -224,7 +224,7 @@ class PseudoInverse(_Iterative):
 
 
 class DampedLeastSquares(_Iterative):
-    """Solver by Levenberg–Marquardt steps of constant damping, short near singular poses (Buss, section 5).
+    """Solver by Levenberg–Marquardt steps of constant damping, short near singular poses (Buss 2004, §5).
 
     Args:
         model: the hand's joints and limits.

@@ -65,6 +65,9 @@ class Looked:
 class LineSkeleton:
     """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`.
 
+    The outline is segmented by depth, thinned to straight lines, and the joints are placed along them; the detector is
+    a baseline without a hand model.
+
     The arm is always reported as a right one, with certainty 0.5.
 
     Args:

@@ -64,6 +64,9 @@ class ArmsSettings:
 class ArmsTracker:
     """Tracker of the method ``arms``.
 
+    Associates the arms that detectors find in each camera's depth images with tracks, and fuses each track's views.
+    Cameras without a pose are calibrated from arms that they see together with calibrated ones.
+
     Args:
         settings: the settings of every stage; the defaults if None.
         rig: known poses of cameras; if None, the first camera defines the world and arms calibrate the others.

@@ -60,6 +60,9 @@ _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 class SilhouettesTracker:
     """Tracker of the method ``silhouettes``.
 
+    Model-based: fits each body mesh's joint angles to the silhouettes and edges in the synchronised images of all
+    cameras, from a predicted pose; detects when a person leaves and searches for lost ones.
+
     Args:
         bodies: bodies with their initial poses, by name, at least one; a single body may have an empty name.
         rig: the cameras' intrinsics and poses; images of other sizes are rejected.

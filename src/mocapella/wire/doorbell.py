@@ -97,7 +97,7 @@ class Doorbell:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering."""
+        """Stop answering, and end the thread."""
         self._ended.set()
         self._thread.join()
 

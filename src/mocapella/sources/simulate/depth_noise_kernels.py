@@ -25,7 +25,7 @@ _ANGLES = 1024
 
 
 class StructuredLightNoise(NamedTuple):
-    """The parameters of `StructuredLight` by the same names; ``steep0`` and ``steep1`` are its ``steep_deg`` [rad]."""
+    """Fields of `StructuredLight` for the compiled kernels; ``steep0``, ``steep1``: its ``steep_deg`` in radians."""
 
     least_m: float
     most_m: float
@@ -155,6 +155,9 @@ def structured_light(
 ) -> None:
     """Simulate the depth image of a structured-light camera.
 
+    Adds Gaussian depth noise (Nguyen et al. 2012), rounds to whole steps of 1/z, displaces edges, and leaves holes in
+    the projector's shadow, at edges and at grazing angles; sources: `mocapella.sources.simulate.depth_noise`.
+
     Args:
         depth: (h, w) float32 [m], infinite without a surface.
         slope: (h, w) float32 cosine of the angle of incidence.
@@ -231,6 +234,9 @@ def time_of_flight(
     depth: Float32, slope: Float32, key: np.uint64, noise: TimeOfFlightNoise, unit_m: float, out: UInt16
 ) -> None:
     """Simulate the depth image of a time-of-flight camera.
+
+    Adds depth noise inverse to the amplitude, mixes the phasors of two surfaces at edges (flying pixels), and adds the
+    periodic error of the light's odd harmonics; sources: `mocapella.sources.simulate.depth_noise`.
 
     Args:
         depth, slope, key, unit_m, out: as in `structured_light`.
