@@ -132,7 +132,7 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
         motion_s: duration of shared motion so far [s].
         samples: number of independent samples in memory.
         residual: mean distance between the two views' joints [m].
-        offset: offset of b's clock against a's; 0 while it is not known.
+        offset: offset of b's clock against a's, with its standard deviation [s]; 0 while it is not known.
         offset_now: most likely value of that offset, known or not.
         problem: why the estimate is not trusted yet, and its remedy; empty if it is trusted.
     """

@@ -83,7 +83,7 @@ class Output(Protocol):
         """
 
     def yaw(self) -> float:
-        """Return the estimated yaw from the front to the side sensor before the exercise Walk [rad]; NaN if unknown."""
+        """Return the yaw between front and side sensor, as estimated before the exercise Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
@@ -177,7 +177,7 @@ class AsRun:
 
     @property
     def whole(self) -> CausalRun:
-        """The run over all frames of the session."""
+        """The causal run (each frame with earlier ones only) over all frames of the session."""
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:

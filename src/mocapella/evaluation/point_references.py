@@ -53,9 +53,9 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
     """Median over the bones of both hands of the coefficient of variation of a bone's length.
 
     Attributes:
-        ours: variation of all our points.
-        reference: variation of all points of the reference.
-        reference_where_ours: variation of the points of the reference that we have, too.
+        ours: coefficient (standard deviation over mean) of all our points.
+        reference: that of all points of the reference.
+        reference_where_ours: that of the points of the reference that we have, too.
     """
 
     ours: float

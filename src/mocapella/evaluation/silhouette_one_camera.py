@@ -59,7 +59,8 @@ class OneCameraRow(msgspec.Struct, frozen=True):
         across_mm, across_p95_mm: median and 95th percentile of their errors perpendicular to the axis [mm].
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
         away: share of frames in which the fitted body is off the person.
-        free: standard deviation of the least certain direction, see `freedoms`; median over frames.
+        free: standard deviation of the pose's least certain direction (eigenvector of the normal matrix), with 1 m
+            counted as 1 rad; median over frames.
         outlines: that standard deviation from the outlines alone, without the weak prior of the resting pose.
         outlines_of_many: that of ``outlines`` with four cameras.
     """

@@ -35,7 +35,8 @@ class TracksSettings:
     """Parameters of the triangulation.
 
     Attributes:
-        method: one of `METHODS`.
+        method: ``robust`` (nonlinear least squares, cameras that disagree are rejected), ``weighted-linear`` or
+            ``linear`` (DLT, weighted by confidence); see `METHODS`.
         sd_px: for the method robust: standard deviation of a coordinate of a detection with confidence 1; for others it
             is divided by the square root of the confidence [px].
         gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see

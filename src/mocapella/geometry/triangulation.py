@@ -68,7 +68,7 @@ class Views(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         numbers: (views, 25): lens (9), `lens.farthest_r2`, R_camera_world by rows (9), translation of T_camera_world
-            (3), camera centre in the world (3).
+            (3) [m], camera centre in the world (3) [m].
     """
 
     numbers: Float64

@@ -132,9 +132,9 @@ class ArmEvidence(NamedTuple):
     """Measurements of one depth image, in the camera frame [m].
 
     Attributes:
-        points: (m, 3) points of the arm's surface.
+        points: (m, 3) points of the arm's surface [m].
         weights: (m,) weights of the points, 0 to 1.
-        front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured.
+        front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured [m].
         opposite: (h, w) int64, in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
             nearest pixel off the arm for an arm pixel; −1 for none.
         lens: (4,) fx, fy, cx, cy of these pixels [px].

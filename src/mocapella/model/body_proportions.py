@@ -124,7 +124,7 @@ class Flesh:
         thigh: cross sections from joint to joint: place from 0 to 1, radius, shift forwards, and additional depth.
         shank: cross sections: place from 0 to 1, radius, and shift forwards.
         upper_arm, forearm: cross sections: place from 0 to 1, radius, and shift towards the thumb.
-        neck, jaw, breasts, buttocks: radii.
+        neck, jaw, breasts, buttocks: radii there, divided by the height.
     """
 
     trunk: tuple[tuple[float, float, float, float], ...]

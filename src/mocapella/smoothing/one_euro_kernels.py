@@ -54,7 +54,7 @@ def smooth(
     Args:
         positions, velocities: (points, dimensions) the filter's state [m], [m/s], or in pixels; updated.
         seen_s: (points,) capture time of each point's last measurement, −inf for none [s]; updated.
-        measured: (points, dimensions) measurements; a point with a NaN coordinate is not seen.
+        measured: (points, dimensions) measurements in the same unit; a point with a NaN coordinate is not seen.
         at_s: capture time of the measurements [s].
         min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
     """
