@@ -169,7 +169,9 @@ class PairCalibration:
     Attributes:
         settings: the settings.
         T_a_b: (4, 4) the present estimate; NaN before there is one.
-        moments, scatter, scalars, clock: see `pair_memory` and `geometry.alignment`.
+        moments, scatter: weighted sums over joint correspondences, from which the pose (`geometry.alignment`) and its
+            covariance follow.
+        scalars, clock: other state, and the sums for the clock offset, by the indices of `pair_memory`.
         bodies: state of each pair of bodies, see `pair_memory`, by the key given to `update`.
         mirrored_at_first: whether b's left and right start swapped for a new pair of bodies.
     """

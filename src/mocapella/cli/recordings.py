@@ -153,7 +153,8 @@ def open_take(file: Path) -> Take:
     """Read a take, found as by `find_recording`; repeated calls return the same value, which skips damaged entries.
 
     Raises:
-        InputError, SchemaVersionError: as in `read_take`.
+        InputError: the file is missing, empty, or no take; or nothing in it is readable.
+        SchemaVersionError: the take was made with another message schema.
     """
     found = find_recording(file).absolute()
     is_now = found.stat()

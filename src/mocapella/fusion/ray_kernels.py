@@ -100,7 +100,7 @@ def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) ->
         memory: updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         q: acceleration density, as in `predict` [m²/s³].
-        gate2: as in `correct`.
+        gate2: largest squared Mahalanobis distance of the innovation.
     """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
@@ -232,7 +232,7 @@ def follow(
         memory: the observations; only its ``used_s`` is updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         q: acceleration density, as in `predict` [m²/s³].
-        gate2: as in `correct`.
+        gate2: largest squared Mahalanobis distance of the innovation.
     """
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     used_s = memory.used_s

@@ -152,7 +152,8 @@ class ArmPrior(NamedTuple):
 
     Attributes:
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
-        pose, certainty, v, information: as in `Expected`.
+        pose, certainty: predicted pose, and inverse variances (6 + n,) about it.
+        v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
     mean: Float64

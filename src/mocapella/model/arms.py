@@ -89,7 +89,7 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         method: name of the detector.
         arms: the arms, in the order of their ids.
-        reason: as in `SeenArms`.
+        reason: why no arm was detected; empty otherwise.
     """
 
     size_px: tuple[int, int]

@@ -229,7 +229,7 @@ def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProport
     Args:
         joints: positions [m], (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
             seen. Other names are ignored.
-        girth: see `BodyProportions`.
+        girth: breadths and depths, relative to the average for the height; 0.75 to 1.5.
 
     Raises:
         SettingsError: arrays of other shapes, no visible segment, or an implausible length.

@@ -68,7 +68,8 @@ def depth_frame(
         unit_m: length of a unit [m].
         lens: (4,) fx, fy, cx, cy [px], for a lens without distortion, or (9,) of `mocapella.geometry.lens`.
         time_ns: capture time, on the camera's own clock.
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
 
     Raises:
         SettingsError: a depth that is not a uint16 image, or an impossible unit or lens.

@@ -199,7 +199,8 @@ def run_from_metadata(values: dict[str, str], file: str) -> Run | None:
     """Decode the values that `run_metadata` made; return None if the checksum is wrong.
 
     Raises:
-        SchemaVersionError, DamagedTakeError: as in `decode_run`.
+        SchemaVersionError: the take was made with another message schema; names both versions.
+        DamagedTakeError: the record is no description of a run.
     """
     text = values.get("run", "").encode()
     return decode_run(text, file) if values.get("crc32") == f"{zlib.crc32(text):08x}" else None

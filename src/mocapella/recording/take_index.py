@@ -131,7 +131,8 @@ class TakeIndex:
         Raises:
             OSError: the file cannot be read.
             InputError: a chunk is compressed.
-            SchemaVersionError, DamagedTakeError: as in `mocapella.recording.take.decode_run`.
+            SchemaVersionError: the take was made with another message schema; names both versions.
+            DamagedTakeError: its description of a run is invalid.
         """
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size

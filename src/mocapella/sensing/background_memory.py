@@ -212,7 +212,7 @@ class BackgroundMemory:
             (rows, columns) float32.
 
         Raises:
-            InputError: as of `update`.
+            InputError: the image has another size than the first, or the window is not aligned.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)

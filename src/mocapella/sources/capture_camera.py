@@ -44,7 +44,8 @@ class CaptureCamera:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: as in `PictureSource`; ``times`` changes when the driver's stamps are no longer used.
+        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+            capture times in words; ``times`` changes when the driver's stamps are no longer used.
     """
 
     live = True

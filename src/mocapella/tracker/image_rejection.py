@@ -67,7 +67,9 @@ def hides_the_body(
 
     Args:
         cameras: the cameras whose images were segmented, by name.
-        left_out, settings, time_ns: see `shows_another_scene`.
+        left_out: reasons for the cameras whose images were rejected before, by name.
+        settings: settings of the tracker.
+        time_ns: capture time, on the common clock.
     """
     common = {name: camera.seen().overlap for name, camera in cameras.items()}
     poor = {name for name, camera in cameras.items() if common[name] < camera.covers.least()}

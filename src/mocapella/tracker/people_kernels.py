@@ -394,7 +394,8 @@ def smooth_people(
             (people, joints) [s]: state of the filters, updated.
         measured: (bodies, joints, 3) fused views [m]; NaN where no view has the joint.
         at_s: newest capture time so far, on the common clock [s].
-        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `mocapella.smoothing.one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: cutoff at rest [Hz], its increase per speed
+            [Hz/(m/s)], cutoff of the velocity's low pass [Hz], and gap that restarts the filter [s].
         view_age_s: joints that were measured within this time are copied [s].
         steady: (people, joints, 3) written where copied [m].
     """

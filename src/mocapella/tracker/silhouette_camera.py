@@ -79,7 +79,7 @@ class SilhouetteCamera:
         settings: settings of the tracker.
 
     Attributes:
-        step_px: see above.
+        step_px: the stride [px].
         background: model of the background; None for moving cameras.
         wide: whether to search farther from the outline, for a rough pose; set by the fitter.
         usually: adaptive threshold for the share of changed background, see `unlike`.

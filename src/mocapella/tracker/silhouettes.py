@@ -73,7 +73,7 @@ class SilhouettesTracker:
         waiting: whether the room is empty at first: bodies count as lost, and are searched, until they are seen.
 
     Attributes:
-        bodies, rig: see above.
+        bodies, rig: as given.
         seen: the last frame with its fits; None before the first.
 
     Raises:

@@ -239,7 +239,11 @@ def time_of_flight(
     periodic error of the light's odd harmonics; sources: `mocapella.sources.simulate.depth_noise`.
 
     Args:
-        depth, slope, key, unit_m, out: as in `structured_light`.
+        depth: (h, w) float32 [m], infinite without a surface.
+        slope: (h, w) float32 cosine of the angle of incidence.
+        key: key of the image's random numbers.
+        unit_m: length of a unit of the image [m].
+        out: (h, w) uint16 depth in units, written; 0 where nothing is measured.
         noise: the camera's parameters.
     """
     h, w = depth.shape

@@ -91,7 +91,7 @@ class RenderedRecording:
 
     Attributes:
         scene: as given.
-        name, state, count: as in `DepthRecording`.
+        name, state, count: name of the recording, the camera's parameters, and number of images.
         fps: frame rate [Hz].
     """
 
