@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.association.tracks` and `jumps`, in place; importing this module imports numba.
 
+They compute the gated costs of assigning bodies to tracks (global nearest neighbour), update the tracks after the
+assignment, and reject bodies that jump.
+
 See `mocapella.association.tracks.TrackMemory` for the arrays: a row for each track, a column for each sensor.
 """
 

@@ -1,5 +1,8 @@
 """Compiled step of `mocapella.calibration.pair_calibration`; importing this module imports numba.
 
+The step updates the extrinsics and the clock offset of two sensors by the joints of one frame: rigid alignment by
+fading moments (Horn), robust weights, and a test whether left and right are swapped.
+
 State is in arrays, whose elements the constants of `pair_memory` name. Times are seconds on the common clock.
 """
 

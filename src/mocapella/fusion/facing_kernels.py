@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.fusion.facing`; importing this module imports numba.
 
+A histogram (Bayes) filter over a person's facing: prediction by a constant turning rate, and update by log-likelihoods
+of yaw, body shape and walking direction.
+
 `mocapella.fusion.facing_training` computes the same in numpy for many frames at once, and tests compare the two. The
 learnt model comes as `mocapella.fusion.facing.FacingTables`; angles are radians.
 """
@@ -150,7 +153,7 @@ def circular_sd(p: Float64, tables: Float64) -> float:
 
 @njit(cache=True)
 def reported_yaw(positions: Float64, across: Int64) -> float:
-    """Return the yaw that a body's labels imply [rad], see `mocapella.fusion.facing_shape.view_of`; NaN if unknown.
+    """Return the yaw of the body that the left and right labels of its joints imply [rad]; NaN if unknown.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.

@@ -1,4 +1,8 @@
-"""Compiled regression of the joint bias, see `mocapella.fusion.joint_bias`; importing this module imports numba."""
+"""Compiled regression of the joint bias, see `mocapella.fusion.joint_bias`; importing this module imports numba.
+
+It evaluates the learnt harmonic series in the facing, linear in its coefficients, and computes the correction to add to
+each joint of a view.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations

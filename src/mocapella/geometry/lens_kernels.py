@@ -1,5 +1,7 @@
 """The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba.
 
+Brown's model: radial (k1 k2 k3) and tangential (p1 p2) distortion; undistortion by iteration.
+
 Arguments k1 to k3, p1 and p2 are the distortion coefficients. ``farthest_r2`` is the squared radius of the model, see
 `lens.farthest_r2`; 0 for no limit. Coordinates (x, y) are x/z and y/z in the camera frame, (u, v) the same distorted.
 """

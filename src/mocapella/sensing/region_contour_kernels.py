@@ -1,5 +1,8 @@
 """Kernels of the iteration of `mocapella.sensing.region_contour`; importing this module imports numba.
 
+Iterative thresholding: local densities on both sides of the contour and the samples' sides are updated in turn, so that
+the energy of `region_contour` falls.
+
 A block is ``size`` consecutive samples of a row. The band is the samples near the prior's contour, which may change
 sides. All samples of the blocks that it touches are evaluated at once, and again only where something has changed.
 """

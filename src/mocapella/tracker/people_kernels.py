@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.tracker.people`, in place; importing this module imports numba.
 
+They fuse the sensors' newest views of each person's joints (inverse variance weighting), and filter each joint: a
+constant-velocity Kalman filter, then the 1-euro filter, or the articulated body's filter.
+
 See `mocapella.tracker.people_memory` for the arrays; body ``b`` of a frame belongs to the person in row
 ``rows[b]``.
 """
