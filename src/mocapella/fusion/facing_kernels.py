@@ -96,6 +96,8 @@ def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
 def add_turned(total: Float64, first: Float64, second: Float64, part: float, factor: float, by: float) -> None:
     """Add factor · ((1 − part) · first + part · second), rotated by an angle, to a total, in place.
 
+    It interpolates the learnt log-likelihood between two rows (such as two speeds), and shifts it to a person's yaw.
+
     Args:
         total: (BINS,) log-likelihoods, updated.
         first, second: (BINS,) rows of a table.

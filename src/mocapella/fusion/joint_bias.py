@@ -158,7 +158,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
         return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
 
     def without(self, participant: int) -> JointBiasModel:
-        """Return the model learnt without a participant, so that scores of the participant are fair.
+        """Return the model learnt without a participant: leave-one-out, so that scores of the participant are fair.
 
         It is this model itself if the participant was not in its training data.
 
