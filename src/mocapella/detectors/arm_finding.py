@@ -40,7 +40,13 @@ FEW_POINTS: Final = 40
 
 
 class Found(NamedTuple):
-    """A detected arm. The cost, the fit's own plus a penalty for occlusion, ranks detections; the side is a hand's."""
+    """An arm detected by fitting the arm model to a region of the depth image.
+
+    Attributes:
+        cost: the fit's cost plus a penalty for occlusion, 0 or more; it ranks detections.
+        side: side of the hand model that was fitted.
+        fitted: the fit's pose, sizes and costs.
+    """
 
     cost: float
     side: Handedness

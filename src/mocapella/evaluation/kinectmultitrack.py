@@ -221,7 +221,10 @@ class AsRun:
         return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return the position (3,) of SpineBase by person's id at a time since the first frame: `people_of_run`."""
+        """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
+
+        ``at_s`` is the time since the file's first frame [s].
+        """
         return people_of_run(self._run, at_s)
 
 

@@ -338,12 +338,13 @@ def outlined(
         edges: (e, 4) of `outline_edges`.
         by_edges: whether `cover_by_edges` can be used, see `one_way`.
         step, margin: distance between samples, and margin of the window about the mesh [px].
-        given: an earlier result of `window` that is reused, unless it has no columns.
+        given: window (x0, y0, columns, rows) that is reused from an earlier call, unless it has no columns.
         spacing, bones: distance between the outline's points [px], and (n,) part of each vertex, as in `outline`.
 
     Returns:
-        The first sample's x and y [px], the mask (rows, columns) uint8, and at, normals, points, bone and far of
-        `outline`; an empty mask and no points where nothing is visible.
+        The first sample's x and y [px], the mask (rows, columns) uint8, and of the outline (n, 2) points [px], (n, 2)
+        normals [px], (n, 3) positions in the world [m], (n,) parts and (n,) depths [m]; an empty mask and no points
+        where nothing is visible.
     """
     count = len(vertices)
     pixels, depth = np.empty((count, 2)), np.empty(count)

@@ -532,7 +532,7 @@ def triangulate(
     views: Float64, pixels: Float64, sd: Float64, gate: float, least_sin2: float, points: Float64,
     covariances: Float64, residuals: Float64, used: Bool, states: UInt8,
 ) -> None:  # fmt: skip
-    """Triangulate points from their pixels in several views; see `triangulation.triangulate`.
+    """Triangulate points from their pixels in several views: least reprojection error, with rejection of outlier views.
 
     Args:
         views: (views, 25), see the module.
@@ -540,7 +540,8 @@ def triangulate(
         sd: (points, views) standard deviation of a pixel's coordinates [px].
         gate: largest reprojection error of an inlier view, in standard deviations.
         least_sin2: squared sine of the least angle between rays.
-        points, covariances, residuals, used, states: written: the fields of `triangulation.Triangulated`.
+        points, covariances, residuals, used, states: (points, 3) [m], (points, 3, 3) [m²], (points, views) [px],
+            (points, views) inliers and (points,) `PointState`, written.
     """
     count = pixels.shape[1]
     rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
@@ -596,7 +597,7 @@ def nothing(
     Args:
         i: index of the point.
         state: the reason of failure, such as `PARALLEL`.
-        points, covariances, residuals, used, states: fields of `triangulation.Triangulated`; row i is written.
+        points, covariances, residuals, used, states: the results of `triangulate`; row i is written.
     """
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 

@@ -51,11 +51,12 @@ def swept(
     and its overlaps. So dozens of postures cost no more than a step of the fit.
 
     Args:
-        arm, image, pose, parameters: model, measurements, pose, and scales and weights, as in `arm_fit_kernels.system`.
+        arm, image, pose, parameters: the hand's model, the image's measurements, the present pose, and the scales and
+            weights of the cost.
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles' prior.
         digit: index of the digit, 0 for the thumb.
         tries: (k, 5) the digit's angles f, a, m, b, c in each posture [rad]; clamped to the limits in place.
-        out: (k,) written.
+        out: (k,) cost of each posture, written.
     """
     digits, columns, gains = arm.digits, arm.columns, arm.gains
     radii, owners, R, t, z, v = arm.radii, arm.owners, pose.R, pose.t, pose.z, pose.v

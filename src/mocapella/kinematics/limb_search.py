@@ -270,7 +270,9 @@ def search(
     """Search for a pose of the limb by the cross-entropy method; return None if no score is clearly higher than now.
 
     Args:
-        limb, local, places, evidence: as in `worth`.
+        limb, local: the limb, and the local tree of the body's present pose.
+        places: (v, 3) vertices and (c, 2, 3) ends of the body's capsules in that pose, world [m].
+        evidence: foreground scores of the image, one for each camera.
         rng: random generator that draws the poses, and is not used if nothing is searched.
         also_hidden: whether to search also when the images do not contradict the present pose.
         settings: the settings.

@@ -245,7 +245,7 @@ class BackgroundMemory:
         return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """Return (blocks, size) the costs of `Background.costs`, all NaN before an image.
+        """Return (blocks, size) the cost −log p of each sample's value under the background [nats]; NaN where unknown.
 
         Raises:
             InputError: the band's window is not aligned as `update` requires.

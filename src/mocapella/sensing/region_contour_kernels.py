@@ -245,8 +245,9 @@ def settled(
         reach, step: limit of distances [samples], and distance between samples [px].
 
     Returns:
-        Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns)
-        `region_mask_kernels.surety_of` it [nats]; and the energies of `segment`.
+        Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns) evidence of
+            the contour at each sample: mean log-likelihood ratio of its side to the other [nats]; and the energies at
+            the start and after every move, of `segment` [nats × samples].
     """
     phi, inside = band.phi, band.inside
     field, contrast, sure = phi.copy(), np.zeros_like(phi), np.empty_like(phi)

@@ -426,10 +426,12 @@ def report(
         now_s: newest capture time so far, on the common clock [s].
         view_age_s: age of the oldest view in use [s].
         skeletons: the fused skeletons.
-        view_at, view_positions: see `ViewArrays`.
+        view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
+            [m].
 
     Returns:
-        The fields of `mocapella.tracker.people.PeopleResults`, new arrays.
+        (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], (people,
+        sensors, joints, 3) each sensor's view [m], and (people, sensors) whether the view is in use; new arrays.
     """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
