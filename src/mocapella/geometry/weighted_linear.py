@@ -49,7 +49,7 @@ DEFAULT = WeightedLinearSettings()
 def weighted_linear(
     pixels: Any, confidences: Any, lenses: Any, T_camera_world: Any, settings: WeightedLinearSettings = DEFAULT
 ) -> Triangulated:
-    """Triangulate points by the weighted linear method; the result's covariances are NaN.
+    """Triangulate points linearly (DLT) with views weighted by confidence; the result's covariances are NaN.
 
     Args:
         pixels: (..., views, 2) [px]; NaN where the camera does not see the point.

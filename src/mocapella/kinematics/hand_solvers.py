@@ -68,7 +68,11 @@ class HandSolver(Protocol):
 
 
 def digit_rows(model: HandModel, shape: HandShape) -> Float64:
-    """Return the kernels' parameters (5, `DIGIT`) of a hand; a left hand is solved as its mirror image."""
+    """Return the kernels' parameters (5, `DIGIT`) of a hand; a left hand is solved as its mirror image.
+
+    A row has the digit's base and axes in the palm's frame, bone lengths [m] and joint limits [rad]; see
+    `hand_kernels`.
+    """
     k = kernels()
     rows = np.zeros((5, k.DIGIT))
     for i, (row, digit, cone) in enumerate(zip(rows, model.digits, model.cones, strict=True)):

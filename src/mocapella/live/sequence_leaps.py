@@ -38,7 +38,7 @@ def check_leap(sequence: int, last: int, since_s: float) -> None:
 
 
 class LeapGuard:
-    """Remembers the highest sequence number of each node, and when it arrived."""
+    """Refuses frames whose sequence number leaps implausibly far (damaged, forged); keeps each node's highest one."""
 
     def __init__(self) -> None:
         self._newest: dict[NodeKey, tuple[int, int]] = {}
