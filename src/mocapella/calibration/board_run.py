@@ -199,7 +199,7 @@ class BoardRun:
 
     @property
     def report(self) -> BoardRunReport:
-        """Counts of all rounds so far."""
+        """Counts of all rounds of images so far: kept, without the board, still, not simultaneous."""
         several = [of for of in self._rounds if len(of.views) > 1]
         shared = [of for of in several if np.isfinite(of.apart_s)]
         return BoardRunReport(

@@ -82,7 +82,7 @@ class TimeOffset(msgspec.Struct, frozen=True):
 
     @property
     def bound(self) -> float:
-        """Twice the standard deviation [s]."""
+        """Bound of the offset's error: twice its standard deviation [s]."""
         return 2 * self.sd
 
     def __str__(self) -> str:

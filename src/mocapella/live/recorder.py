@@ -203,7 +203,7 @@ class Recorder:
             self._refuse(sensor, "ground truths", _CROWDED_OUT)
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
-        """Write the session's status."""
+        """Write the session's status into the take, with its time on the server's clock [ns]."""
         self._put(0, partial(self._writer.write_status, status, at_ns))
 
     def clock(self, probes: Mapping[str, Any], at_ns: int) -> None:
@@ -211,7 +211,7 @@ class Recorder:
         self._put(0, partial(self._writer.write_clock, probes, at_ns))
 
     def run(self, info: TakeInfo) -> None:
-        """Begin the run of a new tracker."""
+        """Write the beginning of a run: a new tracker with its method and settings."""
         self._put(0, partial(self._writer.start_run, info))
 
     def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:

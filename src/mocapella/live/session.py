@@ -101,7 +101,7 @@ class Session:
         return self._settings_of.get(self.setup.method, {})
 
     def ready(self) -> None:
-        """Allow ``start`` from now on."""
+        """End the wait before the first start: the command ``start`` is accepted from now on."""
         if self._waiting_for:
             self._waiting_for = ""
             self.state = _stopped()

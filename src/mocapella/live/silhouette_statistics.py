@@ -24,7 +24,7 @@ class BinnedValues:
         self._step, self._counts = step, Counter[int]()
 
     def add(self, value: float) -> None:
-        """Add a value."""
+        """Add a value to its bin."""
         self._counts[round(value / self._step)] += 1
 
     def __len__(self) -> int:

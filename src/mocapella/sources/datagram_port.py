@@ -83,7 +83,7 @@ class DatagramPort:
 
     @property
     def report(self) -> PortReport:
-        """The counts so far."""
+        """Counts of received and refused datagrams so far."""
         return PortReport(
             refused={str(problem): count for problem, count in self._refused.items()},
             overflowed=self._counts["overflowed"] + sum(self._overflowed.values()),

@@ -174,7 +174,7 @@ class ArmsTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of used and rejected frames, calibrations and restarts so far."""
         kept = self._steps - self._rejected.total()
         return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
 
@@ -185,7 +185,7 @@ class ArmsTracker:
 
     @property
     def places(self) -> tuple[SensorPlace, ...]:
-        """The cameras' poses, by name."""
+        """Name, pose (4, 4) in the world and uncertainty of each camera."""
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:

@@ -295,7 +295,7 @@ class Usually:
         self._else_since_ns: int | None = None
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state of the adaptive threshold, for `recall`."""
         return [self._mean, self._deviation, self._else_since_ns]
 
     def recall(self, memory: Sequence[Any]) -> None:

@@ -265,7 +265,7 @@ class DepthScene:
 
     @property
     def meshes(self) -> tuple[ArmMesh, ...]:
-        """Meshes of the arms."""
+        """Triangle meshes of the simulated arms."""
         return tuple(actor.mesh for actor in self._actors)
 
     def at(self, at_s: float) -> DepthShot:

@@ -42,7 +42,7 @@ class Motion:
 
     @property
     def duration_ns(self) -> int:
-        """The period [ns]."""
+        """The period after which the motion repeats [ns]."""
         return len(self) * PERIOD_NS
 
     def padded(self, poses: int) -> Motion:
@@ -76,7 +76,7 @@ class Ensemble:
 
     @property
     def duration_ns(self) -> int:
-        """The period [ns]."""
+        """The period after which all motions repeat [ns]."""
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
