@@ -389,6 +389,8 @@ def test_an_unwritable_place_is_refused_before_anything_starts(address: str, tmp
     running = Server(ServerSettings(address, takes=tmp_path / "takes", setup=SETUP))
     session = open_reader(address)
     try:
+        (notice,) = running.status().notices  # before anybody has pressed Record
+        assert f"takes cannot be recorded: {tmp_path / 'takes'} is no folder" in notice
         refused = send_command(session, "record", {"name": "one"})
         assert not refused.ok
         assert not running.status().recording.active

@@ -78,6 +78,19 @@ def test_folders_that_cannot_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
+def test_a_folder_that_can_be_made_and_written_to_has_no_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    assert disk.folder_problem(tmp_path) == disk.folder_problem(tmp_path / "study" / "takes") == ""
+    for path in ("file", "file/takes", "link/takes"):
+        assert disk.folder_problem(tmp_path / path) == f"{tmp_path / path.partition('/')[0]} is no folder"
+    monkeypatch.setattr(os, "access", lambda *_: False)  # the superuser may write anywhere
+    assert disk.folder_problem(tmp_path / "study" / "takes") == f"{tmp_path} cannot be written to"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "link"]
+
+
 def test_too_little_room_is_refused_with_both_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=disk.GIB // 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import struct
 
 import numpy as np
@@ -201,6 +202,8 @@ def test_a_joint_may_have_no_depth_point_and_no_orientation(field: str) -> None:
 @given(st.binary(max_size=400))
 @example(b"\x0a\xff\xff\xff\xff\x7f")  # a field that claims 32 GiB
 @example(b"\x62\xff\xff\xff\xff\x07\0")  # tracking_ids of 2 GiB
+@example(pickle.dumps({"sensor": "front", "sequence": 1}))
+@example(bytes.fromhex("0001000000ffffffff01000000000000000c02000000") + b"\x05Kinect")  # .NET's BinaryFormatter
 @settings(max_examples=300)
 def test_bytes_that_are_not_ours_are_refused(data: bytes) -> None:
     with pytest.raises(WireError):

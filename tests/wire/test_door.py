@@ -7,7 +7,7 @@ import json
 import re
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import msgspec
@@ -518,6 +518,25 @@ def test_nobody_answers_for_a_sensor_that_the_key_does_not_serve(server: OpenSer
             with answering(rogue, key) as asked:
                 assert server.request(LEFT, ALL_LACK) == ([], [])
                 assert asked == []
+
+
+@pytest.mark.parametrize("user", ALL_USERS)
+def test_nobody_but_the_server_hears_commands(server: OpenServer, user: str) -> None:
+    with server.program(OPERATOR) as operator, server.program(user, peer=user.startswith(SENSOR)) as rogue:
+        for key in (keys.of_command("record"), "mocapella/v1/command/**", "**"):
+            with answering(rogue, key) as heard:
+                wait_until("the answer", lambda: asks(operator, keys.of_command("record")) == [b"done"])
+                assert heard == []
+
+
+def test_a_client_gets_in_beside_connections_that_send_nothing(folder: Path) -> None:
+    """More than the bus admits at a time; later it ends them, one after the other, and admits nobody meanwhile."""
+    with open_server_of(session_key("mute")) as server, ExitStack() as stack:
+        port = int(server.address.rpartition(":")[2])
+        for _ in range(150):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60.0))
+        with server.program(READER) as reader:
+            wait_until("the answer", lambda: asks(reader, keys.of_command("status")) == [b"done"])
 
 
 @pytest.mark.parametrize("user", ALL_USERS)

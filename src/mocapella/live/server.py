@@ -40,7 +40,7 @@ from mocapella.live.summary import RunSummary
 from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
-from mocapella.recording.disk import ensure_folder, free_name, next_name, take_path
+from mocapella.recording.disk import ensure_folder, folder_problem, free_name, next_name, take_path
 from mocapella.schema import decode_frame, encode_scene
 from mocapella.supervision import Boundary
 from mocapella.wire.keys import NodeKey
@@ -134,6 +134,8 @@ class Server:
         self._finishing: list[threading.Thread] = []
         with ExitStack() as undo:  # if the construction fails
             undo.callback(self._notices.close)
+            if settings.record is None and (problem := folder_problem(settings.takes)):
+                self._note(f"takes cannot be recorded: {problem}; start with another folder (--set takes=FOLDER)")
             self._link = link or ServerLink(settings.listen, on_nonsense=self._on_nonsense)
             if link is None:
                 undo.callback(self._link.close)

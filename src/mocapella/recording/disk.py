@@ -96,6 +96,14 @@ def ensure_folder(folder: Path) -> None:
         raise RecordingError(f"{folder} cannot be the folder of takes ({error.strerror}); name another") from error
 
 
+def folder_problem(folder: Path) -> str:
+    """Return why no take can be recorded into a folder, which may not exist yet; empty if one can."""
+    there = next((path for path in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(path)), folder)
+    if not os.path.isdir(there):  # noqa: PTH112, for Path.is_dir raises an error where it may not look
+        return f"{there} is no folder"
+    return "" if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written to"
+
+
 def make_private(folder: Path) -> None:
     """Make a folder and its missing parents, accessible to this user only; existing folders are unchanged.
 

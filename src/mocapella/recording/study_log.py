@@ -24,6 +24,7 @@ from mocapella.decoding import text_blocks
 from mocapella.errors import DiskFullError, InputError, RecordingError
 from mocapella.model.names import of_cell
 from mocapella.model.study_log import TITLES, StudyLog, StudyRow
+from mocapella.model.whole_file import usual_mode
 from mocapella.recording import disk
 from mocapella.recording import study_columns as columns
 
@@ -275,7 +276,7 @@ def _write_lines(raw: io.BufferedWriter, compress: bool, lines: Iterator[str]) -
 
 def _publish(temporary: Path, path: Path) -> None:
     """Rename the finished file, unless another file has the name by now."""
-    temporary.chmod(0o644)
+    temporary.chmod(usual_mode())
     try:
         os.link(temporary, path)
     except FileExistsError:
