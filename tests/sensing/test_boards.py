@@ -76,6 +76,17 @@ def test_the_width_of_edges_grows_with_blur() -> None:
     assert np.isnan(edge_width(image, at, np.full(len(at), np.nan)))
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_an_edge_is_measured_in_a_window_with_the_corner_in_its_middle(turns: int) -> None:
+    """An edge at the last pixel of the window, on each side, gives a width; one pixel farther it is not seen."""
+    spacing, reach, middle = 20.0, 8, 30
+    for column, seen in ((middle + reach, True), (middle + reach + 1, False)):
+        image = np.zeros((61, 61), np.uint8)
+        image[:, column:] = 255
+        width = edge_width(np.rot90(image, turns).copy(), np.array([[middle, middle]]), np.array([spacing]))
+        assert np.isfinite(width) == seen
+
+
 @pytest.mark.parametrize(
     ("sought", "shown", "says"),
     [

@@ -12,11 +12,26 @@ from hypothesis import strategies as st
 from support.marker_images import discs, profile, sample
 
 from mocapella.errors import InputError, SettingsError
-from mocapella.sensing.colour_learning import ColourSample, learn_colours
+from mocapella.sensing.colour_learning import _SEED_PX, ColourSample, _seed, learn_colours
 from mocapella.sensing.colour_profile import decode_profile, encode_profile, load_profile, save_profile
 from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, separability
 
 RED, BLUE = (20, 15, 190), (180, 60, 20)
+
+
+@pytest.mark.parametrize("along", [-1, 0, 1])
+@pytest.mark.parametrize("down", [-1, 0, 1])
+def test_the_strongest_colour_about_a_click_is_sought_as_far_on_every_side(along: int, down: int) -> None:
+    x = y = 20
+    for distance, found in ((_SEED_PX, True), (_SEED_PX + 1, False)):
+        at, light = np.zeros((41, 41, 2)), np.zeros((41, 41))
+        at[y, x] = 0.1, 0.0
+        at[y + distance * down, x + distance * along] = 0.4, 0.0
+        light[y + distance * down, x + distance * along] = 9.0
+        if not (along or down):
+            continue
+        colour, luma = _seed(at, light, x, y, strongest=True)
+        assert (float(colour[0]), luma) == ((0.4, 9.0) if found else (0.1, 0.0))
 
 
 def test_the_table_says_what_direct_classification_says() -> None:

@@ -352,6 +352,15 @@ def test_steps_back_by_less_than_the_limit_are_sorted() -> None:
         StudyReplay(Rows().set("skeleton_time_ticks", 4, FRAME_TICKS + 700 - 5_000_001).log())
 
 
+def test_a_file_of_a_day_is_replayed_and_a_longer_one_is_not() -> None:
+    rows = Rows()
+    first, *_, last = at_front(rows).tolist()
+    end = int(rows["skeleton_time_ticks"][first]) + 864_000_000_000
+    assert StudyReplay(Rows().set("skeleton_time_ticks", last, end).log()).sensors == ("front", "side")
+    with pytest.raises(InputError, match="more than a day after"):
+        StudyReplay(Rows().set("skeleton_time_ticks", last, end + 1).log())
+
+
 def test_a_file_without_a_reference() -> None:
     rows = Rows()
     rows["skeleton_id"] = np.ones(8, dtype=int)
