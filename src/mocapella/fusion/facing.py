@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mocapella.fusion.facing_grid import BINS, STEP_S, TURN_RATES, YAWS, turned_on, unknown
 from mocapella.fusion.facing_model import FacingModel, shipped_model
-from mocapella.fusion.facing_shape import MOST_SPREADS, feature_sums, pairs_across
+from mocapella.fusion.facing_shape import FADES_FROM, FADES_TO, MOST_SPREADS, feature_sums, pairs_across
 from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -57,6 +57,8 @@ class FacingSettings:
     motion_weight: float = 0.1
     hysteresis_deg: float = 10.0
     mirrors_from_deg: float = 130.0
+    swap: float = 0.8
+    swap_alone: float = 0.95
 
     def __post_init__(self) -> None:
         for name in ("yaw_weight", "shape_weight", "motion_weight"):
@@ -107,7 +109,8 @@ class FacingWeights(NamedTuple):
 
     Attributes:
         yaw, shape, motion: weights of the log-likelihoods.
-        hysteresis, mirrors_from: thresholds of mirroring [rad].
+        hysteresis, mirrors_from: thresholds of mirroring of views without a yaw [rad].
+        swap, swap_alone: probabilities of wrong labels from which they are swapped.
     """
 
     yaw: float
@@ -115,6 +118,8 @@ class FacingWeights(NamedTuple):
     motion: float
     hysteresis: float
     mirrors_from: float
+    swap: float
+    swap_alone: float
 
 
 class FacingMemory(msgspec.Struct, eq=False):
@@ -202,7 +207,7 @@ class FacingFilter:
         s = self.settings
         self._tables = _tables(self.model, topology)
         angles = math.radians(s.hysteresis_deg), math.radians(s.mirrors_from_deg)
-        self._weights = FacingWeights(float(s.yaw_weight), float(s.shape_weight), float(s.motion_weight), *angles)
+        self._weights = FacingWeights(float(s.yaw_weight), float(s.shape_weight), float(s.motion_weight), *angles, s.swap, s.swap_alone)
         self.reset()
 
     def reset(self) -> None:
@@ -352,7 +357,7 @@ def _tables(model: FacingModel, topology: Topology) -> FacingTables:
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
-    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
+    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS, FADES_FROM, FADES_TO]])
     return FacingTables(tables, across, joints, sums[sums != 0], numbers)
 
 

@@ -32,6 +32,8 @@ In this order: log-likelihoods of yaw, shape and motion; the cosine waves of the
 one row; the cosine and the sine of each bin.
 """
 
+ALONE_S = 0.5
+"""Without evidence from another sensor for this long, a sensor is the only witness [s]."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -134,6 +136,44 @@ def most_likely(p: Float64) -> float:
 
 
 @njit(cache=True)
+def probability_away(p: Float64, yaw: float, tables: Float64) -> float:
+    """Return the probability, by p (BINS,) of sum 1, that the facing is more than 90° from a ``yaw`` [rad].
+
+    ``yaw`` is relative to the first bin; ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine.
+    """
+    away, c, s = 0.0, np.cos(yaw), np.sin(yaw)
+    for i in range(BINS):
+        if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s < 0.0:
+            away += p[i]
+    return away
+
+
+@njit(cache=True)
+def most_likely_near(p: Float64, yaw: float, tables: Float64, near: Float64) -> float:
+    """Return `most_likely` of the facings p (BINS,) within 90° of a ``yaw`` [rad], all from the first bin.
+
+    ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine; ``near`` (≥ BINS,) is workspace.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    for i in range(BINS):
+        near[i] = p[i] if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s >= 0.0 else 0.0
+    angle: float = most_likely(near[:BINS])
+    return angle
+
+
+@njit(cache=True)
+def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
+    """Whether no other sensor has told anything of a person for `ALONE_S`.
+
+    ``told_s`` (1 + sensors,) are times of the last evidence from the motion and from each sensor [s].
+    """
+    for k in range(1, len(told_s)):
+        if k != 1 + sensor and told_s[k] > now - ALONE_S:
+            return False
+    return True
+
+
+@njit(cache=True)
 def circular_sd(p: Float64, tables: Float64) -> float:
     """Return the circular standard deviation of probabilities p (BINS,), whose sum is 1 [rad].
 
@@ -186,15 +226,17 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
     for n in range(len(weights)):
         joint = positions[terms[n, 1]]
         features[terms[n, 0]] += weights[n] * (joint[0] * sin + joint[2] * cos)
-    score, missing = classifier[4 * N], 0
+    most, fades_from, fades_to = classifier[4 * N + 1], classifier[4 * N + 2], classifier[4 * N + 3]
+    score, known = classifier[4 * N], 0.0
     for f in range(N):
         z = (features[f] / length - classifier[f]) / classifier[N + f]
-        if np.isnan(z):
-            missing += 1
+        if not abs(z) < fades_to:  # NaN where a joint is missing
             continue
-        z = min(max(z, -classifier[4 * N + 1]), classifier[4 * N + 1])
-        score += classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0)
-    return score, 1.0 - missing / N
+        told = min(1.0, (fades_to - abs(z)) / (fades_to - fades_from))
+        known += told
+        z = min(max(z, -most), most)
+        score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
+    return score, known / N
 
 
 @njit(cache=True)
@@ -336,11 +378,16 @@ def update(
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)
         yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
-        off, limit = abs(wrap(reported - yaw)), np.pi / 2
-        if np.isnan(off):
-            off, limit = abs(wrap(toward[n] - yaw)), factors.mirrors_from
-        if np.isfinite(off):
-            mirrored[slot, sensor] = off > limit + (-factors.hysteresis if was else factors.hysteresis)
+        if np.isfinite(reported):
+            alone = is_alone(told_s[slot], sensor, now)
+            wrong = probability_away(p[slot], reported - zero, tables)
+            mirrored[slot, sensor] = wrong > (0.5 if was else factors.swap_alone if alone else factors.swap)
+            if alone:
+                used = reported + np.pi if mirrored[slot, sensor] else reported
+                yaw = wrap(most_likely_near(p[slot], used - zero, tables, twice) + zero)
+        elif np.isfinite(toward[n]):
+            off = abs(wrap(toward[n] - yaw))
+            mirrored[slot, sensor] = off > factors.mirrors_from + (-factors.hysteresis if was else factors.hysteresis)
         out[0, n] = yaw
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported
