@@ -33,11 +33,11 @@ class Descriptor(Protocol):
 
     @property
     def interface(self) -> int:
-        """See the class."""
+        """Version of the descriptor interface that it was written for."""
 
     @property
     def name(self) -> str:
-        """See the class."""
+        """Its key in the table, and on the command line."""
 
 
 D = TypeVar("D", bound=Descriptor)

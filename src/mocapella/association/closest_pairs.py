@@ -85,7 +85,7 @@ class HeldPairs:
     through a recalibration.
 
     Args:
-        max_distance_m: see `closest_pairs`; infinite for no limit [m].
+        max_distance_m: pairs of skeletons further apart are not joined; infinite for no limit [m].
     """
 
     def __init__(self, max_distance_m: float = np.inf) -> None:

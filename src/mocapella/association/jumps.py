@@ -1,5 +1,8 @@
 """Detect bodies that jump, as in a sensor's last frames of a person before an occlusion.
 
+This is a gate on speed: a body is rejected as an outlier if no person could have moved there since a recent position of
+the same sensor.
+
 While people walk, the middle of a body moves by centimetres between frames. Just before a sensor loses a person, it
 reports under the same id a body that moves by decimetres to metres per frame. Such a body is not a person, and must not
 determine where the person went.

@@ -64,7 +64,7 @@ def known_size(known: Float64) -> bool:
 
 
 def size_difference(one: Float64, other: Float64) -> float:
-    """Return the mean squared difference of two bodies' common lengths, each in units of its standard deviation `SD_M`.
+    """Return the mean squared difference of two bodies' common lengths, divided by the variances `SD_M`² [ratio].
 
     It is infinite if fewer than a third of the lengths are known of both.
 

@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.association.tracks` and `jumps`, in place; importing this module imports numba.
 
+They compute the gated costs of assigning bodies to tracks (global nearest neighbour), update the tracks after the
+assignment, and reject bodies that jump.
+
 See `mocapella.association.tracks.TrackMemory` for the arrays: a row for each track, a column for each sensor.
 """
 
@@ -92,7 +95,8 @@ def measure(positions: Float64, ends: Int64, lengths: Float64) -> None:
 def learn_size(size: Float64, seen: Float64) -> None:
     """Update a body's running mean of lengths by the lengths in one frame, in place.
 
-    A length counts as at most `MOST` standard deviations from the mean; after 300 values the mean follows new ones.
+    The mean is robust: a new length is clipped to `MOST` standard deviations around it (winsorised). After 300 values
+    it becomes an exponential moving average.
 
     Args:
         size: (2, lengths) mean [m], and number of values; see `mocapella.association.proportions.unknown_size`.
@@ -111,7 +115,11 @@ def learn_size(size: Float64, seen: Float64) -> None:
 
 @njit(cache=True)
 def known_size(size: Float64) -> bool:
-    """Return whether at least half of the lengths in size (2, lengths) have been measured; see `learn_size`."""
+    """Return whether at least half of the lengths have been measured, so that a body can be recognised by them.
+
+    Args:
+        size: (2, lengths) running mean [m], NaN where unmeasured, and number of values, of `learn_size`.
+    """
     count = 0
     for i in range(size.shape[1]):
         count += size[1, i] > 0.0
@@ -121,7 +129,11 @@ def known_size(size: Float64) -> bool:
 
 @njit(cache=True)
 def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArrays, result: Assignment) -> int:
-    """Compute the cost of assigning each body of a frame to each track, and whether the gates allow it.
+    """Compute the cost [m] of assigning each body of a frame to each track, and whether the gates allow it.
+
+    The cost is the mean distance of the joints on the middle line from their prediction, less a bonus for the track
+    that the sensor last assigned to this tracking id, plus half of the gate's widening. The gate grows with the time
+    that a track is unseen.
 
     Args:
         frame, gates, tracks: the frame's bodies, the gating settings, and the tracks.

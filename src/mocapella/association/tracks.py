@@ -178,7 +178,7 @@ class TrackMemory(msgspec.Struct, eq=False):
         )
 
     def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> TrackMemory:
-        """Return a copy of some rows, given by index or by a mask."""
+        """Return a copy of the tracks ``rows``, given as indices (n,) or as a mask (tracks,)."""
         return TrackMemory(*(getattr(self, name)[rows] for name in self.__struct_fields__))
 
     def with_more(self, tracks: int = 0, sensors: int = 0) -> TrackMemory:
@@ -221,7 +221,7 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
 
 def assign(cost: Float64, allowed: Bools) -> Int64:
-    """Assign rows to columns, one to one: as many allowed pairs as possible, at the smallest total cost.
+    """Solve the linear assignment problem: as many allowed pairs as possible, one to one, at the smallest total cost.
 
     Args:
         cost: (n, m) of each pair; finite where allowed, and may be negative. n or m may be 0.

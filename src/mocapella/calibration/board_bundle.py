@@ -59,7 +59,7 @@ class Bundle:
 
     Attributes:
         T_camera_world: (cameras, 4, 4).
-        lenses: (cameras, 9), see `geometry.lens`.
+        lenses: (cameras, 9) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_world_board: (boards, 4, 4).
     """
 

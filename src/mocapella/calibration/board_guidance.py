@@ -1,4 +1,8 @@
-"""Guide the user through filming a board: next views to film, and problems."""
+"""Guide the user through filming a board: next views to film, and problems.
+
+A calibration is well determined if corners cover each image, the board is tilted in several views, and pairs of cameras
+share views. Hints name the condition that is missing most.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +48,7 @@ class Hint(msgspec.Struct, frozen=True):
 
 
 def field_counts(views: Sequence[BoardView]) -> NDArray[np.int64]:
-    """Return the number of corners of one camera's views in each field of the image, (rows, columns), see `GRID`."""
+    """Measure the coverage of one camera's image by corners: their number in each cell (rows, columns) of `GRID`."""
     counts = np.zeros(GRID[::-1], dtype=np.int64)
     for view in views:
         x, y = (view.corners_px + 0.5).T / np.array(view.size_px)[:, None]
@@ -129,7 +133,7 @@ def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
 
 
 def tilt(view: BoardView, board: Board) -> float:
-    """Return the relative change of scale across the board in an image; 0 if it is parallel to the image.
+    """Measure a board's tilt by perspective: the relative change of scale across it in an image; 0 if it is parallel.
 
     It is 0 also for fewer than four corners, or corners on one row or column.
     """

@@ -199,7 +199,7 @@ class BoardRun:
 
     @property
     def report(self) -> BoardRunReport:
-        """Counts of all rounds so far."""
+        """Counts of all rounds of images so far: kept, without the board, still, not simultaneous."""
         several = [of for of in self._rounds if len(of.views) > 1]
         shared = [of for of in several if np.isfinite(of.apart_s)]
         return BoardRunReport(
@@ -209,7 +209,7 @@ class BoardRun:
         )  # fmt: skip
 
     def hints(self) -> list[Hint]:
-        """Return hints about missing views, the most urgent first; see `coverage`.
+        """Return hints about missing views, the most urgent first: coverage of the images, tilt, shared views.
 
         The first one is to hold the board still if none of the last `LATELY` rounds was simultaneous.
         """
@@ -220,7 +220,7 @@ class BoardRun:
         return hints
 
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
-        """Calibrate the rig of all cameras from the views so far, which stay; see `calibrate_cameras`.
+        """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which stay, by bundle adjustment.
 
         Raises:
             CalibrationError: the views do not determine it; names the camera and what to film.

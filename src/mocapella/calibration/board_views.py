@@ -1,4 +1,9 @@
-"""Initial values of the rig: each camera's lens from its own views of a board, then poses from shared views."""
+"""Initial values of the rig: each camera's lens from its own views of a board, then poses from shared views.
+
+Each camera: focal length and board poses from homographies (Z. Zhang, IEEE PAMI 22(11), 2000;
+`mocapella.geometry.homography`), refined by reprojection error with a prior of typical lenses. Then extrinsics are
+chained along a spanning tree of the cameras with most shared views. `board_bundle` adjusts the result.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +45,7 @@ class OneCamera:
     """A camera estimated from its own views alone.
 
     Attributes:
-        lens: (9,), see `geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_board: (4, 4) for each view, in order.
         sigma_px: standard deviation of a corner's coordinate [px].
         covariance: (9, 9) of the lens; 0 if it was given.
@@ -53,7 +58,7 @@ class OneCamera:
 
 
 def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = None) -> OneCamera:
-    """Estimate a camera's lens, unless it is given, and the board's pose in each of its views.
+    """Estimate a camera's intrinsics, unless given, and the board's pose in each of its views, by reprojection error.
 
     Args:
         views: one or more `usable` views of this camera, of one image size.
@@ -116,7 +121,7 @@ Poses = Mapping[str, Mapping[int, Float64]]
 
 
 def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m: Float64) -> tuple[Float64, float]:
-    """Return ``T_a_b`` of two cameras from the shared view that fits the others best.
+    """Return the extrinsics ``T_a_b`` of two cameras from the shared view that fits the others best (least median).
 
     A board that is small in the image may be mistaken for its mirror image in depth; the median over the views ignores
     a minority of such errors.
@@ -139,7 +144,7 @@ def motion_between(a: Mapping[int, Float64], b: Mapping[int, Float64], corners_m
 
 
 def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
-    """Return ``T_camera_first`` of every camera, by name, along a spanning tree of the most shared views.
+    """Return the extrinsics ``T_camera_first`` (4, 4) by camera, chained along a spanning tree of most shared views.
 
     The first camera is the root.
 

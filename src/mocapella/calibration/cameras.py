@@ -90,7 +90,7 @@ class CameraCalibration:
         shared_instants: number of groups with two or more.
         sigma_px: standard deviation of a corner's coordinate in the joint adjustment; larger than each camera's own if
             the cameras are not triggered together [px].
-        dispersion: see `board_bundle.Adjusted`.
+        dispersion: variance of whole views' errors relative to that of single corners (`board_bundle.Adjusted`).
         fit: quality of triangulated corners, of the views used for calibration.
         left_out: quality of triangulated corners of each half of the views, by a calibration from the other; None with
             too few.

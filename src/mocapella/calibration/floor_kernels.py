@@ -1,4 +1,7 @@
-"""Compiled step of `mocapella.calibration.floor` for each frame; importing this module imports numba."""
+"""Compiled step of `mocapella.calibration.floor` for each frame; importing this module imports numba.
+
+It adds a frame's standing feet to the moments from which the floor's plane is fitted by least squares.
+"""
 
 # ruff: noqa: PLR0917 - compiled functions take arrays by position
 from __future__ import annotations

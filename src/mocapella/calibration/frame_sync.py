@@ -1,4 +1,7 @@
-"""Match frames of several cameras that were captured at the same time."""
+"""Match frames of several cameras that were captured at the same time.
+
+Frames of one group count as simultaneous in triangulation and calibration.
+"""
 
 from __future__ import annotations
 

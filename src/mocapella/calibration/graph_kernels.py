@@ -1,5 +1,8 @@
 """Compiled linear algebra of `mocapella.calibration.sensor_graph`; importing this module imports numba.
 
+Pose graph optimisation: Gauss–Newton on the sensors' poses from the relative poses of pairs, weighted by their inverse
+covariances.
+
 LAPACK starts threads even for small matrices, which costs more than it saves on a busy machine. Sums are written out
 because numba compiles loops faster than expressions of arrays.
 """
@@ -58,7 +61,7 @@ def refine(  # noqa: PLR0917
     most_steps: int,
     smallest_step: float,
 ) -> Float64:
-    """Refine the sensors' poses, except the first, by Gauss–Newton steps over all pairs; see `sensor_graph`.
+    """Refine the sensors' poses, except the first: pose graph optimisation by Gauss–Newton over all pairs.
 
     Args:
         world: (sensors, 4, 4) T_root_sensor, updated in place.

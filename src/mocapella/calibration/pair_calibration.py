@@ -132,7 +132,7 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
         motion_s: duration of shared motion so far [s].
         samples: number of independent samples in memory.
         residual: mean distance between the two views' joints [m].
-        offset: offset of b's clock against a's; 0 while it is not known.
+        offset: offset of b's clock against a's, with its standard deviation [s]; 0 while it is not known.
         offset_now: most likely value of that offset, known or not.
         problem: why the estimate is not trusted yet, and its remedy; empty if it is trusted.
     """
@@ -169,7 +169,9 @@ class PairCalibration:
     Attributes:
         settings: the settings.
         T_a_b: (4, 4) the present estimate; NaN before there is one.
-        moments, scatter, scalars, clock: see `pair_memory` and `geometry.alignment`.
+        moments, scatter: weighted sums over joint correspondences, from which the pose (`geometry.alignment`) and its
+            covariance follow.
+        scalars, clock: other state, and the sums for the clock offset, by the indices of `pair_memory`.
         bodies: state of each pair of bodies, see `pair_memory`, by the key given to `update`.
         mirrored_at_first: whether b's left and right start swapped for a new pair of bodies.
     """
@@ -232,7 +234,10 @@ class PairCalibration:
         self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:
-        """Return the present result; see `estimates`."""
+        """Return the present relative pose and clock offset, with covariance and the reason for distrust.
+
+        It is computed from the moments; the state does not change. `estimates` does so for many pairs at once.
+        """
         return estimates([self])[0]
 
     @property
@@ -276,7 +281,7 @@ class PairCalibration:
 
 
 def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    """Return the present result of each pair, all with the settings of the first; `NO_PERSON` before there is one.
+    """Compute pose, clock offset and covariance of each pair, with the settings of the first; `NO_PERSON` if unknown.
 
     The pairs are not changed, and the results are copies.
     """

@@ -1,5 +1,8 @@
 """Compiled step of `mocapella.calibration.pair_calibration`; importing this module imports numba.
 
+The step updates the extrinsics and the clock offset of two sensors by the joints of one frame: rigid alignment by
+fading moments (Horn), robust weights, and a test whether left and right are swapped.
+
 State is in arrays, whose elements the constants of `pair_memory` name. Times are seconds on the common clock.
 """
 
@@ -200,6 +203,9 @@ def add_bodies(
 @njit(cache=True)
 def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
     """Update the pair with the newest frame of a that b's frames surround in time; return whether there was one.
+
+    One step of the online calibration of two sensors: joints of b are interpolated at the capture time of the frame of
+    a; the correspondences then update the relative pose and clock offset. At most one frame per ``every_s``.
 
     Args:
         pair: state, updated in place.

@@ -1,4 +1,4 @@
-"""Layout of the arrays of a `PairCalibration`, and the newest frames of bodies."""
+"""State of a `PairCalibration` as arrays of fixed size, named by index, and buffers of the newest frames of bodies."""
 
 from __future__ import annotations
 

@@ -187,7 +187,7 @@ class PeopleCalibration:
         return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state that `memory` returned, without a copy; raises `ValueError` as `set_memory` does."""
+        """Restore the state that `memory` returned, without a copy; `ValueError` if it is of another kind."""
         names = {recorded: name for name, recorded in _RECORDED.items()}
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 

@@ -1,4 +1,7 @@
-"""Settings of the calibration from people."""
+"""Settings of the calibration from people.
+
+The method is described in `people` and docs/methods/people-calibration.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of the calibration from people."""
+"""Results of the calibration from people: extrinsics, clock offsets, covariances and problems of all sensors."""
 
 from __future__ import annotations
 

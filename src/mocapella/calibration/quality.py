@@ -1,4 +1,7 @@
-"""Describe the quality of a calibration in words."""
+"""Describe the quality of a calibration in words.
+
+The figures are standard deviations from the estimate's covariance.
+"""
 
 from __future__ import annotations
 

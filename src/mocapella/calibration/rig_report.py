@@ -1,4 +1,7 @@
-"""Describe the quality of a rig in a table and sentences, for terminal, view and JSON."""
+"""Describe the quality of a rig in a table and sentences, for terminal, view and JSON.
+
+It gives reprojection errors, uncertainty of extrinsics and focal length, and errors of triangulated distances.
+"""
 
 from __future__ import annotations
 

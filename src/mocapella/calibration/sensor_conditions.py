@@ -1,4 +1,4 @@
-"""Describe problems of sensors in the calibration from people, and their remedies."""
+"""Describe problems of sensors in the calibration from people (frozen, wrong clock, moved), and their remedies."""
 
 from __future__ import annotations
 

@@ -30,7 +30,8 @@ class SensorPair(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         a, b: their names.
-        T_a_b, covariance: (4, 4) and (6, 6), as in `pair_calibration.PairEstimate`.
+        T_a_b: (4, 4) from b's camera space to a's.
+        covariance: (6, 6) of a small motion d in a's frame (translation [m], rotation [rad]), pose exp(d) T_a_b.
         offset: offset of b's clock against a's.
         trusted: an untrusted pair is used only if nothing else ties a sensor to the others.
     """

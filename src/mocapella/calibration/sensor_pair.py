@@ -1,4 +1,8 @@
-"""State of the calibration of one pair of sensors from people."""
+"""State of the calibration of one pair of sensors from people.
+
+A pair begins with a hypothesis per pair of bodies (`cold_start`), and is refined with bodies of one person once one
+hypothesis is accepted (`pair_calibration`).
+"""
 
 from __future__ import annotations
 
@@ -75,7 +79,7 @@ class PairOfSensors:
 
 
 def covariance_of(pair: PairOfSensors) -> Float64:
-    """Return the covariance (6, 6) of a pair's estimate; of a given pose, the expected one until people confirm it.
+    """Return the covariance (6, 6) of a pair's relative pose; of a given pose, an assumed one until people confirm it.
 
     The pair must have an estimate. The covariance is that of a small motion in a's frame, see `PairEstimate`.
     """

@@ -1,4 +1,7 @@
-"""Match the bodies of two sensors that belong to one person."""
+"""Match the bodies of two sensors that belong to one person.
+
+This is data association between sensors: by known identities, or by mutual nearest neighbours within a gate.
+"""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class SpaceObservations:
     def attempt(self, settings: SpaceAlignmentSettings) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
         """Return the alignment from all observations so far, None if they do not suffice, and its shortfalls.
 
-        See `try_to_align`.
+        The alignment is the pose of the other tracker's space in the cameras' world (`space_alignment.try_to_align`).
 
         Raises:
             InputError: the space or the body is unknown; lists the known ones.
@@ -99,10 +99,11 @@ class SpaceObservations:
         return try_to_align(*self._observed(), settings)
 
     def align(self, settings: SpaceAlignmentSettings) -> SpaceFit:
-        """Return the alignment; see `align_space`.
+        """Estimate the pose of the other tracker's space in the cameras' world from all observations so far.
 
         Raises:
-            InputError, SettingsError: as `attempt`.
+            InputError: the space or the body is unknown; lists the known ones.
+            SettingsError: the object or the marker is unknown.
             CalibrationError: it cannot be estimated; says what to do.
         """
         return align_space(*self._observed(), settings)
@@ -117,7 +118,7 @@ class SpaceObservations:
         Frames whose scene has not come yet are left out, because their time is unknown.
 
         Raises:
-            InputError: see `attempt`.
+            InputError: the space or the body is unknown; lists the known ones.
         """
         space = self.space
         if self.body not in self._spaces[space]:
@@ -133,7 +134,7 @@ class SpaceObservations:
         m is 1 for a marker; the 4 points of an object are its origin, and one on each axis.
 
         Raises:
-            SettingsError: see `attempt`.
+            SettingsError: the object or the marker is unknown.
         """
         wanted, what = (self.thing, "--object") if self.thing else (self.marker, "--marker")
         if wanted not in self._known:

@@ -257,7 +257,7 @@ def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) 
 
     Args:
         window: the frames.
-        angle_from: as in `StandStillSettings`.
+        angle_from: whether θ is the circular mean over the frames, or that of the latest frame.
     """
     parts = next(iter(window)).topology.parts
     positions = np.stack([bodies.positions for bodies in window], axis=1)

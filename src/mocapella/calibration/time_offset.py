@@ -37,7 +37,7 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
     With too few blocks, the offset is 0, and the standard deviation that of the prior.
 
     Args:
-        clock: (..., `pair_memory.CLOCK_SUMS`).
+        clock: (..., `pair_memory.CLOCK_SUMS`) the sums of the module's estimate, such as Σ z·r and Σ u_a·u_b.
     """
     a, g, aa, ag, gg = np.moveaxis(clock, -1, 0)
     blocks = np.where(a > 0, a * a / np.where(aa > 0, aa, 1.0), 0.0)
@@ -55,7 +55,7 @@ def moved_clock(clock: Float64, by: float) -> Float64:
     For a swing of 2 Hz, 50 ms are a tenth of a period: beyond, velocities are not constant.
 
     Args:
-        clock: (`pair_memory.CLOCK_SUMS`,).
+        clock: (`pair_memory.CLOCK_SUMS`,) the sums of the module's estimate, such as Σ z·r; not changed.
         by: change of the assumed offset [s].
 
     Returns:
@@ -82,7 +82,7 @@ class TimeOffset(msgspec.Struct, frozen=True):
 
     @property
     def bound(self) -> float:
-        """Twice the standard deviation [s]."""
+        """Bound of the offset's error: twice its standard deviation [s]."""
         return 2 * self.sd
 
     def __str__(self) -> str:

@@ -165,7 +165,7 @@ class Show:
 
 @dataclass(frozen=True)
 class Wish:
-    """Options of a demo as given on the command line.
+    """Options of a demo as given on the command line: scene, tracking method, detector and random seed.
 
     Attributes:
         scene: name of the simulated scene; None for the demo's default.

@@ -158,7 +158,8 @@ def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth |
     """Return the depth images of TAKE or TAKE:SENSOR, with or without .mcap; None if the text names no take.
 
     Raises:
-        InputError, SettingsError: as in `TakeDepth`.
+        InputError: the take has no depth images, or none of that sensor.
+        SettingsError: several sensors send depth images, and none is named.
     """
     name, colon, sensor = text.rpartition(":")
     if not (colon and (name.endswith(SUFFIX) or Path(name + SUFFIX).is_file())):

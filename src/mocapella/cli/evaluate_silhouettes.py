@@ -1,4 +1,4 @@
-"""``mocapella lab evaluate silhouettes-…``: effect of the penalty on jitter on a body fitted to silhouettes."""
+"""``mocapella lab evaluate silhouettes-…``: effect of the smoothness prior on bodies fitted to silhouettes."""
 
 from __future__ import annotations
 

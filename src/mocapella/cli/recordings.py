@@ -63,7 +63,7 @@ class Replayed:
 
 
 class Recording(Protocol):
-    """A file that can be replayed."""
+    """Interface of a recorded session, a take or a study log: its sensors' frames, and their tracking again."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -153,7 +153,8 @@ def open_take(file: Path) -> Take:
     """Read a take, found as by `find_recording`; repeated calls return the same value, which skips damaged entries.
 
     Raises:
-        InputError, SchemaVersionError: as in `read_take`.
+        InputError: the file is missing, empty, or no take; or nothing in it is readable.
+        SchemaVersionError: the take was made with another message schema.
     """
     found = find_recording(file).absolute()
     is_now = found.stat()

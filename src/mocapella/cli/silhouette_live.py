@@ -155,7 +155,7 @@ def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float 
         view: whether the live view shows the outlines, as the printed line says.
 
     Raises:
-        InputError: as in `learn_room`.
+        InputError: the cameras send no images.
     """
     from mocapella.sources.live_set import LiveSet
 

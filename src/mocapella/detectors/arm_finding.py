@@ -1,4 +1,9 @@
-"""Detect arms in a depth image without a prediction: from palm candidates to fitted poses."""
+"""Detect arms in a depth image without a prediction: from palm candidates to fitted poses.
+
+A palm detector proposes candidates (`mocapella.sensing.arm_region`). At each candidate, kinematic models of a left and
+a right arm are fitted by articulated ICP (`mocapella.kinematics.arm_fit`), from several initial poses. Fits with a high
+cost are rejected, and of fits that overlap only the best is kept (non-maximum suppression).
+"""
 
 from __future__ import annotations
 
@@ -35,7 +40,13 @@ FEW_POINTS: Final = 40
 
 
 class Found(NamedTuple):
-    """A detected arm: its side and fit, and a cost to compare it with others, which is at least the fit's cost."""
+    """An arm detected by fitting the arm model to a region of the depth image.
+
+    Attributes:
+        cost: the fit's cost plus a penalty for occlusion, 0 or more; it ranks detections.
+        side: side of the hand model that was fitted.
+        fitted: the fit's pose, sizes and costs.
+    """
 
     cost: float
     side: Handedness
@@ -127,7 +138,7 @@ class ArmFinder:
         return np.asarray(self.models[side].points(fitted.pose)[PALM])
 
     def apart(self, found: list[Found]) -> list[Found]:
-        """Return the fits without those near (see `near`) a better one of either side; sorted, the best first."""
+        """Suppress non-maxima: return the fits, the best first, without those `near` a better one of either side."""
         kept: list[Found] = []
         for one in sorted(found, key=lambda one: one.cost):
             if not any(self.near(other, one) for other in kept):
@@ -154,7 +165,11 @@ class ArmFinder:
         return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
 
     def overlap(self, one: Found, other: Found) -> bool:
-        """Return whether two fits share a forearm or hand, so that only one of them can be an arm."""
+        """Return whether two fits share a forearm or hand, so that only one of them can be an arm.
+
+        Spheres along both arms are compared: the fits overlap if a fifth of all spheres of one, or half of its arm's,
+        are near the other's, or if the elbows are near each other. The hand of one may be the elbow of the other.
+        """
         a, b = (self.models[found.side].spheres(found.fitted.pose) for found in (one, other))
         near = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2) < _OVERLAP_M
         # The hand and forearm of one fit may be the upper arm and elbow of the other.
@@ -168,7 +183,7 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """Return fits sorted, the best first, by how well each explains the points around it and those it overlaps.
+        """Rank fits, the best first, by how well each explains all points around it and around the fits it overlaps.
 
         Args:
             depth: (height, width) [m].
@@ -293,7 +308,7 @@ def _work(evidence: ArmEvidence, iterations: int) -> int:
 
 
 def cost_of(model: ArmModel, pose: ArmPose, evidence: ArmEvidence) -> float:
-    """Return the cost `Fitted.cost` of a pose for a depth image's evidence, without fitting it."""
+    """Return the cost of a pose for an image's evidence, without fitting it: `Fitted.cost`, a weighted sum."""
     return model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost
 
 

@@ -1,5 +1,8 @@
 """Detect and track arms and hands in the images of one depth camera: the detector ``kinematic-arm``.
 
+So a frame is handled as in tracking by prediction with re-detection: predict at constant velocity, gate the depth image
+around the prediction, fit by maximum a posteriori estimation, and reject arms whose cost stays high.
+
 An image goes through three steps: the part of it that may be an arm (`sensing.arm_region`), a kinematic arm and hand
 fitted to its points (`kinematics.arm_fit`), and the observation made from it. A known arm is tracked from its
 prediction; without one, palms are searched in the whole image and the fit starts from several poses of either hand.

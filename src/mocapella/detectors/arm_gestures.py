@@ -1,4 +1,7 @@
-"""Recognise the gestures of detected arms, by the arms' ids."""
+"""Recognise the gestures of detected arms, by the arms' ids.
+
+Features are ratios of landmark distances, thresholded with hysteresis (`mocapella.kinematics.gestures`).
+"""
 
 from __future__ import annotations
 

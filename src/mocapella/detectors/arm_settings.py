@@ -1,4 +1,8 @@
-"""Settings of the detector ``kinematic-arm``."""
+"""Settings of the detector ``kinematic-arm``.
+
+They control detection (search, rejection, non-maximum suppression), tracking (loss, re-detection), segmentation and
+fit.
+"""
 
 from __future__ import annotations
 

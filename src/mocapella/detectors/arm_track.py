@@ -1,4 +1,7 @@
-"""A tracked arm: its state, and its prediction for the next image."""
+"""A tracked arm: its state, and its prediction for the next image.
+
+The prediction is that of an alpha-beta filter with constant velocity; its uncertainty is the prior of the next fit.
+"""
 
 from __future__ import annotations
 
@@ -47,14 +50,14 @@ class CameraArmTrack:
         self.region: Region | None = None
 
     def move(self, fitted: Fitted, dt: float) -> None:
-        """Set the fit of the next image, ``dt`` [s] above 0 after the last one, and smooth the velocity with it."""
+        """Set the fit of the next image, ``dt`` [s] above 0 after the last, and smooth the velocity exponentially."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
 
     def predicted(self, dt: float) -> ArmPose:
-        """Return a new pose, ``dt`` [s] later at constant velocity, within the joint limits; digits move half as far.
+        """Extrapolate the pose by ``dt`` [s] at constant velocity, within the joint limits; joint angles by half of it.
 
-        Motion after the first 0.1 s is not predicted.
+        At most 0.1 s is extrapolated. Half of the angular velocity is used because fingers often stop or reverse.
         """
         model, pose = self.model, self.fitted.pose.copied()
         step = self.velocity * min(dt, 0.1)
@@ -67,10 +70,10 @@ class CameraArmTrack:
         return ArmPose(turned, t, z, pose.v)
 
     def expected(self, predicted: ArmPose, dt: float, s: ArmFitSettings) -> Expected:
-        """Return the prior of the next fit: its mean is the prediction, its width follows from the velocity.
+        """Return the Gaussian prior of the next fit: its mean is the prediction, its width grows with time and speed.
 
         Args:
-            predicted: of `predicted`.
+            predicted: mean pose, a result of `predicted`.
             dt: time since the last fitted image, above 0 [s].
             s: standard deviations and their growth.
         """

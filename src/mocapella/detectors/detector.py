@@ -1,4 +1,8 @@
-"""Interfaces of detectors: the descriptor that registers one, and the object that it makes for one camera."""
+"""Interfaces of detectors: the descriptor that registers one, and the object that it makes for one camera.
+
+A detector sees one camera's depth images and returns observations in that camera's frame. Fusion of cameras is the
+trackers' task.
+"""
 
 from __future__ import annotations
 

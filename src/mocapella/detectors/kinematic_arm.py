@@ -1,4 +1,8 @@
-"""The detector ``kinematic-arm``; `docs/detectors/kinematic-arm.md` describes it."""
+"""Registers the detector ``kinematic-arm``: arms in depth images, by fitting a kinematic model to the points.
+
+The implementation is `mocapella.detectors.arm_following`, which is imported only when the detector is made.
+`docs/detectors/kinematic-arm.md` describes the method.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The detector ``line-skeleton``; `docs/detectors/line-skeleton.md` describes it."""
+"""Registers the detector ``line-skeleton``: arms in depth images, by thinning the silhouette to lines.
+
+The implementation is `mocapella.sensing.line_skeleton`, which is imported only when the detector is made.
+`docs/detectors/line-skeleton.md` describes the method.
+"""
 
 from __future__ import annotations
 

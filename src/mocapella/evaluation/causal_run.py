@@ -1,4 +1,8 @@
-"""Run a method over a session's frames in the order of their arrival, and store its estimates after each frame."""
+"""Run a method over a session's frames in the order of their arrival, and store its estimates after each frame.
+
+The run is causal: an estimate uses frames that arrived before, never later ones, so a score cannot profit from
+hindsight.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,7 @@ _PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
 
 
 class PersonThen(msgspec.Struct, frozen=True, eq=False):
-    """A person of a scene.
+    """One tracked person in one scene of a run: the fused skeleton, and which views it was fused from.
 
     Attributes:
         id: the person's id.

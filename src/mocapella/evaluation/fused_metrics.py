@@ -133,9 +133,9 @@ def yaw_reversals(positions: Float64, at_s: Float64) -> int:
 
 
 def reversals(yaw: Float64, at_s: Float64) -> int:
-    """Count reversals, as `yaw_reversals`, of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s].
+    """Count fast turns of a facing ``yaw`` (frames,) [rad] at times ``at_s`` (frames,) [s].
 
-    A yaw that is NaN is no reversal.
+    A reversal is a change by more than `REVERSED_BY` within `REVERSED_WITHIN`. A yaw that is NaN is no reversal.
     """
     count, start = 0, 0
     for i in range(1, len(yaw)):

@@ -1,4 +1,8 @@
-"""Score study logs with two people: identity switches at hand-labelled crossings, and Δd of both people."""
+"""Score study logs with two people: identity switches at hand-labelled crossings, and Δd of both people.
+
+At a crossing two people pass closely, which is where trackers exchange ids. Identity switches are those of CLEAR MOT
+(`identity`); Δd is the distance between two sensors' views of a joint.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Scores methods on the logs of the KinectMultiTrack studies: ``mocapella lab evaluate kinectmultitrack``."""
+"""Scores methods on the logs of the KinectMultiTrack studies: ``mocapella lab evaluate kinectmultitrack``.
+
+Scores without ground truth: how far two sensors' views of one person are apart after a method's alignment (Δx, Δy, Δz,
+Δd), quality metrics of the fused skeleton, and identity switches at labelled crossings. Estimates are causal
+(`causal_run`).
+"""
 
 from __future__ import annotations
 
@@ -60,7 +65,7 @@ _FIRST: Final = (
 
 
 class Output(Protocol):
-    """A method's output for one session, ready to be scored."""
+    """Interface of one method's output for one study log: aligned views, fused skeletons and people's positions."""
 
     @property
     def wander_m_per_min(self) -> float:
@@ -78,7 +83,7 @@ class Output(Protocol):
         """
 
     def yaw(self) -> float:
-        """Return the yaw between the front and the side sensor, as estimated before Walk [rad]; NaN if unknown."""
+        """Return the yaw between front and side sensor, as estimated before the exercise Walk [rad]; NaN if unknown."""
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
@@ -172,7 +177,7 @@ class AsRun:
 
     @property
     def whole(self) -> CausalRun:
-        """The run over all frames of the session."""
+        """The causal run (each frame with earlier ones only) over all frames of the session."""
         return self._run
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
@@ -216,7 +221,10 @@ class AsRun:
         return _from_front(self.session, _logged_turn(self.session.log) + _yaw_of(beyond))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return the position (3,) of SpineBase by person's id at a time since the first frame: `people_of_run`."""
+        """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
+
+        ``at_s`` is the time since the file's first frame [s].
+        """
         return people_of_run(self._run, at_s)
 
 
@@ -237,7 +245,7 @@ def _from_front(session: StudySession, turn: float) -> float:
 
 
 class Tally:
-    """Collects the results of one method over all sessions so far.
+    """Accumulates the scores of one method over study logs: distances of views, fused skeletons and identities.
 
     Attributes:
         scored: scored pairs of each session, by scoring (a row of the tables) and placement.

@@ -1,4 +1,8 @@
-"""Views of one person in the study logs, with left/right labels corrected by the facing."""
+"""Views of one person in the study logs, with left/right labels corrected by the facing.
+
+A Kinect swaps left and right of people who turn their back. The facing is estimated from past and future
+(`mocapella.fusion.facing_training`), and views more than 90° off it are mirrored back.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Measures time and accuracy of the detector `line-skeleton` over its grid: 1, 2, 4, 5, 8 and 10 pixels."""
+"""Measures time and accuracy of the detector `line-skeleton` over its grid: 1, 2, 4, 5, 8 and 10 pixels.
+
+The grid is the stride of the sampled points on the arm, from which the nearest depth of each joint is taken.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Methods that can be scored."""
+"""Methods that can be scored.
+
+A method is a key of `mocapella.tracker.METHODS` whose tracker has the interface
+`mocapella.evaluation.protocol.ScoredTracker`.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,7 @@ def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
     One tracker is made and discarded, to check the method.
 
     Args:
-        text: as for `method_with_settings`.
+        text: ``METHOD``, or the method with settings, as `method_with_settings` reads it.
 
     Raises:
         SettingsError: no such method or setting, or its tracker lacks what scoring needs.

@@ -1,4 +1,7 @@
-"""Compares triangulated points with the results of Caliscope and Pose2Sim from the same detections."""
+"""Compares triangulated points with the results of Caliscope and Pose2Sim from the same detections.
+
+The detections are 2D keypoints of sample recordings; equal inputs make the programs' triangulations comparable.
+"""
 
 from __future__ import annotations
 
@@ -50,9 +53,9 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
     """Median over the bones of both hands of the coefficient of variation of a bone's length.
 
     Attributes:
-        ours: variation of all our points.
-        reference: variation of all points of the reference.
-        reference_where_ours: variation of the points of the reference that we have, too.
+        ours: coefficient (standard deviation over mean) of all our points.
+        reference: that of all points of the reference.
+        reference_where_ours: that of the points of the reference that we have, too.
     """
 
     ours: float
@@ -95,7 +98,7 @@ def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[
 
 
 def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
-    """Compute the variation of bone lengths, as in `BoneLengthVariation`.
+    """Return the median over the hands' bones of the coefficient of variation of a bone's length.
 
     Args:
         points: (frames, points, 3) [m]; frames without a bone do not count for that bone.

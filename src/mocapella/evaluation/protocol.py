@@ -1,4 +1,8 @@
-"""Interfaces, besides `mocapella.tracker.Tracker`, of trackers that can be scored on the study logs."""
+"""Interfaces, besides `mocapella.tracker.Tracker`, of trackers that can be scored on the study logs.
+
+Study logs have no ground truth, so a method is scored by how well its sensor poses align two sensors' views. It must
+therefore report poses, clock offsets, label swaps and its joint bias.
+"""
 
 from __future__ import annotations
 

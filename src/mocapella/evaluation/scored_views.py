@@ -90,7 +90,15 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
 
 
 def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
-    """Return the views of `views_of` before any bias is added, and the estimates that apply; arguments as there."""
+    """Interpolate both views of each pair to one instant, and select the estimates that apply; without a bias.
+
+    Args:
+        session: the recorded session.
+        run: the method's estimates over the session.
+        pairs: the pairs to score.
+        known: (pairs,) index of the run's entry whose motions and clock offsets are applied.
+        labels: (pairs,) index of the entry whose label swaps are applied.
+    """
     sensor = session.sensor[pairs.rows]
     swapped = np.array(
         [
@@ -154,7 +162,7 @@ class SeenViews(msgspec.Struct, frozen=True, eq=False):
 
 
 class Asked(msgspec.Struct, frozen=True, eq=False):
-    """Arguments of the joint bias for each view, see `mocapella.evaluation.protocol.JointBias`.
+    """Inputs of the joint bias regression for each view of a pair: state of the fused person relative to the sensor.
 
     Attributes:
         facing: (pairs, 2) yaw of the fused person, from the direction towards each sensor [rad]; NaN without a fused

@@ -1,4 +1,8 @@
-"""Fits the bias, noise and correlation of Kinect skeletons to pairs of views; the steps are in `sensor_errors`."""
+"""Fits the bias, noise and correlation of Kinect skeletons to pairs of views; the steps are in `sensor_errors`.
+
+Bias: robust ridge regression over the facing. Noise: non-negative least squares. Correlation in time: autocovariance
+fitted by random cubic splines and white noise.
+"""
 
 from __future__ import annotations
 

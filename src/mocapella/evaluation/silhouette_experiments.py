@@ -1,4 +1,4 @@
-"""Experiments with the penalty on jitter on rendered scenes: knee bends, a runner, acrobatics, and the weight.
+"""Experiments with the smoothness prior (penalty on jitter) on rendered scenes of moving people, and its weight.
 
 After B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007,
 section 4: the same images are tracked with the penalty and without.

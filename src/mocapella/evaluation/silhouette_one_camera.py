@@ -1,4 +1,4 @@
-"""Measures how well one camera alone determines a body, with the penalty on jitter and without.
+"""Measures how well one camera alone determines a body, with the smoothness prior (penalty on jitter) and without.
 
 Rotations out of the image plane, and the body's distance, hardly move an outline: in these directions the outlines'
 equations are nearly singular (C. Bregler, J. Malik, "Tracking people with twists and exponential maps", CVPR 1998,
@@ -59,7 +59,8 @@ class OneCameraRow(msgspec.Struct, frozen=True):
         across_mm, across_p95_mm: median and 95th percentile of their errors perpendicular to the axis [mm].
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
         away: share of frames in which the fitted body is off the person.
-        free: standard deviation of the least certain direction, see `freedoms`; median over frames.
+        free: standard deviation of the pose's least certain direction (eigenvector of the normal matrix), with 1 m
+            counted as 1 rad; median over frames.
         outlines: that standard deviation from the outlines alone, without the weak prior of the resting pose.
         outlines_of_many: that of ``outlines`` with four cameras.
     """
@@ -152,9 +153,10 @@ def errors_m(found: Movement, true: Movement, rig: CameraRig) -> Float64:
 
 
 def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: SilhouetteSettings, fps: float) -> Float64:
-    """Compute the uncertainty of a pose's directions in a frame with exact outlines, by the tracker's own weights.
+    """Compute how observable a pose is: the uncertainty of its principal directions, from exact outlines in one frame.
 
-    The directions are the eigenvectors of the normal equations, with a metre for a radian.
+    The directions are the eigenvectors of the normal matrix with the tracker's weights, with a metre for a radian; a
+    standard deviation is 1/√eigenvalue.
 
     Args:
         mesh: the body's mesh.
@@ -188,7 +190,7 @@ def freedoms(mesh: RiggedMesh, pose: TreePose, rig: CameraRig, settings: Silhoue
 
 
 def median_freedoms(true: Movement, rig: CameraRig, settings: SilhouetteSettings) -> Float64:
-    """Return the `freedoms` (dofs,): the median over `ASKED` frames of a movement.
+    """Return the standard deviations (dofs,) of `freedoms` [m, rad], each the median over `ASKED` frames of a movement.
 
     ``true`` is the true movement; ``rig`` and ``settings`` are as in `freedoms`.
     """

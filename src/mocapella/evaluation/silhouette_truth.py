@@ -1,4 +1,7 @@
-"""Compares a tracked body with the ground truth of a rendered scene, frame by frame."""
+"""Compares a tracked body with the ground truth of a rendered scene, frame by frame.
+
+Figures: errors of joint angles and landmarks, and intersection over union of the model and the true masks.
+"""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Tracked(Protocol):
     """Interface of a scored tracker: the step of `mocapella.tracker.Tracker`."""
 
     def update(self, arrival: Arrival) -> Scene:
-        """Track one frame."""
+        """Track one frame, and return the scene."""
 
 
 def scene_summaries() -> dict[str, str]:

@@ -77,7 +77,7 @@ class _Mean:
 
 
 class Score:
-    """Collects errors with `update` after each frame; `figures` returns the score at the end.
+    """Accumulates a method's errors against ground truth with each frame; `figures` returns the score at the end.
 
     Args:
         room: the simulated room; its first sensor is the main one.

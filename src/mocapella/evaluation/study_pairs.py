@@ -1,4 +1,7 @@
-"""Pairs of rows of the study logs: the two sensors' views of one person in one result of the thesis' tracker."""
+"""Pairs of rows of the study logs: the two sensors' views of one person in one result of the thesis' tracker.
+
+A pair is two views of one person at nearly one time, whose distance scores an alignment of the sensors.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The thesis' tables: Δx Δy Δz Δd between the two sensors' views, by task and placement (docs/evaluation.md)."""
+"""The thesis' tables: Δx Δy Δz Δd between the two sensors' views, by task and placement (docs/evaluation.md).
+
+Δ is the difference of one joint's position in two aligned views; smaller differences mean better extrinsics.
+"""
 
 from __future__ import annotations
 

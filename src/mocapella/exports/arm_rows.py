@@ -39,7 +39,7 @@ def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_poi
         file: the image's file.
         at_s: time of the image, written as given [s].
         found: the detected arms; its reason says why there is none, or warns about the image.
-        lens: (9,) intrinsics, as in `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
     """
     points = range(len(ARM_POINTS)) if all_points else ARM_JOINTS

@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.fusion.facing`; importing this module imports numba.
 
+A histogram (Bayes) filter over a person's facing: prediction by a constant turning rate, and update by log-likelihoods
+of yaw, body shape and walking direction.
+
 `mocapella.fusion.facing_training` computes the same in numpy for many frames at once, and tests compare the two. The
 learnt model comes as `mocapella.fusion.facing.FacingTables`; angles are radians.
 """
@@ -94,6 +97,8 @@ def turn_on(p: Float64, kernel: Float64, twice: Float64) -> None:
 @njit(cache=True)
 def add_turned(total: Float64, first: Float64, second: Float64, part: float, factor: float, by: float) -> None:
     """Add factor · ((1 − part) · first + part · second), rotated by an angle, to a total, in place.
+
+    It interpolates the learnt log-likelihood between two rows (such as two speeds), and shifts it to a person's yaw.
 
     Args:
         total: (BINS,) log-likelihoods, updated.
@@ -190,7 +195,7 @@ def circular_sd(p: Float64, tables: Float64) -> float:
 
 @njit(cache=True)
 def reported_yaw(positions: Float64, across: Int64) -> float:
-    """Return the yaw that a body's labels imply [rad], see `mocapella.fusion.facing_shape.view_of`; NaN if unknown.
+    """Return the yaw of the body that the left and right labels of its joints imply [rad]; NaN if unknown.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
@@ -252,7 +257,7 @@ def add_view(
 ) -> None:
     """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place; all angles are finite.
 
-    See `mocapella.fusion.facing_training.evidence`.
+    `mocapella.fusion.facing_training.evidence` computes the same in numpy.
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.

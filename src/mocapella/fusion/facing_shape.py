@@ -119,7 +119,7 @@ def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
 
 
 def feature_sums(topology: Topology) -> Float64 | None:
-    """Return the weight of each joint in each feature (`FEATURES`, joints); None if the topology lacks a joint."""
+    """Return each joint's weight in each shape feature (`FEATURES`, joints); None if a joint is lacking."""
     return _sums_by_name(topology.joints)
 
 

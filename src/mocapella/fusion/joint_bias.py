@@ -116,7 +116,7 @@ def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
 
 
 class LeftOut(msgspec.Struct, frozen=True, eq=False):
-    """``weights`` (TERMS, joints, 3) [m], as in `JointBiasModel`, learnt without these participants' recordings."""
+    """Cross-validation fold: ``weights`` (TERMS, joints, 3) [m] learnt without the recordings of ``participants``."""
 
     participants: tuple[int, ...]
     weights: Float64
@@ -158,7 +158,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
         return np.ascontiguousarray(-self.weights.reshape(TERMS, -1))
 
     def without(self, participant: int) -> JointBiasModel:
-        """Return the model learnt without a participant, so that scores of the participant are fair.
+        """Return the model learnt without a participant: leave-one-out, so that scores of the participant are fair.
 
         It is this model itself if the participant was not in its training data.
 
@@ -264,7 +264,7 @@ def _weights(rows: Mapping[str, list[list[float]]], tree: Topology) -> Float64:
 
 
 def symmetric(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Return the nearest weights (TERMS, joints, 3) that equal their mirror image; ``mirror`` as in `mirrored`."""
+    """Symmetrise weights (TERMS, joints, 3): return their mean with their mirror image; ``mirror`` as in `mirrored`."""
     return (weights + mirrored(weights, mirror)) / 2
 
 

@@ -1,4 +1,8 @@
-"""Compiled joint bias of `mocapella.fusion.joint_bias`; importing this module imports numba."""
+"""Compiled regression of the joint bias, see `mocapella.fusion.joint_bias`; importing this module imports numba.
+
+It evaluates the learnt harmonic series in the facing, linear in its coefficients, and computes the correction to add to
+each joint of a view.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
@@ -57,7 +61,8 @@ def across_body(
     """Return the vector (3,) from a person's right to left, summed over ``lines`` and over the views in use [m].
 
     Args:
-        view_positions, view_at, view_swapped: the person's rows of `BiasInputs`.
+        view_positions, view_at, view_swapped: (sensors, joints, 3) [m], (sensors,) capture time [s] and (sensors,)
+            swapped labels of the person's views.
         lines: (lines, 2) indices of left and right joints that give the facing.
         now_s: present time on the common clock [s].
         view_age_s: oldest age of a used view [s].

@@ -31,7 +31,7 @@ MEMORY = 16
 
 
 class RayState(IntEnum):
-    """State of a marker."""
+    """State of a marker's 3D point: seen, predicted, or unknown."""
 
     TRACKED = 0
     """Seen by two or more cameras recently."""
@@ -236,7 +236,7 @@ class MarkerRays:
 
     @property
     def report(self) -> RayReport:
-        """Counts since the last `reset`."""
+        """Counts of pixels (used, rejected by the gate, late) and of markers since the last `reset`."""
         received, used, refused, late, begun, forgotten = map(int, self._counted)
         return RayReport(received, used, refused, late, begun, forgotten, self._frames_late)
 

@@ -1,4 +1,8 @@
-"""Compiled Gauss–Newton correction of `mocapella.fusion.object_poses`; importing this module imports numba."""
+"""Compiled Gauss–Newton correction of `mocapella.fusion.object_poses`; importing this module imports numba.
+
+The iterated extended Kalman filter's update: the 6-DoF pose and twist that minimise the squared Mahalanobis distance
+from the prediction plus the markers' squared reprojection errors over their variance.
+"""
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: loops in place, arrays come by position
 from __future__ import annotations

@@ -109,7 +109,7 @@ class PosePrediction(NamedTuple):
 
 
 class PoseResult(NamedTuple):
-    """The posterior that the kernel writes: R (3, 3) and x (9,) as in `PosePrediction`, and covariance (12, 12)."""
+    """The posterior that the kernel writes, laid out as `PosePrediction`: R (3, 3), x (9,), and covariance (12, 12)."""
 
     R: Float64
     x: Float64

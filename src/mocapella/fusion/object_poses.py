@@ -172,7 +172,7 @@ class ObjectPoses:
 
     @property
     def report(self) -> ObjectReport:
-        """Counts since the last `reset`."""
+        """Counts of frames (used, rejected by the gate, late) since the last `reset`."""
         return ObjectReport(**self._counts)
 
     def update(self, camera: str, pixels: Any, sd_px: Any, at_s: float) -> None:

@@ -1,4 +1,8 @@
-"""Triangulate named points from the detections of several cameras, frame by frame."""
+"""Triangulate named points from the detections of several cameras, frame by frame.
+
+Each frame's points are triangulated on their own: by least squares of the reprojection error with outlier rejection
+(`mocapella.geometry.triangulation`), or by the weighted linear method (`mocapella.geometry.weighted_linear`).
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,8 @@ class TracksSettings:
     """Parameters of the triangulation.
 
     Attributes:
-        method: one of `METHODS`.
+        method: ``robust`` (nonlinear least squares, cameras that disagree are rejected), ``weighted-linear`` or
+            ``linear`` (DLT, weighted by confidence); see `METHODS`.
         sd_px: for the method robust: standard deviation of a coordinate of a detection with confidence 1; for others it
             is divided by the square root of the confidence [px].
         gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see

@@ -1,4 +1,8 @@
-"""Compiled steps of `mocapella.fusion.marker_rays`, in place; importing this module imports numba."""
+"""Compiled steps of `mocapella.fusion.marker_rays`, in place; importing this module imports numba.
+
+They are the predict and update steps of an extended Kalman filter for each marker, with χ² gating, initialisation by
+triangulation, and re-filtering when a late observation is inserted.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
@@ -89,14 +93,14 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
 
 @njit(cache=True, error_model="numpy")
 def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) -> None:
-    """Update the state of point j by its oldest stored observation, and remove that, in place.
+    """Apply point j's oldest stored observation to its filter for good, and remove it from the buffer, in place.
 
     Args:
         j: index of the point.
         memory: updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         q: acceleration density, as in `predict` [m²/s³].
-        gate2: as in `correct`.
+        gate2: largest squared Mahalanobis distance of the innovation.
     """
     states, covariances, begins, counts = memory.states, memory.covariances, memory.begins, memory.counts
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
@@ -218,7 +222,7 @@ def follow(
     q: float,
     gate2: float,
 ) -> bool:
-    """Update a point's state by its oldest stored observations, in place; return whether the last one passed the gate.
+    """Filter a point's stored observations from the oldest on, in place; return whether the last one passed the gate.
 
     Args:
         j: index of the point.
@@ -228,7 +232,7 @@ def follow(
         memory: the observations; only its ``used_s`` is updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         q: acceleration density, as in `predict` [m²/s³].
-        gate2: as in `correct`.
+        gate2: largest squared Mahalanobis distance of the innovation.
     """
     times, cameras, pixels, variances = memory.times, memory.cameras, memory.pixels, memory.variances
     used_s = memory.used_s

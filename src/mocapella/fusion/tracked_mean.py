@@ -1,4 +1,7 @@
-"""Fuse skeletons by the mean of tracked joints (the thesis' *average skeleton*)."""
+"""Fuse skeletons by the mean of tracked joints (the thesis' *average skeleton*).
+
+A baseline without uncertainties: `weighted_mean` is the method of the tracker ``default``.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.fusion.weighted_mean`; importing this module imports numba.
 
+Inverse variance weighting of several sensors' views of one person's joints, with Student-t weights, and tracking of
+each view's offset from the mean.
+
 Views are (views, joints, 3) positions [m]; their variances are (views, joints) [m²], infinite where a view does not
 have a joint.
 """

@@ -122,7 +122,7 @@ def weighted_mean(
         variances: (views, joints) [m²]; infinite where not seen.
         expected: (joints, 3) predicted joints [m]; where NaN, the weights are the inverse variances alone.
         expected_variances: (joints,) of a predicted coordinate [m²].
-        degrees_of_freedom: as in `FusionSettings`.
+        degrees_of_freedom: of the Student-t weight, which lowers views far from the prediction; infinity disables it.
 
     Returns:
         The mean and its variance, which includes the scatter of the views about their mean; see `Fused` for joints that

@@ -266,7 +266,8 @@ def robust_align(
 
     Args:
         p, q, weights: as in `moments`, one set of points: (n, 3), (n,).
-        kernel, scale: as in `robust_weights`.
+        kernel, scale: robust loss (``l1``, ``huber``, ``geman-mcclure`` or ``squared``) and its scale [m], as in
+            `robust_weights`.
         iterations: the most iterations; the last estimate is returned, converged or not.
 
     Returns:

@@ -100,7 +100,7 @@ def largest_eigenvector(N: Float64, V: Float64) -> int:
 
 @njit(cache=True, error_model="numpy")
 def align(M: Float64, offset: float, T: Float64) -> None:
-    """Write the least-squares rigid motion ``T_p_q`` of the moments M into T (4, 4); see `alignment.align`.
+    """Write the rigid motion ``T_p_q`` that best aligns the points of the moments M (least squares, Horn).
 
     Args:
         M: (`alignment.MOMENTS`,), with a sum of weights above 0.

@@ -43,7 +43,7 @@ def factorise(A: Float64, damping: float, L: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(L: Float64, b: Float64) -> None:
-    """Replace b (n,) by the solution x of L Lᵀ x = b, with L (n, n) of `factorise`."""
+    """Solve L Lᵀ x = b by forward and back substitution: replace b (n,) by x; L (n, n) is of `factorise`."""
     n = len(b)
     for i in range(n):
         for k in range(i):

@@ -19,7 +19,7 @@ def project_with_jacobian(points: Any, lens: Any) -> tuple[Float64, Float64, Flo
 
     Args:
         points: (..., 3) camera frame: x right, y down, z out of the lens [m].
-        lens: (..., 9), see `mocapella.geometry.lens`; broadcasts with the points.
+        lens: (..., 9) fx fy cx cy [px], k1 k2 p1 p2 k3; broadcasts with the points.
 
     Returns:
         (..., 2) pixels [px]; (..., 2, 3) their derivatives by the point [px/m]; (..., 2, 9) by the lens's numbers, in

@@ -1,5 +1,7 @@
 """The lens of `mocapella.geometry.lens`, compiled, a point at a time; importing this module imports numba.
 
+Brown's model: radial (k1 k2 k3) and tangential (p1 p2) distortion; undistortion by iteration.
+
 Arguments k1 to k3, p1 and p2 are the distortion coefficients. ``farthest_r2`` is the squared radius of the model, see
 `lens.farthest_r2`; 0 for no limit. Coordinates (x, y) are x/z and y/z in the camera frame, (u, v) the same distorted.
 """
@@ -50,10 +52,12 @@ def distort(
 def undistorted(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float, k3: float, farthest_r2: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Undistort normalised image coordinates as `undistort` does.
+    """Undistort normalised image coordinates by Newton's method, and return the distortion's derivatives there.
 
     Args:
-        u, v, k1, k2, p1, p2, k3, farthest_r2: as in `undistort`.
+        u, v: distorted x/z and y/z in the camera frame.
+        k1, k2, p1, p2, k3: radial and tangential distortion coefficients.
+        farthest_r2: squared radius of the lens model; 0 for no limit.
 
     Returns:
         x and y, NaN where there are none within the lens model; then the three derivatives that `distort` returns.
@@ -131,11 +135,11 @@ def undistort(
 
 @njit(cache=True)
 def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Float64) -> None:
-    """Undistort pixels to viewing directions, as `lens.undistort` does.
+    """Undistort pixels to viewing directions, by Newton's method; the compiled `lens.undistort`.
 
     Args:
-        lens: (9,), see `lens`.
-        farthest_r2: of `lens.farthest_r2`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
+        farthest_r2: squared radius x² + y² up to which the lens model is monotonic; 0 for no limit.
         pixels: (n, 2) [px].
         out: (n, 2) written: x/z and y/z; NaN outside the range of the distortion model.
     """

@@ -48,9 +48,10 @@ def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
 
 @njit(cache=True)
 def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z: float, by_group: Float64) -> float:
-    """Return the signed distance of a point (x, y, z) from the smooth union of all limbs [m]; negative inside.
+    """Evaluate the implicit surface: signed distance of a point (x, y, z) from the smooth union of all limbs [m].
 
-    `smooth_min` joins the limbs of each group, and then the groups. Without limbs, the distance is about 1000 m.
+    It is negative inside. `smooth_min` joins the limbs of each group, and then the groups. Without limbs, the distance
+    is about 1000 m.
 
     Args:
         limbs: (n, `LIMB`), sorted by group.
@@ -71,7 +72,7 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
 
 @njit(cache=True)
 def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out: Float64) -> None:
-    """Evaluate `flesh` at the nodes of a grid.
+    """Evaluate the implicit surface `flesh` at the nodes of a grid.
 
     Args:
         limbs, within, between: (n, `LIMB`), (groups,) [m] and a number [m], as in `flesh`.

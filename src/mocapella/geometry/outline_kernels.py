@@ -36,7 +36,8 @@ def see(
     Args:
         vertices: (n, 3) in the world [m].
         T_camera_world: (4, 4) extrinsics.
-        lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
+        lens, farthest_r2: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3; and the squared radius up to which its distortion is
+            one-to-one, of `lens.farthest_r2`.
         pixels: (n, 2) written, x, y [px]; 0 where the depth is 0.
         depth: (n,) written: along the camera's axis [m]; 0 where a vertex is nearer than `NEAREST_M` or outside the
             range of the distortion model.
@@ -175,7 +176,7 @@ def cover(pixels: Float64, faces: Int32, sides: Int8, x0: int, y0: int, step: in
 
 @njit(cache=True)
 def border(faces: Int32, edges: Int32, sides: Int8) -> Int32:
-    """Return the contour edges of a mesh: those between a face with a visible outside and another face or none.
+    """Return the occluding-contour edges of a mesh: between a face with a visible outside and another face or none.
 
     Args:
         faces: (k, 3) corners.
@@ -337,12 +338,13 @@ def outlined(
         edges: (e, 4) of `outline_edges`.
         by_edges: whether `cover_by_edges` can be used, see `one_way`.
         step, margin: distance between samples, and margin of the window about the mesh [px].
-        given: an earlier result of `window` that is reused, unless it has no columns.
+        given: window (x0, y0, columns, rows) that is reused from an earlier call, unless it has no columns.
         spacing, bones: distance between the outline's points [px], and (n,) part of each vertex, as in `outline`.
 
     Returns:
-        The first sample's x and y [px], the mask (rows, columns) uint8, and at, normals, points, bone and far of
-        `outline`; an empty mask and no points where nothing is visible.
+        The first sample's x and y [px], the mask (rows, columns) uint8, and of the outline (n, 2) points [px], (n, 2)
+        normals [px], (n, 3) positions in the world [m], (n,) parts and (n,) depths [m]; an empty mask and no points
+        where nothing is visible.
     """
     count = len(vertices)
     pixels, depth = np.empty((count, 2)), np.empty(count)

@@ -51,7 +51,7 @@ def camera_rays(pixels: Any, lens: Float64, T_camera_world: Float64) -> Float64:
 
     Args:
         pixels: (..., 2) [px].
-        lens: (9,), see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
 
     Returns:
@@ -73,7 +73,7 @@ def residual(points: Any, lines: Float64) -> Float64:
 
 
 def moved(T: Float64, lines: Float64) -> Float64:
-    """Return Plücker lines (..., 6), moved by rigid motions (..., 4, 4); batch axes broadcast."""
+    """Return Plücker lines (..., 6) [direction, moment in m] after rigid motions (..., 4, 4); batch axes broadcast."""
     n, m = (T[..., :3, :3] @ lines[..., k : k + 3, None] for k in (0, 3))
     n, m = n[..., 0], m[..., 0]
     return np.concatenate([n, m + np.cross(T[..., :3, 3], n)], axis=-1)

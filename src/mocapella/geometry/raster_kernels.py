@@ -1,4 +1,7 @@
-"""Kernels that rasterise triangles: the visible triangle at each sample of an image. Importing this imports numba."""
+"""Kernels that rasterise triangles: the visible triangle at each sample of an image. Importing this imports numba.
+
+A z-buffer: of the triangles that cover a sample, the one with the greatest inverse depth is visible.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -25,7 +28,8 @@ def project(vertices: Float64, T: Float64, lens: Float64, farthest_r2: float, ou
     Args:
         vertices: (n, 3) world [m].
         T: (4, 4) `T_camera_world`.
-        lens, farthest_r2: (9,) and its radius, see `mocapella.geometry.lens`.
+        lens, farthest_r2: (9,) fx fy cx cy [px], k1 k2 p1 p2 k3; and the squared radius up to which its distortion is
+            one-to-one, of `lens.farthest_r2`.
         out: (n, 3) written: x, y [px] and 1/z [1/m]; all 0 for vertices nearer than `NEAR_M` or outside the lens model.
     """
     for i in range(len(vertices)):

@@ -1,4 +1,7 @@
-"""Fit the velocity field of a rigid motion to the velocities of points."""
+"""Fit the velocity field of a rigid motion to the velocities of points.
+
+It gives hidden points of a rigid body, such as a hand, the velocity of the visible ones.
+"""
 
 from __future__ import annotations
 

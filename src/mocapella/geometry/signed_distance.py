@@ -1,4 +1,7 @@
-"""Signed distance of samples to an outline."""
+"""Signed distance of samples to an outline.
+
+A distance transform with sub-sample accuracy; the method is in `signed_distance_kernels`.
+"""
 
 from __future__ import annotations
 

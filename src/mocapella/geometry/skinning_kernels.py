@@ -1,4 +1,7 @@
-"""Kernels of linear blend skinning. Importing this module imports numba."""
+"""Kernels of linear blend skinning. Importing this module imports numba.
+
+A vertex moves by the weighted mean of its parts' rigid motions.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations

@@ -68,7 +68,7 @@ class Views(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         numbers: (views, 25): lens (9), `lens.farthest_r2`, R_camera_world by rows (9), translation of T_camera_world
-            (3), camera centre in the world (3).
+            (3) [m], camera centre in the world (3) [m].
     """
 
     numbers: Float64
@@ -100,7 +100,7 @@ def views(lenses: Any, T_camera_world: Any) -> Views:
     """Convert the cameras of a rig to the format of `triangulate`, once for many points; the arrays are copied.
 
     Args:
-        lenses: (views, 9), see `mocapella.geometry.lens`.
+        lenses: (views, 9) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_world: (views, 4, 4) extrinsics.
     """
     lenses, T = np.asarray(lenses, dtype=np.float64), np.asarray(T_camera_world, dtype=np.float64)

@@ -74,7 +74,7 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
     """Return the reprojection error (du, dv) of a world point in view n: measured minus projected [px].
 
     Args:
-        views, n: the cameras, and the index of one.
+        views, n: (views, 25) the cameras, and the index of one.
         X, Y, Z: the point [m].
         u, v: its measured pixel [px].
 
@@ -532,7 +532,7 @@ def triangulate(
     views: Float64, pixels: Float64, sd: Float64, gate: float, least_sin2: float, points: Float64,
     covariances: Float64, residuals: Float64, used: Bool, states: UInt8,
 ) -> None:  # fmt: skip
-    """Triangulate points from their pixels in several views; see `triangulation.triangulate`.
+    """Triangulate points from their pixels in several views: least reprojection error, with rejection of outlier views.
 
     Args:
         views: (views, 25), see the module.
@@ -540,7 +540,8 @@ def triangulate(
         sd: (points, views) standard deviation of a pixel's coordinates [px].
         gate: largest reprojection error of an inlier view, in standard deviations.
         least_sin2: squared sine of the least angle between rays.
-        points, covariances, residuals, used, states: written: the fields of `triangulation.Triangulated`.
+        points, covariances, residuals, used, states: (points, 3) [m], (points, 3, 3) [m²], (points, views) [px],
+            (points, views) inliers and (points,) `PointState`, written.
     """
     count = pixels.shape[1]
     rays, weights, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count), np.empty(count)
@@ -591,12 +592,12 @@ def triangulate(
 def nothing(
     i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
 ) -> None:
-    """Write NaN, no used view and the state into row i of the results of `triangulate`.
+    """Write a failure into row i of the results of `triangulate`: NaN, no used view, and the reason.
 
     Args:
         i: index of the point.
         state: the reason of failure, such as `PARALLEL`.
-        points, covariances, residuals, used, states: fields of `triangulation.Triangulated`; row i is written.
+        points, covariances, residuals, used, states: the results of `triangulate`; row i is written.
     """
     states[i], points[i], covariances[i], residuals[i], used[i] = state, math.nan, math.nan, math.nan, False
 

@@ -49,12 +49,12 @@ DEFAULT = WeightedLinearSettings()
 def weighted_linear(
     pixels: Any, confidences: Any, lenses: Any, T_camera_world: Any, settings: WeightedLinearSettings = DEFAULT
 ) -> Triangulated:
-    """Triangulate points by the weighted linear method; the result's covariances are NaN.
+    """Triangulate points linearly (DLT) with views weighted by confidence; the result's covariances are NaN.
 
     Args:
         pixels: (..., views, 2) [px]; NaN where the camera does not see the point.
         confidences: (..., views) of each detection, 0 to 1; NaN where the camera does not see the point.
-        lenses: (views, 9), see `mocapella.geometry.lens`.
+        lenses: (views, 9) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_world: (views, 4, 4) extrinsics.
         settings: the thresholds.
 

@@ -1,4 +1,8 @@
-"""The model of an arm and the parameters of its fit, as the kernels take them."""
+"""The model of an arm and the parameters of its fit, as the kernels take them.
+
+The surface of an arm, here called *flesh*, is a set of tapered capsules about the bones; a *piece* is one capsule
+(`arm_flesh_kernels`).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ Float64 = NDArray[np.float64]
 
 
 class ArmArrays(NamedTuple):
-    """The model of an arm, as the kernels take it.
+    """Arrays of an arm's kinematic model and its surface of capsules, in the palm's frame, for the kernels.
 
     Attributes:
         digits: (5, DIGIT) parameters of the hand's digits, see `hand_kernels`.
@@ -44,9 +48,9 @@ class FitParameters(NamedTuple):
     Attributes:
         point_scale_m, silhouette_scale_m: scales of the robust losses [m].
         point_information, silhouette_information, collision_information: inverse variances of a residual [1/m²].
-        ahead_m: allowed distance of flesh in front of the measured surface [m].
+        ahead_m: allowed distance of capsules in front of the measured surface [m].
         overlap_m: allowed overlap of digits [m].
-        pieces: number of pieces that points may be assigned to, the first ones.
+        pieces: number of pieces (capsules) that points may be assigned to, the first ones.
         edge_m: distance between the surface's end and the outer pixel of its edge [m].
         sharpness: factor of the silhouette's information in the last third of a fit.
     """

@@ -47,12 +47,12 @@ class ArmFitSettings:
 
     Attributes:
         point_scale_m: scale of the robust loss of points; larger: points far from the arm count more [m].
-        silhouette_scale_m: scale of the robust loss of flesh beside the silhouette or before the surface [m].
-        point_sd_m: standard deviation of a point's distance from the flesh; its errors are not independent [m].
-        silhouette_sd_m: standard deviation of the distance of flesh beside the silhouette or before the surface [m].
+        silhouette_scale_m: scale of the robust loss of capsules outside the silhouette or in front of the surface [m].
+        point_sd_m: standard deviation of a point's distance from the capsules; errors of points are correlated [m].
+        silhouette_sd_m: standard deviation of a capsule's distance outside the silhouette or before the surface [m].
         collision_sd_m: standard deviation of the overlap of digits beyond ``overlap_m`` [m].
         sharp_sd_m: ``silhouette_sd_m`` in the last third of a fit [m].
-        ahead_m: allowed distance of flesh in front of the surface [m].
+        ahead_m: allowed distance of capsules in front of the measured surface [m].
         overlap_m: allowed overlap of digits [m].
         size_sd: standard deviation of a hand's size, relative to the average [ratio].
         thickness_sd: standard deviation of a hand's thickness, relative to the average [ratio].
@@ -132,9 +132,9 @@ class ArmEvidence(NamedTuple):
     """Measurements of one depth image, in the camera frame [m].
 
     Attributes:
-        points: (m, 3) points of the arm's surface.
+        points: (m, 3) points of the arm's surface [m].
         weights: (m,) weights of the points, 0 to 1.
-        front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured.
+        front: (h, w) depth of the arm's surface, the negative depth of other objects, 0 where nothing was measured [m].
         opposite: (h, w) int64, in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
             nearest pixel off the arm for an arm pixel; −1 for none.
         lens: (4,) fx, fy, cx, cy of these pixels [px].
@@ -148,11 +148,12 @@ class ArmEvidence(NamedTuple):
 
 
 class ArmPrior(NamedTuple):
-    """Prior and prediction of a fit, as the kernels take them.
+    """Gaussian prior and prediction of a fit, as the kernels take them.
 
     Attributes:
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
-        pose, certainty, v, information: as in `Expected`.
+        pose, certainty: predicted pose, and inverse variances (6 + n,) about it.
+        v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
     mean: Float64
@@ -168,8 +169,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: the pose.
-        costs: (5,) mean robust cost of points and of flesh, from 0 to 1; cost of overlapping digits; squared deviation
-            of sizes and angles from the prior, in standard deviations; share of the flesh that other objects occlude.
+        costs: (5,) mean robust cost of points and of capsules, 0 to 1; cost of overlapping digits; squared Mahalanobis
+            distance of sizes and angles from the prior; share of the capsules that other objects occlude.
     """
 
     pose: ArmPose
@@ -177,7 +178,7 @@ class Fitted(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Weighted sum of the costs of points, flesh, overlaps and deviations from the prior, for comparing poses."""
+        """Weighted sum of the costs of points, capsules, overlaps and prior, for comparing poses; smaller is better."""
         points, flesh, overlap, unusual = kernels().COSTS
         c = self.costs
         return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
@@ -185,7 +186,7 @@ class Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Prior and prediction of an arm for a fit.
+    """Gaussian prior and prediction of an arm for a fit: means and inverse variances.
 
     Attributes:
         pose: the predicted pose.
@@ -246,7 +247,7 @@ class ArmModel:
         self.forearm_m = _FOREARM_OF_HAND * length
 
     def state(self, forearm: Float64 | None = None) -> Float64:
-        """Return the state (STATE,) of an average arm, see `arm_flesh_kernels`.
+        """Return the sizes and limb directions (STATE,) of an average arm, laid out as in `arm_flesh_kernels`.
 
         Args:
             forearm: (3,) unit vector from wrist to elbow in the palm's frame; by default the wrist is straight.
@@ -259,7 +260,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of a new arm: average sizes; the approximate pose does not restrict palm and angles."""
+        """Return the prior of a new arm: average sizes, flat in the palm's pose and angles; the pose is the start."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -271,10 +272,10 @@ class ArmModel:
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
     def rigid(self, pose: ArmPose, sd: float) -> Expected:
-        """Return the prior of an arm of known sizes and posture whose position is unknown.
+        """Return the prior of an arm of known sizes and posture: flat in the palm's pose only, else about ``pose``.
 
         Args:
-            pose: sizes and posture.
+            pose: means of sizes and angles.
             sd: standard deviation of angles [rad] and of relative sizes.
         """
         base = self.unexpected(pose)
@@ -328,7 +329,7 @@ class ArmModel:
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """Try many postures of one digit (0: thumb); return the cost's reduction, 0 if none is better, and the pose."""
+        """Search a table of postures of one digit (0: thumb); return the cost's reduction, 0 if none, and the pose."""
         columns = self.columns[digit]
         free = columns >= 0
         tries = self._ways[digit].copy()
@@ -342,7 +343,7 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield copies of the pose whose fingers have the angles of differently bent neighbours."""
+        """Yield starts that leave a local minimum where fingers were mixed up: copies with permuted finger angles."""
         columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
         held = np.array([pose.z[c] for c in columns])
         for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
@@ -353,7 +354,7 @@ class ArmModel:
                 yield pose._replace(z=z)
 
     def alike(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield copies of the pose with all fingers bent equally, from straight to a fist, with unchanged abduction."""
+        """Yield starts that leave local minima: copies with all fingers equally bent, from straight to a fist."""
         for flexion, middle in _ALIKE_DEG:
             z = pose.z.copy()
             for digit in range(1, 5):
@@ -375,7 +376,7 @@ class ArmModel:
                 z[columns[k]] = np.radians(value)
 
     def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
-        """Return spheres (k, 5) along the flesh: centre (3), camera frame, and radius [m], 1 for hand or 0 for arm.
+        """Return spheres (k, 5) along the capsules: centre (3), camera frame, and radius [m], 1 for hand or 0 for arm.
 
         Args:
             pose: the pose.
@@ -401,7 +402,7 @@ class ArmModel:
         return out
 
     def pieces(self, pose: ArmPose) -> tuple[Float64, Float64]:
-        """Return the flesh (k, PIECE), see `arm_flesh_kernels`, and digits' joints (5, 4, 3), palm's frame [m]."""
+        """Return the capsules (k, PIECE) of `arm_flesh_kernels`, and digits' joints (5, 4, 3), palm's frame [m]."""
         k = kernels()
         pieces = np.empty((len(self.owners), k.PIECE))
         rows, joints, axes = np.empty((5, k.DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
@@ -425,7 +426,7 @@ class ArmModel:
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
     def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
-        """Return for each landmark (23,) the fraction of the camera-facing flesh around it that the image confirms.
+        """Return for each landmark (23,) the fraction of the camera-facing surface around it that the image confirms.
 
         Args:
             pose: the pose.

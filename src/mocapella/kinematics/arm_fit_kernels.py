@@ -1,16 +1,16 @@
 """Kernels that fit an arm and a hand to the points of a depth image.
 
-The flesh consists of tapered capsules about the bones. The fit minimises, over the palm's motion, the hand's angles,
-the directions of forearm and upper arm, and the person's sizes,
+The arm's surface, here called *flesh*, is a set of tapered capsules about the bones. The fit minimises, over the palm's
+motion, the hand's angles, the directions of forearm and upper arm, and the person's sizes,
 
     Σ ρ(distance of a point of the image from the flesh's visible side)
   + Σ ρ(distance of a piece of flesh beyond the silhouette, or in front of the measured surface)
   + Σ (overlap of digits)² + prior of sizes and angles + penalty beyond joint limits + prediction
 
-by Gauss–Newton steps with points assigned anew before each: A. Tagliasacchi et al., "Robust Articulated-ICP for
-Real-Time Hand Tracking", Computer Graphics Forum 34 (2015) 101, equations 1 to 8; the pieces of flesh as in A. Tkach,
-M. Pauly, A. Tagliasacchi, "Sphere-Meshes for Real-Time Hand Modeling and Tracking", ACM Trans. Graph. 35 (2016) 222.
-Residuals and derivatives are in the palm's frame. Importing this module imports numba.
+by Gauss–Newton steps with points assigned anew before each (articulated ICP): A. Tagliasacchi et al., "Robust
+Articulated-ICP for Real-Time Hand Tracking", Computer Graphics Forum 34 (2015) 101, equations 1 to 8; the pieces of
+flesh as in A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-Meshes for Real-Time Hand Modeling and Tracking", ACM Trans.
+Graph. 35 (2016) 222. Residuals and derivatives are in the palm's frame. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
@@ -90,7 +90,7 @@ def system(
     arm: ArmArrays, image: ArmEvidence, which: Int64, pose: ArmPose, parameters: FitParameters, H: Float64, g: Float64,
     costs: Float64, targets: Float64, only_costs: bool,
 ) -> None:  # fmt: skip
-    """Add the normal equations of the fit's geometric terms to H and g.
+    """Add the Gauss–Newton normal equations H δ = g of the fit's geometric terms to H and g.
 
     Degrees of freedom (dofs): the palm's twist in its own frame (6), the free angles, and the `BODY_DOFS` of
     `arm_flesh_kernels`.

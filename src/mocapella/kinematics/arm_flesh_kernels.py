@@ -1,4 +1,4 @@
-"""Kernels of the flesh of an arm: tapered capsules about its bones. Importing this module imports numba.
+"""Kernels of an arm's surface: tapered capsules about its bones, here called *flesh*. Importing this imports numba.
 
 A *piece* is one capsule, a row of `PIECE` numbers: one end (3), unit axis (3), length, radii at both ends, tangent of
 its taper's angle, middle (3), and radius of a sphere around it [m]. Pieces are in the palm's frame: three for each
@@ -43,7 +43,7 @@ BODY_DOFS = 13
 def write_piece(
     row: Float64, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float,
 ) -> None:  # fmt: skip
-    """Write the piece (PIECE,) of a tapered capsule from the point a to the point b with the radii ra and rb [m]."""
+    """Write the row (PIECE,) of a tapered capsule from the point a to the point b with the radii ra and rb [m]."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)
@@ -86,7 +86,7 @@ def flesh(
     digits: Float64, mirror: float, radii: Float64, palm: Float64, columns: Int64, gains: Float64, z: Float64,
     v: Float64, rows: Float64, joints: Float64, axes: Float64, pieces: Float64,
 ) -> None:  # fmt: skip
-    """Compute the pieces of an arm in the palm's frame, its digits' joints and axes.
+    """Compute an arm's capsules in the palm's frame, and its digits' joints and axes, by forward kinematics.
 
     Args:
         digits: (5, DIGIT) of the hand's shape, see `hand_kernels`.
@@ -135,13 +135,13 @@ def flesh(
 
 @njit(cache=True)
 def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float, out: Float64) -> int:
-    """Write spheres along the flesh, in the camera frame; return their number.
+    """Sample the capsules by spheres, in the camera frame, to gate depth images around an arm; return their number.
 
     Args:
-        pieces: (pieces, PIECE) of `flesh`.
-        owners: (pieces, 2) of `ArmArrays`.
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
-        spacing: distance between the spheres' centres along a piece [m].
+        pieces: (pieces, PIECE) capsules in the palm's frame, of `flesh`.
+        owners: (pieces, 2) digit or body part, and bone, of each capsule, of `ArmArrays`.
+        R, t: (9,), (3,) rotation row by row, and translation [m], from the palm's frame to the camera frame.
+        spacing: least distance between the spheres' centres along a capsule [m]; each has one at either end.
         out: (capacity, 5) the first rows are written: centre (3) and radius [m], 1 for the hand or 0 for the arm.
     """
     n = 0
@@ -167,7 +167,7 @@ def closest(
     pieces: Float64, few: int, first: int, x: float, y: float, z: float, vx: float, vy: float, vz: float,
     out: Float64,
 ) -> int:  # fmt: skip
-    """Return the index of the piece nearest to a point, in the palm's frame; −1 if there is none.
+    """Return the index of the capsule nearest to a point, in the palm's frame; −1 if there is none.
 
     On the side that faces away from the camera, the distance is that from the front, along the direction of view. For a
     capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
@@ -268,10 +268,10 @@ def visible(
     pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
     out: Float64,
 ) -> None:  # fmt: skip
-    """Write for each landmark the fraction of the camera-facing flesh around it that the image confirms.
+    """Write for each landmark the fraction of the camera-facing surface around it that the image confirms.
 
-    The flesh is sampled in rings about its axis: before the landmark, at it and beyond it; at a fingertip, before it
-    and on the round end.
+    The capsules are sampled in rings about their axes: before the landmark, at it and beyond it; at a fingertip, before
+    it and on the round end.
 
     Args:
         pieces: (pieces, PIECE) of `flesh`.

@@ -1,7 +1,7 @@
-"""Kernels of the residuals of an arm's flesh, and of the normal equations by groups of pieces.
+"""Kernels of the residuals of an arm's capsules, and of the normal equations by groups of capsules.
 
-`arm_flesh_kernels` defines pieces and the state v (`STATE`,). A group is the pieces that the same degrees of freedom
-move: a digit's bone, the palm, the forearm or the upper arm. Importing this module imports numba.
+`arm_flesh_kernels` defines the capsules (*pieces*) and the state v (`STATE`,). A group is the capsules that the same
+degrees of freedom move: a digit's bone, the palm, the forearm or the upper arm. Importing this module imports numba.
 """
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
@@ -49,7 +49,7 @@ JUDGED = 0.7  # factor of the robust scales when a result is judged
 
 @njit(cache=True)
 def group_of(owner: int, bone: int) -> int:
-    """Return the index of a piece's group; ``owner`` and ``bone`` are its row of `ArmArrays.owners`."""
+    """Return the index of the group of a capsule; ``owner`` and ``bone`` are its row of `ArmArrays.owners`."""
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 
@@ -60,7 +60,7 @@ def group_derivatives(
 ) -> None:  # fmt: skip
     """Write the derivatives of each group's residuals by its degrees of freedom (dofs), without the palm's six.
 
-    The derivative of a residual with normal n at a point p + r·n of the flesh is a linear function of a few numbers q:
+    The derivative of a residual with normal n at a surface point p + r·n is a linear function of a few numbers q:
     n, the moment p × n, r, and p·n for the hand, n times the position along the bone for the arm. So only Σ q qᵀ is
     accumulated for a group, and multiplied by the linear functions once (`add_groups`).
 
@@ -131,7 +131,7 @@ def group_derivatives(
 def residual_numbers(
     group: int, nx: float, ny: float, nz: float, px: float, py: float, pz: float, r: float, v: Float64, q: Float64,
 ) -> None:  # fmt: skip
-    """Write the numbers q (ROW,) of a residual, as `group_derivatives` defines them.
+    """Write the monomials q (ROW,) of a residual, in which its derivatives are linear; see `group_derivatives`.
 
     Args:
         group: index of the group.
@@ -158,7 +158,7 @@ def residual_numbers(
 
 @njit(cache=True)
 def add_residual(q: Float64, w: float, e: float, Q: Float64, b: Float64) -> None:
-    """Add a residual to its group's sums.
+    """Add a weighted residual to the sums of its group: q qᵀ for the normal matrix, q e for the gradient.
 
     Args:
         q: (ROW,) of `residual_numbers`.
@@ -247,7 +247,10 @@ def compare(
     image: ArmEvidence, X: float, Y: float, Z: float, r: float, parameters: FitParameters,
     out: Float64,
 ) -> int:  # fmt: skip
-    """Compare a sphere of flesh with the silhouette and the measured surface.
+    """Compute the residuals of a sphere in the model against the silhouette and the measured surface.
+
+    A sphere is penalised outside the silhouette, and in front of the depth measured there: the camera would see it.
+    Where an other object is nearer, the sphere is occluded and has no residual.
 
     Args:
         image: the measurements.

@@ -1,4 +1,8 @@
-"""Kernels that compare many postures of one digit with a depth image. Importing this module imports numba."""
+"""Kernels that compare many postures of one digit with a depth image. Importing this module imports numba.
+
+A digit has local minima where gradient steps do not help, such as a finger matched to its neighbour's points. So the
+cost is evaluated on a table of postures, and a fit continues from the best.
+"""
 
 # ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -41,17 +45,18 @@ def swept(
     arm: ArmArrays, image: ArmEvidence, mean: Float64, precision: Float64, pose: ArmPose, parameters: FitParameters,
     digit: int, tries: Float64, out: Float64,
 ) -> None:  # fmt: skip
-    """Write the cost of a fit for each of many postures of one digit, up to a common constant.
+    """Evaluate the fit's cost for each of many postures of one digit (exhaustive search), up to a common constant.
 
-    Only the terms that depend on the digit are computed: points that no other piece explains, the digit's own flesh and
-    its overlaps. So dozens of postures cost no more than a step of the fit.
+    Only the terms that depend on the digit are computed: points that no other piece explains, the digit's own capsules
+    and its overlaps. So dozens of postures cost no more than a step of the fit.
 
     Args:
-        arm, image, pose, parameters: model, measurements, pose, and scales and weights, as in `arm_fit_kernels.system`.
+        arm, image, pose, parameters: the hand's model, the image's measurements, the present pose, and the scales and
+            weights of the cost.
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles' prior.
         digit: index of the digit, 0 for the thumb.
         tries: (k, 5) the digit's angles f, a, m, b, c in each posture [rad]; clamped to the limits in place.
-        out: (k,) written.
+        out: (k,) cost of each posture, written.
     """
     digits, columns, gains = arm.digits, arm.columns, arm.gains
     radii, owners, R, t, z, v = arm.radii, arm.owners, pose.R, pose.t, pose.z, pose.v

@@ -1,4 +1,8 @@
-"""Filter one articulated body without a tracker, and read the pose from a body's memory."""
+"""Filter one articulated body without a tracker, and read the pose from a body's memory.
+
+The filter is an iterated extended Kalman filter in joint space, see `articulated_kernels` and
+docs/methods/articulated.md. A body's *memory* is its state: pose, velocity, covariance and bone lengths.
+"""
 
 from __future__ import annotations
 

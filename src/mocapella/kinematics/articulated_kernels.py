@@ -1,5 +1,7 @@
-"""Kernels that follow an articulated body over time; `docs/methods/articulated.md` describes the estimator.
+"""Kernels of a filter for an articulated body: predict its motion, and correct it by measured joints.
 
+The estimator is an iterated extended Kalman filter in joint space with joint limits, Student-t weights and learnt bone
+lengths; `docs/methods/articulated.md` derives it. The normal equations are solved in linear time (`chain_kernels`).
 A body's memory is one row of numbers (`articulated_memory`), NaN or 0 where nothing is known. All arrays are
 contiguous. Importing this module imports numba.
 """
@@ -63,7 +65,7 @@ class Measurements(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, variances: Float64) -> bool:
-    """Predict a body at an instant, without changing its memory.
+    """Extrapolate a body and its uncertainty to an instant, without changing its memory.
 
     Args:
         model: the body model.
@@ -109,7 +111,9 @@ def correct(
     model: BodyArrays, row: Float64, at_s: float, measured: Float64, measured_variances: Float64, positions: Float64,
     variances: Float64,
 ) -> bool:  # fmt: skip
-    """Update a body with measured joints; its memory moves to their instant.
+    """Predict a body to the time of measured joints, and correct it by them; the memory is then at that time.
+
+    A lost or new body is initialised from the joints instead (`articulated_start_kernels.initialise`).
 
     Args:
         model: the body model.

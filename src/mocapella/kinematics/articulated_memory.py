@@ -1,4 +1,8 @@
-"""Layout of the row of numbers that keeps one body's state between frames."""
+"""Layout of the row of numbers that keeps one body's state between frames.
+
+The state of the filter is the pose, its velocity, and for each degree of freedom the covariance of both. Correlations
+between degrees of freedom are not kept from frame to frame.
+"""
 
 from __future__ import annotations
 

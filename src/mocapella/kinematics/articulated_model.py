@@ -1,4 +1,7 @@
-"""Body models and their settings as arrays, for the kernels of `mocapella.kinematics.articulated_kernels`."""
+"""Body models and their settings as arrays, for the kernels of `mocapella.kinematics.articulated_kernels`.
+
+Models name a kinematic tree of hinges and ball joints with limits; settings are the process noise and thresholds.
+"""
 
 from __future__ import annotations
 
@@ -105,7 +108,7 @@ TRANSLATION, ABOUT, OF_BALL = 0, 3, 6
 
 
 class BodyParameters(NamedTuple):
-    """The settings that the kernels read, as `ArticulatedSettings` describes them."""
+    """The settings that the kernels read, as floats; `ArticulatedSettings` describes them and their units."""
 
     velocity_memory_s: float
     rest_sd: float
@@ -189,7 +192,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
 
 def memory_size(model: ArticulatedModel) -> int:
-    """Return the length of the row that holds one person's memory, see `articulated_memory`."""
+    """Return the length of the row that holds one person's filter state, laid out by `articulated_memory`."""
     return model.layout.size
 
 

@@ -28,7 +28,7 @@ CALMING = 3
 
 @njit(cache=True, error_model="numpy")
 def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
-    """Predict a memory row to a later instant, in place: a decaying velocity, driven by white acceleration.
+    """Predict a memory row to a later instant, in place: decaying velocity, driven by white-noise acceleration.
 
     Every degree of freedom is an integrated Ornstein–Uhlenbeck process, with its exact covariance.
 
@@ -114,7 +114,7 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
 
 @njit(cache=True, error_model="numpy")
 def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64) -> bool:
-    """Hold degrees of freedom at their limits that a small motion would move beyond them.
+    """Enforce joint limits (active set): hold degrees of freedom that a small motion would move beyond their limits.
 
     Args:
         model: the body model.

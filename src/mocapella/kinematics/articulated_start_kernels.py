@@ -1,4 +1,9 @@
-"""Kernels that initialise an articulated body from measured joints. Importing this module imports numba."""
+"""Kernels that initialise an articulated body from measured joints. Importing this module imports numba.
+
+The torso is aligned as a rigid body by least squares (`mocapella.geometry.alignment`). From the root outwards, each
+ball joint is turned to point its bone along the measured one; hinges start away from their limits. Covariances start
+wide.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position and write loops out
 from __future__ import annotations
@@ -30,7 +35,7 @@ STATURE, LEAST_STATURE, MOST_STATURE = 1.7, 0.5, 2.5
 
 @njit(cache=True, error_model="numpy")
 def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, variances: Float64) -> bool:
-    """Initialise a body's memory row from measured joints; known bone lengths are kept.
+    """Initialise a body's memory row from measured joints; known bone lengths stay.
 
     Args:
         model: the body model.

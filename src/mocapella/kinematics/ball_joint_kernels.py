@@ -122,7 +122,7 @@ def localise(
     parents: Int64, joint_parts: Int64, parts: Int64, first: Int64, axes: Float64, centres: Float64, angles: Float64,
     turned_by: Float64, new_axes: Float64, twists: Float64, limits: Float64,
 ) -> None:  # fmt: skip
-    """Change a tree, in place, so that a pose of its ball joints becomes their rest pose.
+    """Re-express a tree, in place, so that a pose of its ball joints becomes their rest pose, with angles 0.
 
     Args:
         parents, joint_parts: (parts,), (joints,) of `TwistTree`.

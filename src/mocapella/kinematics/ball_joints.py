@@ -96,7 +96,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
     axes: Float64
 
     def into(self, pose: TreePose) -> TreePose:
-        """Convert a pose of the body's tree to the local tree; its angles are new, its root's motion is shared."""
+        """Convert a pose of the body's tree to the tree whose rest pose is the present pose; the root is shared."""
         angles = np.array(pose.angles, np.float64)
         _kernels().into(self.balls.first, self.balls.axes, self.turned, self.axes, angles)
         return TreePose(pose.T_world_model, angles)
@@ -114,7 +114,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
         return Prior(self.into(prior.pose), prior.root_per_m, prior.root_per_rad, prior.angles_per_rad)
 
     def into_usual(self, usual: Prior) -> Prior:
-        """Convert the prior of usual angles to the local tree.
+        """Convert the prior of the typical (resting) posture to the local tree.
 
         For a ball joint it keeps only the rotation about the limb, with a weight that falls to 0 at the singular
         pose, where that rotation is undefined. The limb's direction has no usual value and is observed directly.

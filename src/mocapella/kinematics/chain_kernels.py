@@ -34,7 +34,7 @@ _IDENTITY = np.eye(3).reshape(9)
 
 
 class Elimination(NamedTuple):
-    """Intermediate results that `solve` writes.
+    """Intermediate results of the articulated-body algorithm, which `solve` writes and `marginals` reads.
 
     Attributes:
         M: (joints, 27) articulated inertia, 21 numbers, and bias force, 6, of the subtree at each joint.

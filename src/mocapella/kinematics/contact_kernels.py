@@ -1,4 +1,8 @@
-"""Kernels of the nearest points of two limbs and of the planes that separate them. Importing this imports numba."""
+"""Kernels of the nearest points of two limbs and of the planes that separate them. Importing this imports numba.
+
+Limbs are capsules. A penalty on their penetration depth separates them, as two point-to-plane constraints for each
+pair.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -89,7 +93,8 @@ def apart(
         R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         touching: allowed penetration [m].
         weight: weight of each plane [1/m²].
-        parts, rest, planes, weights: written: the fields of `twist_fit.InPlanes`, with room for 2 q planes.
+        parts, rest, planes, weights: (2 q,) part, (2 q, 3) point at rest [m], (2 q, 4) unit normal and offset in the
+            world [m], and (2 q,) weight of each plane [1/m²], written.
     """
     k, nearest = 0, np.empty((2, 3))
     for q in range(len(pairs)):

@@ -169,7 +169,7 @@ class Closed:
     Attributes:
         name: its name, one word.
         tight: whether the fingers lie in the palm (fist); otherwise they are bent as around an object.
-        digits: as of `Gesture`: the four fingers.
+        digits: indices of the digits that it uses, thumb 0: the four fingers.
     """
 
     name: str
@@ -189,7 +189,7 @@ class Pinch:
     """Gesture with the tips of thumb and index finger together, the other fingers not folded.
 
     Attributes:
-        name, digits: as of `Gesture`.
+        name, digits: its name, one word, and the indices of the digits that it uses, thumb 0.
     """
 
     name: str = "pinch"

@@ -1,4 +1,8 @@
-"""Detect that a hand holds an object: the thumb and another finger touch it, with hysteresis on release."""
+"""Detect that a hand holds an object: the thumb and another finger touch it, with hysteresis on release.
+
+A touch is a fingertip's distance from the object's surface below a threshold; it ends at a larger one (Schmitt
+trigger).
+"""
 
 from __future__ import annotations
 

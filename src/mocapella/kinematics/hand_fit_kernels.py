@@ -342,9 +342,10 @@ def describe(
     gains: Float64, prior: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64, sd: Float64,
     alone: Float64, variances: Float64, residuals: Float64,
 ) -> bool:  # fmt: skip
-    """Compute the landmarks and their uncertainty, from all information and from the markers of this frame alone.
+    """Compute a fitted hand's landmarks and their uncertainty: posterior, and from this frame's markers alone.
 
-    Alone means: with a hundredth of the prior's information, and without the prediction.
+    The posterior covariance is the inverse of the normal matrix. Alone means: with a hundredth of the prior's
+    information, and without the prediction; it tells which landmarks are measured rather than inferred.
 
     Args:
         digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z: the fitted hand and its
@@ -418,12 +419,12 @@ def misfits(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, squared: Float64,
 ) -> None:  # fmt: skip
-    """Write the squared distances of the markers from a hand, in their standard deviations.
+    """Write the squared Mahalanobis distances of the markers from a hand, for the rejection of outliers.
 
     Args:
         digits, mirror, layout, points, information, columns, gains, R, t, z: the hand and its measurements, as in
             `fit`; not changed.
-        squared: (5 + k,) written.
+        squared: (5 + k,) written [χ²].
     """
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)

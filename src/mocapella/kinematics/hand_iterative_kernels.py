@@ -180,7 +180,7 @@ def hand_iterative(
         digits, targets, angles, errors: (5, `DIGIT`), (5, 3) [m], (5, 4) in and out [rad], (5,) written [m], as in
             `hand_closed_form`.
         iterations: (5,) written: number of iterations for each digit.
-        kind: `FABRIK`, or as in `follow_jacobian`.
+        kind: the method: `FABRIK`, or one of the Jacobian methods of `follow_jacobian`.
         tolerance: distance at which a digit counts as solved [m].
         most: largest number of iterations.
         damping_m: λ of the damped least squares [m].

@@ -46,7 +46,10 @@ _DIRECTIONS = 8
 
 @njit(cache=True)
 def to_digit(row: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a point (x, y, z) from the palm's frame to a digit's frame [m]; row is (`DIGIT`,) its parameters."""
+    """Transform a point (x, y, z) from the palm's frame to a digit's frame [m]; row is (`DIGIT`,) its parameters.
+
+    The digit's frame has its origin at the first joint, z along the straight bone, and −y towards flexion.
+    """
     x, y, z = x - row[BASE], y - row[BASE + 1], z - row[BASE + 2]
     return (
         row[FRAME] * x + row[FRAME + 3] * y + row[FRAME + 6] * z,
@@ -71,7 +74,7 @@ def tip(row: Float64, f: float, a: float, m: float, b: float) -> tuple[float, fl
 
 @njit(cache=True)
 def missed(row: Float64, x: float, y: float, z: float, f: float, a: float, m: float, b: float) -> float:
-    """Return the distance of a digit's tip from a point, at given angles [m].
+    """Return the error of the inverse kinematics: the distance of a digit's tip from its target, at given angles [m].
 
     Args:
         row: (`DIGIT`,) the digit's parameters.

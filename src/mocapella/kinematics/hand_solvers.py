@@ -68,7 +68,11 @@ class HandSolver(Protocol):
 
 
 def digit_rows(model: HandModel, shape: HandShape) -> Float64:
-    """Return the kernels' parameters (5, `DIGIT`) of a hand; a left hand is solved as its mirror image."""
+    """Return the kernels' parameters (5, `DIGIT`) of a hand; a left hand is solved as its mirror image.
+
+    A row has the digit's base and axes in the palm's frame, bone lengths [m] and joint limits [rad]; see
+    `hand_kernels`.
+    """
     k = kernels()
     rows = np.zeros((5, k.DIGIT))
     for i, (row, digit, cone) in enumerate(zip(rows, model.digits, model.cones, strict=True)):
@@ -200,7 +204,7 @@ class Fabrik(_Iterative):
 
 
 class JacobianTranspose(_Iterative):
-    """Solver by gradient steps, each of the length that is optimal for linear motion of the tip.
+    """Solver by gradient descent, with the step length that is optimal for linear motion of the tip (Buss 2004, §3).
 
     Args:
         model: the hand's joints and limits.
@@ -212,7 +216,7 @@ class JacobianTranspose(_Iterative):
 
 
 class PseudoInverse(_Iterative):
-    """Solver by the smallest steps that would reach the target if the tip's motion were linear.
+    """Solver by Gauss–Newton steps with the Moore–Penrose inverse of the Jacobian (Buss 2004, §4).
 
     Args:
         model: the hand's joints and limits.
@@ -224,7 +228,7 @@ class PseudoInverse(_Iterative):
 
 
 class DampedLeastSquares(_Iterative):
-    """Solver by pseudo-inverse steps with a constant damping, which shortens them near singular poses.
+    """Solver by Levenberg–Marquardt steps of constant damping, short near singular poses (Buss 2004, §5).
 
     Args:
         model: the hand's joints and limits.

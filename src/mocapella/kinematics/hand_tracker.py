@@ -456,7 +456,7 @@ def base_layout(shape: HandShape, markers: int, height_m: float = 0.0) -> Float6
 
 
 def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[np.int64]]:
-    """Return how the angles of a hand depend on its free angles.
+    """Return the linear map from a hand's free angles to its 21 angles, which couples joints and holds others at 0.
 
     Returns:
         (5, 5) index of the free angle that each of a digit's five angles follows, −1 for none; (5, 5) factors; and (n,)
@@ -480,7 +480,7 @@ def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[n
 def angle_prior(model: HandModel, s: HandSettings, columns: NDArray[np.int64]) -> Float64:
     """Return the inverse covariance (n, n) of the free angles about the posture at rest [1/rad²].
 
-    Neighbouring fingers are correlated.
+    It is the inverse of a covariance in which the flexions of neighbouring fingers are correlated.
 
     Args:
         model: the hand's couplings.

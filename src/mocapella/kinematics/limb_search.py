@@ -159,7 +159,7 @@ def _limb(mesh: RiggedMesh, solid: Capsules, parts: Int64, points: int) -> Limb:
 
 
 class Evidence(msgspec.Struct, frozen=True, eq=False):
-    """Foreground evidence of one image; `without` removes the region that the rest of the body covers.
+    """Map of foreground scores of one image; `without` masks the region that the rest of the body covers.
 
     Attributes:
         eye: the camera.
@@ -174,7 +174,7 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
 
 
 def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> Evidence:
-    """Return an image's evidence of a limb, a copy: unknown where the rest of the body is rendered, and beside it.
+    """Return a copy of an image's evidence for one limb: 0 where the rest of the body is rendered, and beside it.
 
     Args:
         evidence: evidence of the whole body; not changed.
@@ -194,7 +194,7 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """Return an image's evidence, its foreground lowered to that of the previous image within `REACH` samples.
+    """Return evidence that persists: foreground scores are capped by the previous image's within `REACH` samples.
 
     This rejects brief flashes. Neither argument is changed.
     """
@@ -209,7 +209,7 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         pose: pose of the body's tree, within its limits; only the limb differs.
-        worth, was: scores of that pose and of the former one, at most 1.
+        worth, was: scores of that pose and of the former one, at most 1: see the module.
     """
 
     pose: TreePose
@@ -267,10 +267,12 @@ def search(
     also_hidden: bool,
     settings: LimbSearchSettings = DEFAULT,
 ) -> FoundLimb | None:
-    """Search for a pose of the limb with a clearly higher score than its present one; return None if there is none.
+    """Search for a pose of the limb by the cross-entropy method; return None if no score is clearly higher than now.
 
     Args:
-        limb, local, places, evidence: as in `worth`.
+        limb, local: the limb, and the local tree of the body's present pose.
+        places: (v, 3) vertices and (c, 2, 3) ends of the body's capsules in that pose, world [m].
+        evidence: foreground scores of the image, one for each camera.
         rng: random generator that draws the poses, and is not used if nothing is searched.
         also_hidden: whether to search also when the images do not contradict the present pose.
         settings: the settings.

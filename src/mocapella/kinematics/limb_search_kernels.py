@@ -1,4 +1,8 @@
-"""Kernels that compare many poses of a limb with the foreground of images. Importing this module imports numba."""
+"""Kernels that compare many poses of a limb with the foreground of images. Importing this module imports numba.
+
+They score the candidate poses of `limb_search`: points on the limb are projected, foreground scores are summed at their
+pixels, and the penetration of other limbs is measured.
+"""
 
 # ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
@@ -93,7 +97,7 @@ def forget_covered(mask: UInt8, strange: Float32) -> None:
 
 @njit(cache=True)
 def only_lasting(before: Float32, rows_on: int, columns_on: int, reach: int, strange: Float32) -> None:
-    """Lower foreground values, in place, to the largest value nearby in the previous image's map.
+    """Suppress transient foreground, in place: cap each value by the largest one nearby in the previous image's map.
 
     Args:
         before: (rows', columns') the previous map.

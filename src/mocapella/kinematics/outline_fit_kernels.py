@@ -227,19 +227,21 @@ def touching(
 
     Args:
         phi: (rows, columns) signed distance to the image's outline, valid up to ``reach_px`` [px].
-        surety: (rows, columns) evidence of an edge in the image [nats].
+        surety: (rows, columns) evidence of an edge in the image: log-likelihood ratio of both sides [nats].
         x0, y0, step: pixel of the first sample, and distance between samples [px].
         every: stride between samples of the image's outline.
         reach_px: largest distance of a match [px].
-        at, normals, points, bone, far: of `outline_kernels.outline`.
+        at, normals, points, bone, far: (n, 2) outline points [px], (n, 2) outward normals [px], (n, 3) positions in the
+            world [m], (n,) parts and (n,) depths [m], of `outline_kernels.outline`.
         soft_px: scale of the robust loss: at this residual the weight is a quarter (Geman and McClure).
         sd_px: standard deviation of an outline [px].
-        full: least evidence of an edge with full weight [nats].
+        full: least evidence of an edge, a log-likelihood ratio, with full weight [nats].
         R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         lens, farthest_r2, T: of the camera, with T (4, 4) ``T_camera_world``.
 
     Returns:
-        part, points, planes and weights of `twist_fit.InPlanes`.
+        (n,) part, (n, 3) points at rest [m], (n, 4) planes in the world (unit normal, offset [m]) and (n,) weights
+        [1/m²].
     """
     room = len(at) + phi.size // every
     hits, which = np.empty((room, HIT)), np.empty(room, np.int64)

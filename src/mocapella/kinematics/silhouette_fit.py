@@ -62,7 +62,7 @@ DEFAULT = CorrespondenceSettings()
 
 
 class Figure(msgspec.Struct, frozen=True, eq=False):
-    """A mesh prepared for rendering.
+    """A triangle mesh with the edges and parts that rendering its outline needs, computed once.
 
     Attributes:
         mesh: the mesh.
@@ -85,11 +85,11 @@ def figure(mesh: RiggedMesh) -> Figure:
 
 
 class Eye(msgspec.Struct, frozen=True, eq=False):
-    """A camera prepared for rendering.
+    """A calibrated camera: intrinsics and extrinsics as arrays for the rendering kernels.
 
     Attributes:
         size_px: (width, height) of the image.
-        lens: (9,), see `geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         farthest_r2: `geometry.lens.farthest_r2` of the lens.
         T_camera_world: (4, 4) extrinsics.
     """
@@ -108,7 +108,7 @@ def eye(placed: PlacedCamera) -> Eye:
 
 
 class Outline(msgspec.Struct, frozen=True, eq=False):
-    """A body's mask and outline in a camera.
+    """A mesh rendered in a camera: mask, and points on its occluding contour with their 3D positions.
 
     Attributes:
         origin_px, step_px: first sample and sample spacing of the window, as in `Silhouette`.
@@ -185,7 +185,7 @@ def within(points: Float64, by: Eye) -> bool:
 def alike(seen: Outline, phi: NDArray[np.float32]) -> float:
     """Return the intersection over union of a body's mask and an image's silhouette (rows, columns) in its window.
 
-    It is 0 where both are empty.
+    ``phi`` [px] is a signed distance, positive inside the silhouette. The result is 0 where both are empty.
     """
     return float(_seeing().alike(seen.mask, phi))
 
@@ -200,15 +200,15 @@ def touching(
     reach_px: float,
     settings: CorrespondenceSettings = DEFAULT,
 ) -> InPlanes:
-    """Return the planes that constrain the body's points so that its outline matches the image's.
+    """Match a rendered outline with an image's contour; return point-to-plane constraints on the body's pose.
 
     Args:
         seen: the body's outline.
         motions: R (parts, 9) and t (parts, 3) [m] of the rendered pose.
         phi: (rows, columns) signed distance to the image's outline, in the window of ``seen`` [px].
-        surety: (rows, columns) evidence of an edge in the image [nats].
+        surety: (rows, columns) evidence of an edge in the image: log-likelihood ratio of both sides [nats].
         by: the camera.
-        reach_px: largest valid distance in ``phi`` [px].
+        reach_px: distance at which ``phi`` is truncated, so the largest distance of a correspondence [px].
         settings: the settings.
     """
     R, t = motions

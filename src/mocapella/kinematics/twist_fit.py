@@ -200,10 +200,10 @@ class NormalEquations(msgspec.Struct, frozen=True, eq=False):
 def normal_equations(
     tree: TwistTree, pose: TreePose, constraints: Sequence[Constraints], priors: Sequence[Prior] = ()
 ) -> NormalEquations:
-    """Return the normal equations at a pose; H's inverse is the covariance of the estimate.
+    """Linearise constraints and priors at a pose: return the normal equations, whose H⁻¹ is the estimate's covariance.
 
     Raises:
-        SettingsError: as of `fit`.
+        SettingsError: wrong shapes, a part that the tree does not have, or a pose that is not finite.
     """
     problem = _problem(tree, pose, constraints, priors)
     parts, joints, k = len(tree.parents), len(tree.joint_parts), kernels()

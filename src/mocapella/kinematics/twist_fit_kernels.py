@@ -299,7 +299,8 @@ def measure(
         prior_T, prior_root: (priors, 4, 4) and (priors, 2) [1/m], [1/rad]; see `expect_root`.
         prior_angles, prior_joints: (priors, joints) expected angles [rad], and inverse standard deviations [1/rad].
         T, angles: (4, 4), (joints,) the pose: motion of the root, and angles [rad].
-        R, t, xi, Q: written: of `twist_tree_kernels.forward` and `linearised`.
+        R, t, xi, Q: written: (parts, 9), (parts, 3) [m] motions of the parts; (joints, 6) twists in this pose; (parts,
+            MOTION) quadratic forms of the constraints, of `linearised`.
         D, e: (joints,) written: the priors' terms in the diagonal of H and in g.
 
     Returns:
@@ -358,7 +359,7 @@ def fit(
             `TwistTree`.
         sums, about, prior_T, prior_root, prior_angles, prior_joints: constraints, their origin and priors, as in
             `measure`.
-        most_steps, rest_m, rest_rad: stopping criteria of `FitSettings`.
+        most_steps, rest_m, rest_rad: stopping criteria: number of steps, and size of the last step [m], [rad].
         T, angles: (4, 4), (joints,) [rad] the initial pose, overwritten with the result.
         held: (joints,) written: whether the angle is at a limit.
 

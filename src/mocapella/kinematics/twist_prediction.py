@@ -21,7 +21,7 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class JitterPenalty:
-    """Weights of the penalty on deviations from the predicted pose; 0 disables a term.
+    """Weights of the smoothness prior, the penalty on deviations from the predicted pose; 0 disables a term.
 
     Attributes:
         root_per_m: inverse standard deviation of the root's position [1/m].
@@ -52,13 +52,13 @@ def predicted(before: TreePose, last: TreePose, ratio: float = 1.0) -> TreePose:
 
 
 def looser(prior: Prior, times: float) -> Prior:
-    """Return the prior with its standard deviations multiplied by ``times``, above 0; its pose is shared."""
+    """Inflate a prior's uncertainty: multiply its standard deviations by ``times``, above 0; its pose is shared."""
     per_m, per_rad = prior.root_per_m / times, prior.root_per_rad / times
     return Prior(prior.pose, per_m, per_rad, np.asarray(prior.angles_per_rad) / times)
 
 
 def smoothness(tree: TwistTree, prediction: TreePose, penalty: JitterPenalty) -> Prior:
-    """Return the penalty on deviations from a predicted pose, as a prior for `mocapella.kinematics.twist_fit.fit`.
+    """Return the smoothness prior: a Gaussian about the predicted pose, for `mocapella.kinematics.twist_fit.fit`.
 
     The prediction is one of `predicted`, without batch axes; the same weight applies to every angle.
     """

@@ -25,7 +25,7 @@ _RELATIVE_FLOOR = 1e-12  # of the largest diagonal element; unconstrained degree
 
 @njit(cache=True)
 def path(parents: Int64, joint_parts: Int64, above: Int64) -> None:
-    """Write for each degree of freedom the next one towards the root.
+    """Write the parent of each degree of freedom, the next one towards the root, for the sparse factorisation.
 
     Args:
         parents, joint_parts: (parts,), (joints,) of `TwistTree`.
@@ -75,7 +75,13 @@ def factorise(above: Int64, H: Float64) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def substitute(above: Int64, L: Float64, b: Float64) -> None:
-    """Replace b (n,) by the solution x of LᵀL x = b, with L (n, n) of `factorise` and above (n,) of `path`."""
+    """Solve LᵀL x = b by back substitution along the tree's paths: replace b (n,) by x.
+
+    Args:
+        above: (n,) of `path`.
+        L: (n, n) lower triangular, of `factorise`.
+        b: (n,) the right-hand side, overwritten with the solution.
+    """
     for i in range(len(b) - 1, -1, -1):
         b[i] /= L[i, i]
         j = above[i]

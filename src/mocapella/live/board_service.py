@@ -89,7 +89,7 @@ class BoardService:
 
     @property
     def progress(self) -> BoardProgress:
-        """Progress of the calibration."""
+        """Progress of the rig calibration with the board, as shown to users."""
         return self._progress
 
     def update(self, status: SessionStatus | None) -> None:

@@ -28,7 +28,7 @@ class ServedSensor:
         link: publishes the frames.
         membership: claims the name, on a thread of its own.
         ended: set by `close`, or when a server refuses the name.
-        unstored: see `close`.
+        unstored: message about frames that the server has not stored at `close`.
 
     Raises:
         BusError, KeyFileError: as `mocapella.wire.node.NodeLink`.

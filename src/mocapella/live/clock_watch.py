@@ -1,4 +1,8 @@
-"""Compare the clocks of the nodes with the server's, on a thread that may wait for their answers."""
+"""Compare the clocks of the nodes with the server's, on a thread that may wait for their answers.
+
+Offsets are estimated by Cristian's algorithm, from the times of question, reading and answer (`mocapella.wire.clock`).
+They convert capture times of all sensors to the server's clock.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ _ANSWER_S = 1.0
 
 
 class ClockWatch:
-    """Probes the clocks of all connected nodes in turn, so that the server knows their offsets.
+    """Probes the clocks of all connected nodes, one after the other, once a second (`PROBE_EVERY_S`).
 
     Args:
         link: to the nodes.
@@ -41,7 +45,7 @@ class ClockWatch:
         self._link, self._registry, self._lock, self._recording, self._errors = link, registry, lock, recording, errors
 
     def run(self, ended: threading.Event) -> None:
-        """Compare all clocks every `PROBE_EVERY_S`, until ``ended`` is set; without an answer, bounds widen."""
+        """Probe all clocks every `PROBE_EVERY_S`, until ``ended`` is set. Without answers, error bounds grow."""
         while not ended.wait(PROBE_EVERY_S):
             with self._lock:
                 nodes = self._registry.nodes()

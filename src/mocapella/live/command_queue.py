@@ -1,4 +1,7 @@
-"""Queue of commands between the bus's threads and the tracker's: bounded, for each client and together."""
+"""Queue of commands between the bus's threads and the tracker's: bounded, for each client and together.
+
+Commands change the session, such as ``start`` or ``recalibrate``; the tracker's thread carries them out between frames.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What arrives from the bus, on the bus's threads: admitted, refused, and only passed on."""
+"""Callbacks of the bus: admit or refuse nodes and messages, and pass messages on to the tracker and the recorder."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from mocapella.wire.node import JoinReply
 class Door:
     """Passes messages to the tracker's and the recorder's threads.
 
-    A node's messages are recorded once it has a seat, which means that it holds its sensor's name in the registry.
-    Messages of a node without a seat are first examined by the tracker's thread. The methods are the callbacks of
+    A node has a *seat* if it holds its sensor's name in the registry. Its messages are recorded at once; those of a
+    node without a seat (a *stranger*) are first validated by the tracker's thread. The methods are the callbacks of
     `mocapella.wire.server.ServerLink.serve`: ``data`` is an encoded message, ``arrived_ns`` its arrival on the server's
     monotonic clock [ns], and ``answer`` takes the encoded reply.
 

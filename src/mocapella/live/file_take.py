@@ -1,4 +1,4 @@
-"""Record a run without a bus: the tracker's frames and scenes in their order."""
+"""Record a run without a bus, such as tracking of videos: a take of the frames and scenes in their order."""
 
 from __future__ import annotations
 

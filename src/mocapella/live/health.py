@@ -39,7 +39,7 @@ def open_descriptors() -> Descriptors | None:
 
 
 class HealthWatch:
-    """Collects the state of the server. Only `beat` asks the disk, which may be slow.
+    """Collects the state of the server for its status. Only `beat` accesses the disk, which may be slow.
 
     Args:
         takes: folder of the takes.

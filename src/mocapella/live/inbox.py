@@ -1,6 +1,7 @@
 """Queue between the bus's threads and the tracker's: a short one for each sensor, which drops the oldest frames.
 
-Messages of all nodes without a seat share one queue, so that any number of them costs a sensor nothing.
+Nodes that hold no sensor's name yet are *strangers*, nodes *without a seat*. Their messages share one queue with a
+limited rate, so that a flood of them delays no sensor.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ _STRANGER_EVERY_NS: Final = 1_000_000_000 // STRANGERS_A_SECOND
 
 
 class ReceivedMessage(NamedTuple):
-    """A received message.
+    """A message from a node that waits for the tracker's thread.
 
     Attributes:
         node: its node, by its key.
         data: its bytes.
         arrived_ns: its arrival on the server's monotonic clock [ns].
-        stranger: whether the node had no seat when it arrived.
+        stranger: whether the node did not hold its sensor's name when it arrived.
     """
 
     node: NodeKey
@@ -45,7 +46,7 @@ class Inbox:
         clock_ns: the monotonic clock [ns].
 
     Attributes:
-        strangers_dropped: number of strangers' messages dropped without a look at them.
+        strangers_dropped: number of strangers' messages dropped without being decoded.
     """
 
     def __init__(self, depth: int = 6, *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:

@@ -411,10 +411,10 @@ def hear_answer(
     end: int | None,
     wanted: Sequence[tuple[int, int]] = (),
 ) -> bool:
-    """Update the account of a node's frames by the node's answer; return whether the take must store the account.
+    """Update the ledger of a node's frames by the node's answer; return whether the take must store the ledger.
 
     Args:
-        ledger: the account.
+        ledger: sent, stored and lost frames of the node (`mocapella.recording.ledger`); updated.
         answer: of the node.
         first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
         end: number after the node's last frame that belongs to the take; None while more may follow.

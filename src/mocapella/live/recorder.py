@@ -37,7 +37,7 @@ class NodeState(NamedTuple):
     """State of a node's frames at the last commit.
 
     Attributes:
-        agreed: whether the first number is known.
+        agreed: whether the number of the take's first frame of this node is known.
         stored: every frame below this number that belongs to the take and exists is on the disk.
         after: number after the last frame known to exist.
         end: number after the last frame that belongs to the take; None if it is not known yet.
@@ -181,7 +181,10 @@ class Recorder:
         self._queue.put(partial(self._attempt, "account of a node", work))
 
     def believes(self, node: NodeKey, after: int) -> bool:
-        """Whether a node can have sent all frames below ``after``; if not, say so once."""
+        """Whether it is plausible that a node has sent all frames below ``after``; if not, report it once.
+
+        A number that is too high would make the take count frames as lost that never existed.
+        """
         try:
             self._leaps.check(node, after, time.monotonic_ns())
         except WireError as error:
@@ -200,7 +203,7 @@ class Recorder:
             self._refuse(sensor, "ground truths", _CROWDED_OUT)
 
     def status(self, status: SessionStatus, at_ns: int) -> None:
-        """Write the session's status."""
+        """Write the session's status into the take, with its time on the server's clock [ns]."""
         self._put(0, partial(self._writer.write_status, status, at_ns))
 
     def clock(self, probes: Mapping[str, Any], at_ns: int) -> None:
@@ -208,7 +211,7 @@ class Recorder:
         self._put(0, partial(self._writer.write_clock, probes, at_ns))
 
     def run(self, info: TakeInfo) -> None:
-        """Begin the run of a new tracker."""
+        """Write the beginning of a run: a new tracker with its method and settings."""
         self._put(0, partial(self._writer.start_run, info))
 
     def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:

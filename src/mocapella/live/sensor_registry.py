@@ -1,4 +1,8 @@
-"""Registry of sensors: which node serves each, and its health. Time is an argument."""
+"""Registry of sensors: which node serves each, and its health (rate, gaps, clock offset). Time is an argument.
+
+A *node* is the process that serves a sensor. A node that holds a sensor's name has a *seat*: only its frames are
+tracked. A second node with that name is refused.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,7 @@ _MOST_REASONS = 32
 
 
 class NodeStanding(Enum):
-    """Standing of a node that sends a message.
+    """Whether a node that sends a message is admitted.
 
     Attributes:
         SEATED: it holds its sensor's name.
@@ -84,7 +88,7 @@ class SensorRegistry:
     `MOST_SENSORS` others.
 
     Attributes:
-        turned_away: number of sensors that found no free seat.
+        turned_away: number of sensors refused because the limit is reached.
     """
 
     def __init__(self) -> None:
@@ -96,7 +100,7 @@ class SensorRegistry:
         self._looked_ns: int | None = None
 
     def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
-        """Return the standing of a node that sends a message; nothing is kept of a stranger.
+        """Return whether a node that sends a message is admitted, unknown or refused; nothing of a stranger is kept.
 
         Args:
             node: the node.
@@ -111,9 +115,9 @@ class SensorRegistry:
         return NodeStanding.STRANGER
 
     def join(self, node: NodeKey, now_ns: int) -> str:
-        """Give the node the sensor's name if a seat is free; return why the name is not, or an empty text.
+        """Give the node its sensor's name if the limits allow it; return why it was refused, or an empty text.
 
-        Without a free seat, its first valid frame gets one.
+        Beyond the limit of unproven sensors, the node gets the name with its first valid frame.
 
         Args:
             node: the node.

@@ -38,16 +38,16 @@ def check_leap(sequence: int, last: int, since_s: float) -> None:
 
 
 class LeapGuard:
-    """Remembers the highest sequence number of each node, and when it arrived."""
+    """Refuses frames whose sequence number leaps implausibly far (damaged, forged); keeps each node's highest one."""
 
     def __init__(self) -> None:
         self._newest: dict[NodeKey, tuple[int, int]] = {}
 
     def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
-        """Check a number that arrived; a node's first one may be any.
+        """Check the plausibility of a node's sequence number, and remember it; the first one may be any.
 
         Raises:
-            WireError: as in `check_leap`.
+            WireError: so many frames cannot have been skipped since the last number.
         """
         newest, newest_ns = self._newest.get(node, (sequence, arrived_ns))
         check_leap(sequence, newest, (arrived_ns - newest_ns) / 1e9)

@@ -42,7 +42,7 @@ def _waiting(setup: Setup) -> TrackerState:
 
 
 class Session:
-    """A tracker controlled by commands.
+    """A tracker with its setup, controlled by commands: frames in, scenes out, without threads and clocks.
 
     Args:
         setup: the first setup.
@@ -101,7 +101,7 @@ class Session:
         return self._settings_of.get(self.setup.method, {})
 
     def ready(self) -> None:
-        """Allow ``start`` from now on."""
+        """End the wait before the first start: the command ``start`` is accepted from now on."""
         if self._waiting_for:
             self._waiting_for = ""
             self.state = _stopped()

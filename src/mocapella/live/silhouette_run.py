@@ -57,7 +57,7 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
 
 
 class Step(msgspec.Struct, frozen=True, eq=False):
-    """One frame and its results.
+    """One set of simultaneous images of the silhouettes tracker, and its results.
 
     Attributes:
         frame: its number.

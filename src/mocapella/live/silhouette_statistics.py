@@ -24,7 +24,7 @@ class BinnedValues:
         self._step, self._counts = step, Counter[int]()
 
     def add(self, value: float) -> None:
-        """Add a value."""
+        """Add a value to its bin."""
         self._counts[round(value / self._step)] += 1
 
     def __len__(self) -> int:
@@ -69,7 +69,7 @@ class BodyStatistics:
         self.overlaps: dict[str, BinnedValues] = {}
 
     def add(self, row: FollowedFrame) -> None:
-        """Add a frame."""
+        """Add one frame's result: whether the body is lost, the unused images, and the overlaps by camera."""
         self.frames += 1
         self.lost += row.lost
         self.left_out.update(row.left_out.keys())

@@ -33,7 +33,7 @@ class StageTimes:
 
     @property
     def full(self) -> bool:
-        """Whether it has all frames."""
+        """Whether the given number of frames has been collected."""
         return self.count >= len(self._seconds)
 
     def add(self, seconds: Mapping[str, float], positions_px: NDArray[Any]) -> None:

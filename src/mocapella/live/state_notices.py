@@ -26,7 +26,7 @@ class StateNotices:
         self._reported: dict[str, float] = {}
 
     def update(self, state: TrackerState, uptime_s: float) -> None:
-        """Process the present state, so long after the start of the server [s]."""
+        """Report a change of phase, or new conditions; ``uptime_s`` is the time since the server's start [s]."""
         if state.phase.value != self._phase:
             self._phase = state.phase.value
             self._summary.state(uptime_s, self._phase, state.reason)

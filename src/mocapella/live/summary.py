@@ -48,7 +48,7 @@ MOST_CONDITIONS = 100
 
 @dataclass
 class Condition:
-    """A fault or a task that scenes report.
+    """A fault, or a task for the user, that the tracker reports in its state, with the time over which it lasted.
 
     Attributes:
         first_s, last_s: times of the first and the last report since the start of the run [s].

@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 
 class Held(Generic[T]):
-    """Holds a value until a newer one comes, or until it is stale.
+    """Holds the last received value for display until a newer one comes, or until it is too old to show (stale).
 
     Args:
         pace: of the values, whose silence ends each; None for `STALE_AFTER_S`.

@@ -65,7 +65,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def joint_states(self) -> UInt8:
-        """(8,) `JointState` of `ARM_JOINTS`."""
+        """(8,) tracking states, `JointState`, of elbow, wrist, palm and fingertips, in the order of `ARM_JOINTS`."""
         return self.states[list(ARM_JOINTS)]
 
 
@@ -86,10 +86,10 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
 
     Attributes:
         size_px: (width, height) of the depth image.
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         method: name of the detector.
         arms: the arms, in the order of their ids.
-        reason: as in `SeenArms`.
+        reason: why no arm was detected; empty otherwise.
     """
 
     size_px: tuple[int, int]

@@ -120,7 +120,7 @@ def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
     """Decode a board's TOML text; errors name ``path``.
 
     Raises:
-        InputError: as in `load_board`.
+        InputError: it is no TOML, or a value is invalid; names valid ones.
     """
     data = decode_toml(text, file=path, fix=f"write one with {_KEYS}")
     if _CALISCOPE & set(data) and "kind" not in data:

@@ -56,7 +56,8 @@ def mesh_of_build(build: str) -> RiggedMesh:
 def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
     """Return the mesh of one of `MODELS` for a subject height [m], if known, and proportions.
 
-    A ``male`` or ``female`` body is supple, see `body_mesh`. A name that is none of `MODELS` counts as ``male``.
+    A ``male`` or ``female`` body has 29 degrees of freedom: its neck moves and its waist turns. A name that is none of
+    `MODELS` counts as ``male``.
 
     Raises:
         SettingsError: implausible height or proportions.

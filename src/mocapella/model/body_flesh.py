@@ -1,5 +1,7 @@
 """A person's body at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
+The surface is a smooth union of tapered limbs (implicit surface), from which meshes are triangulated.
+
 `mocapella.model.body_meshes` defines the rest pose.
 """
 

@@ -107,7 +107,7 @@ def legs_mesh(
     """Return the mesh of a pelvis and legs, with the parts and joints of `body_mesh` below the waist.
 
     Args:
-        sex, height_m, proportions, detail: as in `body_mesh`; the height is the whole person's.
+        sex, height_m, proportions, detail: as in `body_mesh`; the height is the whole person's [m].
 
     Raises:
         SettingsError: as `body_mesh`.

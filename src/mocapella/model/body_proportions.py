@@ -116,7 +116,7 @@ AVERAGE: Final = BodyProportions()
 
 @dataclass(frozen=True)
 class Flesh:
-    """Breadths and depths of a body, relative to its height.
+    """Breadths and depths of a body's surface, relative to its height.
 
     Attributes:
         trunk: cross sections from the hips to the shoulders: place along the trunk from 0 to 1, half breadth, half
@@ -124,7 +124,7 @@ class Flesh:
         thigh: cross sections from joint to joint: place from 0 to 1, radius, shift forwards, and additional depth.
         shank: cross sections: place from 0 to 1, radius, and shift forwards.
         upper_arm, forearm: cross sections: place from 0 to 1, radius, and shift towards the thumb.
-        neck, jaw, breasts, buttocks: radii.
+        neck, jaw, breasts, buttocks: radii there, divided by the height.
     """
 
     trunk: tuple[tuple[float, float, float, float], ...]
@@ -229,7 +229,7 @@ def proportions_of(joints: Mapping[str, Any], girth: float = 1.0) -> BodyProport
     Args:
         joints: positions [m], (3,) or (frames, 3) each, by the names of the landmarks of `body_mesh`; NaN: not
             seen. Other names are ignored.
-        girth: see `BodyProportions`.
+        girth: breadths and depths, relative to the average for the height; 0.75 to 1.5.
 
     Raises:
         SettingsError: arrays of other shapes, no visible segment, or an implausible length.

@@ -26,7 +26,7 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
     Attributes:
         depth: (height, width) uint16 distance along the optical axis in units; 0 where nothing was measured.
         unit_m: length of a unit [m].
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
     """
 
     depth: UInt16
@@ -68,7 +68,8 @@ def depth_frame(
         unit_m: length of a unit [m].
         lens: (4,) fx, fy, cx, cy [px], for a lens without distortion, or (9,) of `mocapella.geometry.lens`.
         time_ns: capture time, on the camera's own clock.
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
 
     Raises:
         SettingsError: a depth that is not a uint16 image, or an impossible unit or lens.

@@ -55,7 +55,8 @@ def image_frame(
         time_ns: capture time, on the camera's own clock.
         format: format of ``image``; ignored if that is None.
         size_px: (width, height) of the image; not needed for an array.
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
         empty_room: whether the image shows the room without people.
 
     Raises:

@@ -79,7 +79,8 @@ def marker_frame(
         sd_px: standard deviation of a coordinate [px].
         areas_px: number of the marker's pixels.
         confidences: from 0 to 1.
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
 
     Raises:
         SettingsError: names that are empty or not unique, or a shape that does not fit their number.

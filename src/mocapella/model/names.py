@@ -31,5 +31,5 @@ def as_cell(text: str) -> str:
 
 
 def of_cell(text: str) -> str:
-    """Return the text of a table cell; the inverse of `as_cell`."""
+    """Return the original text of a table cell, without the apostrophe that `as_cell` puts before formulas."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text

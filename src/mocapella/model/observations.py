@@ -141,7 +141,8 @@ def body_frame(
         clipped_edges: (bodies,) `Edge` bits; 0 if None.
         depth_px: (bodies, joints, 2) x, y in the depth image [px].
         orientations: (bodies, joints, 4) quaternions (w, x, y, z).
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
         depth_size_px: (width, height) of the depth image; (0, 0) if there is none.
         tilt: tilt of the sensor, upwards positive [rad].
         height: height of the sensor above the floor [m]; 0 if unknown.

@@ -73,7 +73,8 @@ def pose_frame(
         orientations: (bodies, 4) quaternions w, x, y, z, which are normalised; a body with one of length 0 is not
             tracked.
         states: (bodies,) `JointState`; tracked if None.
-        node_id, sequence, sent_ns: see `SensorFrame`.
+        node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
+            clock [ns]; a node sets them when it publishes.
 
     Raises:
         SettingsError: names that are empty or not unique, a shape that does not fit their number, or an unknown state.

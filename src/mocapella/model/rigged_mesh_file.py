@@ -93,7 +93,8 @@ def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
         name: name of the file, which errors name.
 
     Raises:
-        InputError, SettingsError: as in `load_rigged_mesh`.
+        InputError: the content is invalid; states the field, its value and a valid one.
+        SettingsError: pygltflib is not installed.
     """
     return _loaded(Path(name), data)
 

@@ -198,7 +198,7 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
 
 
 class TrackedPoints(msgspec.Struct, frozen=True, eq=False):
-    """Points triangulated from several cameras.
+    """Named 3D points triangulated from several cameras, with their uncertainties.
 
     Attributes:
         names: (points,) names of the markers or keypoints.

@@ -215,7 +215,7 @@ class RecordingHealth:
 
 @dataclass(frozen=True)
 class Descriptors:
-    """File descriptors of the server's process: number of open ones, and the largest number."""
+    """File descriptors of the server's process: number of open ones, and the system's limit."""
 
     used: int
     limit: int
@@ -275,7 +275,10 @@ class SessionStatus:
     Attributes:
         revision: number of commands carried out, from which a view knows the newest status.
         running: whether frames are tracked.
-        phase, sensors_missing, frames_remaining, frames_wanted, reason: as in `mocapella.model.scene.TrackerState`.
+        phase: the tracker's state.
+        sensors_missing, frames_remaining, frames_wanted: numbers of sensors that it waits for, and of frames that the
+            calibration still needs and needs in total.
+        reason: why the calibration restarted, or what to do; empty if there is neither.
         counts: number of parts in the newest scene, by the name of their type.
         scenes: number of scenes so far.
         scenes_hz: rate of scenes over the last seconds.

@@ -81,7 +81,8 @@ def twist_tree(
     The arguments are the fields of `TwistTree`.
 
     Raises:
-        SettingsError: see `TwistTree`.
+        SettingsError: arrays of other shapes, a parent after its child, a twist without a unit axis or with pitch, or
+            limits in the wrong order.
     """
     parts = np.array(joint_parts, dtype=np.int64)
     free = np.tile([-np.inf, np.inf], (len(parts), 1))

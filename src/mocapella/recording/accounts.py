@@ -84,7 +84,7 @@ class Accounts:
         return ledger.wants(number)
 
     def receive(self, node: Node, number: int) -> None:
-        """Note that a wanted frame is in the file; arguments as in `wants`."""
+        """Note that the frame ``number`` of ``node``, for which `wants` was true, is written to the file."""
         self.pending += self.nodes[node].receive(number)
 
     def take_rows(self, *, last: bool = False) -> list[bytes]:
@@ -98,7 +98,7 @@ class Accounts:
         return [msgspec.json.encode(self.nodes[node].row(*node)) for node in sorted(changed) if self.nodes[node].agreed]
 
     def commit(self) -> None:
-        """Note that all received frames are on the disk."""
+        """Note that all received frames are on the disk, so that they can be acknowledged to their nodes."""
         self.pending = 0
         for ledger in self.nodes.values():
             ledger.commit()

@@ -85,7 +85,7 @@ def free_name(folder: Path, name: str) -> str:
 
 
 def ensure_folder(folder: Path) -> None:
-    """Make the folder as `make_private` does, unless it exists.
+    """Make a folder that only this user can read, with its missing parents, unless it exists.
 
     Raises:
         RecordingError: the folder cannot be made, or its path is a file.

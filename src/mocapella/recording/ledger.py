@@ -184,7 +184,7 @@ class NodeLedger:
         yield from self._received.gaps(self.first, end)
 
     def obtainable(self, below: int) -> Iterator[tuple[int, int]]:
-        """Yield gaps as `missing` does, without frames that the node no longer has, or that are given up."""
+        """Yield the gaps that can still be requested: without frames that the node lost, or that are given up."""
         yield from self._settled.gaps(max(self.first, self.oldest), min(below, self.after))
 
     def row(self, sensor: str, node_id: int) -> LedgerRow:

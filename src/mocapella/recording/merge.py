@@ -107,7 +107,9 @@ def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = Non
         found: frames of other files to add.
 
     Raises:
-        DiskFullError, RecordingError, DamagedTakeError: as in `merge_parts`; all parts are kept.
+        DiskFullError: there is no space for the copy.
+        RecordingError: the copy differs from the parts.
+        DamagedTakeError: a part is damaged. In each case all parts are kept.
     """
     scratch = disk.merging_path(path)
     added = [] if found is None else found.sources

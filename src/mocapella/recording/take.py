@@ -96,7 +96,7 @@ class Command:
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame of a take.
+    """A frame of a take: decoded, and as the bytes that the server received, with the time of its arrival.
 
     Attributes:
         log_ns: time at which the server received the frame, on the server's clock.
@@ -199,7 +199,8 @@ def run_from_metadata(values: dict[str, str], file: str) -> Run | None:
     """Decode the values that `run_metadata` made; return None if the checksum is wrong.
 
     Raises:
-        SchemaVersionError, DamagedTakeError: as in `decode_run`.
+        SchemaVersionError: the take was made with another message schema; names both versions.
+        DamagedTakeError: the record is no description of a run.
     """
     text = values.get("run", "").encode()
     return decode_run(text, file) if values.get("crc32") == f"{zlib.crc32(text):08x}" else None

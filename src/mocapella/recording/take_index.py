@@ -28,7 +28,7 @@ NAMED_AT_MOST: Final = 5
 
 
 class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Position of a message in the files of a take.
+    """Position of a message in the files of a take, by which it is read on demand.
 
     Attributes:
         part: index of the file, from 0.
@@ -131,7 +131,8 @@ class TakeIndex:
         Raises:
             OSError: the file cannot be read.
             InputError: a chunk is compressed.
-            SchemaVersionError, DamagedTakeError: as in `mocapella.recording.take.decode_run`.
+            SchemaVersionError: the take was made with another message schema; names both versions.
+            DamagedTakeError: its description of a run is invalid.
         """
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size

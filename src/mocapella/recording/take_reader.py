@@ -171,7 +171,7 @@ class Take:
         yield from self._decoded(self._index.others.get(take.TRUTH + sensor, []), decode_truth)
 
     def statuses(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield (log_ns, status of the session as a decoded JSON object, see `SessionStatus`)."""
+        """Yield (log_ns, status of the session) of all recorded statuses, each a JSON object as of `SessionStatus`."""
         yield from self._decoded(self._index.others.get(take.STATUS, []), _decode_values)
 
     def clock_probes(self) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -148,7 +148,8 @@ class TakeWriter:
         """Flush all earlier entries, then begin the run of a new tracker, whose scenes are numbered from 0.
 
         Raises:
-            DiskFullError, RecordingError: as in `flush`.
+            DiskFullError: the disk is full, or has less free space than the reserve.
+            RecordingError: the disk failed, or the file was removed or changed by another program.
         """
         self.flush()
         self._begin_run(info)

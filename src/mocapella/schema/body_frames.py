@@ -86,7 +86,8 @@ def decode_body_frame(data: bytes) -> BodyFrame:
     coordinates; a missing optional field is None.
 
     Raises:
-        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are invalid, or a value is impossible; names the field.
     """
     return body_frame_of(parse(_MESSAGE, data, MAX_MESSAGE_BYTES))
 

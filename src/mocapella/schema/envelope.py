@@ -48,7 +48,8 @@ def unseal(data: bytes) -> tuple[tuple[str, int, int, int, int], bytes]:
     """Return (sensor, node_id, sequence, time_ns, sent_ns) and the content of a message made by `seal`.
 
     Raises:
-        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are invalid, or a value is impossible; names the field.
     """
     message = _parsed(data)
     return identity_of(message), message.content
@@ -67,7 +68,8 @@ def open_unknown(data: bytes) -> UnknownFrame:
     """Decode the envelope of a frame whose type no installed package can read; its content stays encoded.
 
     Raises:
-        SchemaVersionError, WireError: as in `mocapella.schema.decode_frame`.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are invalid, or a value is impossible; names the field.
     """
     message = _parsed(data)
     return UnknownFrame(*identity_of(message), message.kind, message.content)

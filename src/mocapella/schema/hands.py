@@ -78,7 +78,7 @@ def decode_points(m: Any) -> TrackedPoints:
     """Decode a scene's named points from a parsed protobuf message, and check their values.
 
     Raises:
-        WireError: as in `decode_hand`.
+        WireError: a field has the wrong length or an impossible value; names the field.
     """
     point_names = names(m.names, "Points.names")
     return TrackedPoints(
@@ -103,7 +103,7 @@ def decode_object(m: Any) -> TrackedObject:
     """Decode a rigid object from a parsed protobuf message, and check its values.
 
     Raises:
-        WireError: as in `decode_hand`.
+        WireError: a field has the wrong length or an impossible value; names the field.
     """
     corners = len(m.outline_m) // (3 * F8.itemsize)
     if corners > MAX_POINTS:

@@ -65,7 +65,8 @@ def decode_scene(data: bytes) -> Scene:
     A part whose type no installed package has becomes an `UnknownPart`. Types without a part are not in the result.
 
     Raises:
-        SchemaVersionError, WireError: as in `decode_frame`.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are invalid, or a value is impossible; names the field.
     """
     m = parse(pb.Scene, data, MAX_SCENE_BYTES)
     kind = known_topology(m.topology)
@@ -161,7 +162,8 @@ def decode_truth(data: bytes) -> Truth:
     """Decode and check the ground truth of one simulated frame from a protobuf message's bytes.
 
     Raises:
-        SchemaVersionError, WireError: as in `decode_frame`.
+        SchemaVersionError: the message has another schema version; names both.
+        WireError: the bytes are invalid, or a value is impossible; names the field.
     """
     m = parse(pb.Truth, data, MAX_SCENE_BYTES)
     kind = known_topology(m.topology)

@@ -1,5 +1,9 @@
 """Find the region of an arm in a depth image: near a predicted arm, or anywhere.
 
+Near a predicted arm, region growing collects connected surfaces within a gate around spheres along the arm. Without a
+prediction, palms are found as discs of a palm's radius at the end of a surface as narrow as a forearm, by distance
+transform and geodesic distances.
+
 The image is sampled on a grid that is fine enough for fingers.
 """
 
@@ -191,7 +195,7 @@ def _grid(depth: Float32, lens: Float64, x0: int, y0: int, x1: int, y1: int, ste
 
 
 def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
-    """Segment the surfaces near spheres along an arm, and the surfaces connected to them.
+    """Segment an arm by region growing: seeds are surfaces near spheres along it, grown over connected surfaces.
 
     Args:
         grid: the depth image, from `grid_about` or `whole_grid`.
@@ -213,7 +217,7 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 
 
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
-    """Return the region of a surface that is segmented already.
+    """Return the region (points, silhouette distances) of a surface that is segmented already, for a fit.
 
     Args:
         grid: its lens is used.
@@ -229,11 +233,14 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
 
 def others_edges(front: Float64, s: ArmRegionSettings) -> float:
-    """Return the share of a surface's edges, 0 to 1, that belong to nearer surfaces, which occlude it; 0 without edges.
+    """Return how far a surface is occluded: the share of its edges, 0 to 1, that belong to nearer surfaces.
 
     Args:
         front: (h, w) as in `Region`.
         s: least difference in depth to a nearer surface.
+
+    Returns:
+        The share; 0 without edges.
     """
     return float(kernels().others_edges(front, s.nearer_m))
 
@@ -250,7 +257,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         s: limits.
         most: greatest number of candidates.
         near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
-        but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+        but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates within them are left out.
 
     Returns:
         Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.
@@ -283,7 +290,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
 
 
 def within(point: Float64, balls: Float64) -> bool:
-    """Return whether a point (3,) is in any of the balls (k, 4 or more): centre (3) and radius [m]; rest unused."""
+    """Return whether a point (3,) is in any sphere of ``balls`` (k, 4 or more): centre (3), radius [m]; rest unused."""
     return bool((np.linalg.norm(balls[:, :3] - point, axis=1) < balls[:, 3]).any())
 
 

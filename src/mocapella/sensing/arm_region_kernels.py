@@ -89,7 +89,7 @@ def thinned(depth: Float32, x0: int, y0: int, step: int, near: float, far: float
 
 @njit(cache=True)
 def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Float64, high: Float64) -> None:
-    """Write the interval of depths, for each pixel of a grid, that a surface within the gate of any sphere can have.
+    """Gate a depth image: write for each pixel the interval of depths that a surface near any sphere can have.
 
     Args:
         spheres: (k, 5) centre (3) in the camera frame and radius [m], and 1 for the hand or 0 for the arm.
@@ -129,7 +129,7 @@ def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Fl
 def grown(
     seen: Float64, low: Float64, high: Float64, wide_low: Float64, wide_high: Float64, jump: float, front: Float64
 ) -> None:
-    """Segment the surface that may be the arm: seeds in narrow depth intervals, grown within wide ones.
+    """Segment the arm's surface by region growing with two gates: seeds in narrow depth intervals, grown in wide ones.
 
     Surfaces in front of the narrow intervals but within the wide ones are seeds, too: a finger in front of the palm is
     not connected to the hand, because its shadow separates them.
@@ -199,10 +199,10 @@ def others_edges(front: Float64, jump: float) -> float:
 
 @njit(cache=True)
 def opposite(front: Float64, out: Int64) -> None:
-    """Write the nearest pixel of the same row across the arm's edge: on the arm for pixels off it, and the reverse.
+    """Write a row-wise distance map: the column of the nearest pixel on the other side of the arm's silhouette.
 
     Args:
-        front: (h, w) of `grown`; above 0 on the arm.
+        front: (h, w) of `grown` [m]; above 0 on the arm.
         out: (h, w) written: the column; −1 where the row has none.
     """
     height, width = front.shape
@@ -222,7 +222,7 @@ def opposite(front: Float64, out: Int64) -> None:
 
 @njit(cache=True)
 def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
-    """Write the 3D points of the arm's pixels, evenly subsampled if out is too small; return their number.
+    """Back-project the arm's pixels to 3D points, evenly subsampled if ``out`` is too small; return their number.
 
     Args:
         front: (h, w) depth [m]; only pixels above 0 are used.
@@ -249,7 +249,7 @@ def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
 
 @njit(cache=True)
 def labelled(seen: Float64, jump: float, labels: Int64, sizes: Int64) -> int:
-    """Label the connected surfaces of a depth image; return their number.
+    """Label the connected components of a depth image's surfaces; return their number.
 
     Args:
         seen: (h, w) depth [m]; 0 where nothing was measured.

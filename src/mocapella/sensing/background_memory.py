@@ -1,4 +1,4 @@
-"""Learn a static camera's background from images with people in them.
+"""Learn a static camera's background from images with people in them: a running Gaussian for each sample.
 
 Wherever no person is near, the image is background. It is learnt there, and used when a person comes later. So a clip
 needs no images of the empty room, only people who move. Where people were in every image, the
@@ -92,7 +92,7 @@ FIRST_SDS = 1.5
 
 
 class BackgroundMemory:
-    """The learnt background of one camera, in samples of the image; a `Background` of `region_contour`.
+    """Background model of one camera: mean and variance of each image sample; a `Background` of `region_contour`.
 
     The first image given to any method but `costs` sets the images' size and channels.
 
@@ -124,7 +124,7 @@ class BackgroundMemory:
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state of `memory`, of the same step and settings; its arrays are kept, not copied."""
+        """Restore a state that `memory` returned, of the same step and settings; its arrays are kept, not copied."""
         set_memory(self, memory)
 
     @property
@@ -172,10 +172,11 @@ class BackgroundMemory:
         It is 1 for an image that is much noisier than the first one. Nothing is learnt.
 
         Args:
-            image, person: as in `update`.
+            image: (height, width) or (height, width, 3) uint8.
+            person: window about a person, which is left out; None: no person is in the image.
 
         Raises:
-            InputError: as of `update`.
+            InputError: an image of another size than the first, or a window that is not aligned.
         """
         image, (left, top), phi = self._door(image, person)
         differ, known, noise = self._compared(image, phi, left, top)
@@ -211,7 +212,7 @@ class BackgroundMemory:
             (rows, columns) float32.
 
         Raises:
-            InputError: as of `update`.
+            InputError: the image has another size than the first, or the window is not aligned.
         """
         image, (left, top), phi = self._door(image, window)
         rows, columns = -(-phi.shape[0] // every), -(-phi.shape[1] // every)
@@ -221,7 +222,7 @@ class BackgroundMemory:
         return out
 
     def strange_at(self, image: UInt8, pixels: Float64) -> Float32:
-        """Return the foreground score (n,), as of `strange`, at pixels x, y (n, 2) of an image [px]; 0 outside it.
+        """Return the foreground score (n,), −1 (background) to 1, at pixels x, y (n, 2) of an image [px]; 0 outside it.
 
         The sample nearest to a pixel is scored.
 
@@ -244,7 +245,7 @@ class BackgroundMemory:
         return bounds
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """Return (blocks, size) the costs of `Background.costs`, all NaN before an image.
+        """Return (blocks, size) the cost −log p of each sample's value under the background [nats]; NaN where unknown.
 
         Raises:
             InputError: the band's window is not aligned as `update` requires.

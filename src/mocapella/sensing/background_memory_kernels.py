@@ -193,7 +193,7 @@ def learn(
     image: UInt8, step: int, window: PersonWindow, covered: UInt8, others: Bool, begin: int, end: int, every: int,
     rate: float, least_sd: float, learnt: BackgroundSamples,
 ) -> None:  # fmt: skip
-    """Update the background model away from people, in some rows of the image and more often beside the person.
+    """Update means and variances away from people (exponential averages), in some rows, more often beside the person.
 
     Args:
         image: (height, width, channels) uint8.
@@ -319,7 +319,7 @@ def strange(
 def strange_at(
     image: UInt8, step: int, pixels: Float64, bounds: ForegroundBounds, learnt: BackgroundSamples, out: Float32
 ) -> None:
-    """Write the foreground scores, as of `strange`, of the samples nearest to given pixels.
+    """Write the foreground score, −1 (background) to 1, of the sample nearest to each given pixel.
 
     Args:
         image, step, bounds, learnt: (height, width, channels) uint8, stride [px], bounds and model, as in `strange`.

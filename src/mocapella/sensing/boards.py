@@ -1,4 +1,7 @@
-"""Detect calibration boards in images, and explain why none was found."""
+"""Detect calibration boards in images, and explain why none was found.
+
+OpenCV finds the corners of chessboards and ChArUco boards; their accuracy in pixels is what calibration rests on.
+"""
 
 from __future__ import annotations
 

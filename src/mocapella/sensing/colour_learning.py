@@ -243,7 +243,10 @@ def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
 
 
 def light_of(bgr: UInt8) -> tuple[float, float, float]:
-    """Return the medians of luma, u and v (see `colour_profile`) of pixels (..., 3) blue, green, red."""
+    """Measure the light: return the medians of luma (0 to 255) and of chromaticities u and v of pixels (..., 3) BGR.
+
+    The chromaticities are logarithmic, as `colour_profile` defines them.
+    """
     flat = bgr.reshape(-1, 3)
     u, v = np.median(chromaticity(flat), axis=0)
     return float(np.median(brightness(flat))), float(u), float(v)

@@ -35,7 +35,7 @@ SKIN: Final = "skin"
 
 
 def chromaticity(bgr: NDArray[Any]) -> Float64:
-    """Return the chromaticity u, v (..., 2) of 8-bit blue, green, red (..., 3)."""
+    """Return the log-chromaticity (..., 2) of 8-bit blue, green, red (..., 3): u = log R − log G, v = log B − log G."""
     logs = np.log(np.asarray(bgr, np.float64) + OFFSET)
     return np.stack([logs[..., 2] - logs[..., 1], logs[..., 0] - logs[..., 1]], axis=-1)
 

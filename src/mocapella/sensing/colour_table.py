@@ -89,7 +89,7 @@ def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) 
 
 
 def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the indices (...) of pixels (..., 3) uint8 blue, green, red in the table of `lookup_table`."""
+    """Quantise pixels (..., 3) uint8 blue, green, red to 5 bits each; return the indices (...) of `lookup_table`."""
     cell = np.asarray(bgr).astype(np.int64) // CELL
     return np.asarray(cell[..., 0] + CELLS * cell[..., 1] + CELLS * CELLS * cell[..., 2])
 

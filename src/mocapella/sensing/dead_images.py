@@ -1,4 +1,8 @@
-"""Detect cameras that deliver black, uniform or frozen images."""
+"""Detect cameras that deliver black, uniform or frozen images.
+
+Three tests of a subsampled image: share of bright values, standard deviation, and equality with the camera's last
+image.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ class DeadImages:
         return [self._last, self._same]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore a state of `memory`, which is kept, not copied."""
+        """Restore a state that `memory` returned: the last samples of each camera, which are kept, not copied."""
         self._last, self._same = memory
 
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:

@@ -1,4 +1,8 @@
-"""Foreground of a depth camera: surfaces nearer than the remembered background."""
+"""Foreground of a depth camera: surfaces nearer than the remembered background.
+
+This is background subtraction in depth: each cell of a coarse grid remembers the farthest depth seen there, and a
+nearer surface is foreground.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ Float64 = NDArray[np.float64]
 
 
 class DepthForeground:
-    """Remembers the background's depth on a coarse grid.
+    """Depth background model on a coarse grid: detects surfaces that came nearer, such as an arm that enters the view.
 
     Depths that increase update the background at once; nearer ones are foreground until `learn` is called. Unmeasured
     pixels beside a surface lie in its shadow, and take the depth of the shadow's edges.

@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Learns each camera's image of the empty room, from images with people elsewhere, to detect differences."""
+    """Background image of the empty room by camera, from images with people elsewhere, for background subtraction."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
@@ -41,7 +41,7 @@ class EmptyRoom:
         return [self._images, self._known]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore a state of `memory`, which is kept, not copied."""
+        """Restore a state that `memory` returned: images of the empty room by camera, which are kept, not copied."""
         self._images, self._known = memory
 
     def learn(self, images: Mapping[str, UInt8], people: Mapping[str, Silhouette] | None = None) -> None:
@@ -127,7 +127,7 @@ class MovedSince:
         return self._first
 
     def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:
-        """Restore a state of `memory`, which is kept, not copied."""
+        """Restore a state that `memory` returned: first images and body positions, which are kept, not copied."""
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:

@@ -65,6 +65,9 @@ class Looked:
 class LineSkeleton:
     """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`.
 
+    The outline is segmented by depth, thinned to straight lines, and the joints are placed along them; the detector is
+    a baseline without a hand model.
+
     The arm is always reported as a right one, with certainty 0.5.
 
     Args:
@@ -158,7 +161,7 @@ class LineSkeleton:
         Stages that were not reached are omitted. The detector's state does not change.
 
         Raises:
-            SettingsError: as of `look`.
+            SettingsError: the image has another size than the camera's.
         """
         from mocapella.sensing.line_skeleton_sheet import pictures
 

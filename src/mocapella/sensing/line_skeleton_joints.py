@@ -86,7 +86,13 @@ def grid(of: ArmOutline, rays: Float64, s: LineSkeletonSettings) -> PointGrid:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Positions of the hand in the mirrored image [px], see `HandJoints`; ``px_per_m`` is the scale there [px/m]."""
+    """Positions of an arm's joints in the mirrored image, as in `HandJoints`.
+
+    Attributes:
+        elbow, palm, wrist: (2,) x and y [px].
+        inside_px: radius of the largest circle about the palm within the outline; 0 if the palm is outside of it [px].
+        px_per_m: scale of the image at the palm's depth [px/m].
+    """
 
     elbow: Float64
     palm: Float64

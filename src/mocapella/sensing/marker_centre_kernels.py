@@ -1,4 +1,7 @@
-"""The centre of a marker, from its edge; compiled. Importing this module imports numba."""
+"""The centre of a marker, from its edge; compiled. Importing this module imports numba.
+
+Sub-pixel refinement: the edge is located along radial rays by the mixture of colours in a pixel.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations

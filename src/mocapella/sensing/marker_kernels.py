@@ -1,4 +1,8 @@
-"""Kernels that track markers from image to image; importing this module imports numba."""
+"""Kernels that track markers from image to image; importing this module imports numba.
+
+A marker's prediction is at constant velocity in the image. Its candidates are the connected components of its colour
+(`marker_piece_kernels`).
+"""
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
@@ -114,7 +118,7 @@ def choose(
     found: Float64, count: int, label: int, x0: int, y0: int, predicted: bool, px: float, py: float,
     area_before: float, usual: float, limits: MarkerLimits, shape: Float64, mine: Float64, counts: Float64,
 ) -> int:  # fmt: skip
-    """Choose the connected piece of a marker's colour that is the marker; return its index, or −1.
+    """Associate a marker with one of its colour's connected components (data association); return its index, or −1.
 
     Args:
         found: (capacity, `PIECE`) pieces of `marker_piece_kernels.pieces`, with sums relative to (x0, y0).
@@ -193,7 +197,7 @@ def measure(
     image: UInt8, c: MarkerColours, mine: Float64, x0: int, y0: int, area_before: float, limits: MarkerLimits,
     shape: Float64, out: Float64,
 ) -> None:  # fmt: skip
-    """Measure a chosen piece and write the marker's results.
+    """Measure the chosen component: sub-pixel centre, standard deviation, area, shape and confidence of the marker.
 
     Args:
         image: (h, w, 3) uint8.
@@ -289,7 +293,7 @@ def follow(
     image: UInt8, c: MarkerColours, rows: MarkerRows, at_s: float, whole: bool, limits: MarkerLimits,
     buffers: PieceBuffers,
 ) -> int:  # fmt: skip
-    """Find all markers in one image, and update their rows.
+    """Detect and track all markers in one image: predict, gate by a search window, associate, measure.
 
     Each marker is searched near its prediction, and in the whole image if any is lost.
 

@@ -1,4 +1,4 @@
-"""Columns of the rows of `marker_kernels`: a marker's memory, and its result in an image."""
+"""Column indices of the arrays of `marker_kernels`: a marker's state between images, and its result in one image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The border of a silhouette as polylines of few points, to draw or send."""
+"""The border of a silhouette as polylines of few points, to draw or send.
+
+The border is traced along the samples, and thinned out evenly.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ def border_lines(silhouette: Silhouette, most: int = MOST_POINTS) -> Float32:
 
 
 def mask_lines(mask: UInt8, origin_px: tuple[int, int], step_px: int, most: int = MOST_POINTS) -> Float32:
-    """Return the border lines of a mask, as `border_lines` does.
+    """Trace a mask's borders: (k, 2) float32 closed lines [px], separated by rows of NaN; (0, 2) if it is empty.
 
     Args:
         mask: (rows, columns) uint8 of a window of an image, not 0 on covered samples.

@@ -1,4 +1,7 @@
-"""Draw contours into images: each body model's, and the image's where it deviates."""
+"""Draw contours into images: each body model's, and the image's where it deviates.
+
+Where the segmented contour leaves the model's, the fit is wrong or the segmentation is.
+"""
 
 from __future__ import annotations
 

@@ -272,7 +272,7 @@ def settle(
     guided: bool = True,
     energies: bool = False,
 ) -> RegionContour:
-    """Minimise the energy of a contour whose image was read by `read_band`.
+    """Minimise the energy E of the module's equation for a contour whose image was read by `read_band`.
 
     Args:
         band: samples of the image; its ``inside`` is overwritten.

@@ -1,5 +1,8 @@
 """Kernels of the iteration of `mocapella.sensing.region_contour`; importing this module imports numba.
 
+Iterative thresholding: local densities on both sides of the contour and the samples' sides are updated in turn, so that
+the energy of `region_contour` falls.
+
 A block is ``size`` consecutive samples of a row. The band is the samples near the prior's contour, which may change
 sides. All samples of the blocks that it touches are evaluated at once, and again only where something has changed.
 """
@@ -145,7 +148,7 @@ def segment(
     band: ContourBand, odd: Int32, outside_costs: Float32, w: ContourWeights, field: Float32, contrast: Float32,
     energies: Float64,
 ) -> int:  # fmt: skip
-    """Move a contour to where its energy is least; return the number of moves.
+    """Minimise the contour's energy by iterative thresholding (`region_contour` names the papers); return the moves.
 
     Args:
         band: the samples; its ``inside`` becomes the result.
@@ -232,7 +235,7 @@ def settled(
     band: ContourBand, outside_costs: Float32, w: ContourWeights, pad: int, columns: int, reported: bool, reach: int,
     step: np.float32,
 ) -> tuple[int, Float32, Float32, Float64]:  # fmt: skip
-    """Move a contour to where its energy is least, and measure distances from it.
+    """Minimise the contour's energy (`segment`), then compute the signed distance to the contour found.
 
     Args:
         band, outside_costs, w: samples, (blocks, size) costs of a background model or (0, 0), and weights, as in
@@ -242,8 +245,9 @@ def settled(
         reach, step: limit of distances [samples], and distance between samples [px].
 
     Returns:
-        Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns)
-        `region_mask_kernels.surety_of` it [nats]; and the energies of `segment`.
+        Number of moves; (rows, columns) the contour's signed distance [px], above 0 inside; (rows, columns) evidence of
+            the contour at each sample: mean log-likelihood ratio of its side to the other [nats]; and the energies at
+            the start and after every move, of `segment` [nats × samples].
     """
     phi, inside = band.phi, band.inside
     field, contrast, sure = phi.copy(), np.zeros_like(phi), np.empty_like(phi)

@@ -81,7 +81,7 @@ def add_sample(
     Args:
         values: (channels, blocks, size) int16 in half grey levels.
         n, j: indices of the block and of the sample in it.
-        top, low: row of nodes above the block, and weight of the next one, of `node_row_above`.
+        top, low: row of nodes above the block, and weight of the row below, from 0 to 2 size.
         k: the block's number in its row, which is the column of the nodes on its left.
         sign: 1 to add, -1 to subtract.
         side: 0 inside, 1 outside.

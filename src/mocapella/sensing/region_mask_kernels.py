@@ -1,4 +1,4 @@
-"""Blurred masks, and windows gathered into blocks of samples; compiled. Importing this module imports numba.
+"""Blurred masks and blocks of samples for `region_contour_kernels`; compiled. Importing this module imports numba.
 
 A window of an image is padded to whole blocks, each of ``size`` consecutive samples of a row. The band is the samples
 that may change sides. Blocks that it touches are stored one after another, and copied as words of 8 bytes.
@@ -109,7 +109,7 @@ def scatter(parts: UInt64, blocks: Int32, window: UInt64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def replace(old: UInt8, new: UInt8) -> np.bool_:
-    """Copy ``new`` over ``old``, both (samples,); return whether they differed."""
+    """Copy ``new`` over ``old``, both (samples,) uint8; return whether any sample differed: the contour has moved."""
     other = _0B
     for j in range(len(old)):
         other |= old[j] ^ new[j]
@@ -119,7 +119,7 @@ def replace(old: UInt8, new: UInt8) -> np.bool_:
 
 @njit(cache=True, error_model="numpy")
 def surety_of(contrast: Float32, inside: UInt8, out: Float32) -> None:
-    """Write how clearly each sample and its neighbours support their sides of the contour [nats], 0 or more.
+    """Write the evidence of the contour at each sample: mean log-likelihood ratio of its side to the other [nats], ≥ 0.
 
     It is the binomial mean over 5 × 5 samples of ``contrast``, negated for samples outside. Unknown samples, and those
     beyond the arrays, count as 0.

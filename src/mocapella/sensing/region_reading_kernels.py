@@ -292,8 +292,9 @@ def read(
         ignore: (h, w) bool, True for pixels without information; or (0, 0).
 
     Returns:
-        The result of `farthest`, then wide, inside, active, known and blocks of `lay_out`, and values of
-        `read_samples`.
+        The largest |phi| [px]; wide, inside: (rows, padded) phi, and the initial contour's mask; active, known:
+            (blocks, size) uint8, whether a sample may change sides, and whether the image shows it; (blocks, 2) int32
+            row and number of each block; (channels, blocks, size) int16 values [half grey levels].
     """
     rows, (height, width, channels), far = len(phi), image.shape, farthest(phi)
     x0, y0, step, pad, padded, size = layout

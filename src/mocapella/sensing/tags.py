@@ -285,7 +285,7 @@ def draw_tag(dictionary: str, number: int, side_px: int) -> UInt8:
     """Draw a tag for printing, with a white margin of two cells.
 
     Args:
-        dictionary: as of `TagSettings`.
+        dictionary: OpenCV's name of the set of tags, in any case, with or without ``DICT_``.
         number: the tag's number in the dictionary.
         side_px: side of the tag itself, without the margin [px].
 

@@ -1,5 +1,8 @@
 """Kernels of `mocapella.smoothing.kalman`, in place; importing this module imports numba.
 
+Predict and update steps of a constant-velocity Kalman filter for each point; its covariance is shared by the three
+axes.
+
 Points are positions and velocities (points, 3), variances (points, 3) and times of the last measurement (points,).
 """
 
@@ -21,7 +24,7 @@ def predict(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, dt: float, at_s: float,
     density: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Predict points to a later instant, in place; see `mocapella.smoothing.kalman.predict`.
+    """Kalman prediction at constant velocity with white-noise acceleration, for all points, in place.
 
     Args:
         positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of
@@ -50,7 +53,7 @@ def correct(
     positions: Float64, velocities: Float64, variances: Float64, seen_s: Float64, at_s: float, measured: Float64,
     measured_variance: Float64, scale: float, nu: float, speed_variance: float,
 ) -> None:  # fmt: skip
-    """Update predicted points by measurements, in place; see `mocapella.smoothing.kalman.correct`.
+    """Kalman update of predicted points by measurements with Student-t weights, in place.
 
     Args:
         positions, velocities, variances, seen_s: (points, 3) [m], (points, 3) [m/s], (points, 3), (points,) [s] of

@@ -54,9 +54,10 @@ def smooth(
     Args:
         positions, velocities: (points, dimensions) the filter's state [m], [m/s], or in pixels; updated.
         seen_s: (points,) capture time of each point's last measurement, −inf for none [s]; updated.
-        measured: (points, dimensions) measurements; a point with a NaN coordinate is not seen.
+        measured: (points, dimensions) measurements in the same unit; a point with a NaN coordinate is not seen.
         at_s: capture time of the measurements [s].
-        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: cutoff at rest [Hz], its increase per speed
+            [Hz/(m/s)], cutoff of the velocity's low pass [Hz], and gap that restarts the filter [s].
     """
     dimensions = positions.shape[1]
     for j in range(len(seen_s)):
@@ -87,7 +88,8 @@ def smooth_points(
     Args:
         positions, velocities, seen_s, measured, at_s: see `smooth`.
         out: (points, dimensions) written: the filtered points; NaN where not seen.
-        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: cutoff at rest [Hz], its increase per speed
+            [Hz/(m/s)], cutoff of the velocity's low pass [Hz], and gap that restarts the filter [s].
     """
     smooth(positions, velocities, seen_s, measured, at_s, min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s)
     for j in range(len(seen_s)):
@@ -109,7 +111,8 @@ def smooth_components(
         positions, velocities, seen_s: the state, as in `smooth`; updated.
         measured, at_s: as in `smooth`; a point with a NaN coordinate is not seen, and none of its coordinates changes.
         out: (points, dimensions) written: the filtered points; all coordinates NaN for a point that is not seen.
-        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: cutoff at rest [Hz], its increase per speed
+            [Hz/(m/s)], cutoff of the velocity's low pass [Hz], and gap that restarts the filter [s].
     """
     dimensions, since, together = positions.shape[1], seen_s[0] if len(seen_s) else at_s, True
     for j in range(len(seen_s)):

@@ -141,7 +141,7 @@ class Bridge:
 
     @property
     def report(self) -> BridgeReport:
-        """The counts so far."""
+        """Counts of frames, connections and errors so far."""
         return replace(self._report, errors=sum(self._errors.counts.values()))
 
     def start(self) -> None:

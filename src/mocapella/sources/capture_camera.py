@@ -1,4 +1,7 @@
-"""Local cameras and network streams, through `cv2.VideoCapture`."""
+"""Local cameras and network streams, through `cv2.VideoCapture`.
+
+OpenCV chooses the backend of the system, such as V4L2 on Linux.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,8 @@ class CaptureCamera:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: as in `PictureSource`; ``times`` changes when the driver's stamps are no longer used.
+        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+            capture times in words; ``times`` changes when the driver's stamps are no longer used.
     """
 
     live = True

@@ -1,4 +1,7 @@
-"""One camera's UDP port: choose its sender, and the datagram that becomes a frame."""
+"""One camera's UDP port: choose its sender, and the datagram that becomes a frame.
+
+UDP does not identify a sender, so the first sender with a readable datagram owns the port until it falls silent.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +83,7 @@ class DatagramPort:
 
     @property
     def report(self) -> PortReport:
-        """The counts so far."""
+        """Counts of received and refused datagrams so far."""
         return PortReport(
             refused={str(problem): count for problem, count in self._refused.items()},
             overflowed=self._counts["overflowed"] + sum(self._overflowed.values()),

@@ -107,7 +107,7 @@ class DepthFiles:
             folder of the first file.
 
     Attributes:
-        name, state, count: as in `DepthRecording`.
+        name, state, count: name of the recording, the camera's parameters, and number of images.
         fps: frame rate [Hz]: the user's, else that of ``depth.toml``, else `USUAL_FPS`.
 
     Raises:

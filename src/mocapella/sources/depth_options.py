@@ -64,7 +64,7 @@ class DepthOptions:
         unit_m: length of a unit of the depth images [m].
         kinect_raw: whether images are a Kinect v1's 11-bit disparities instead of depths; then ``unit_m`` is None. If
             False without ``unit_m``, a file's ``depth.toml`` decides.
-        lens: the nine numbers of `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         fps: frame rate to assume for files, or to request from a camera [Hz].
         size_px: (width, height) to request from a camera.
 
@@ -101,7 +101,7 @@ def parse_unit(text: str | None) -> tuple[float | None, bool]:
 
 
 def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
-    """Complete 3, 4 or 9 numbers to the nine of a lens, see `mocapella.geometry.lens`.
+    """Complete 3, 4 or 9 numbers to intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
 
     F,CX,CY is short for F,F,CX,CY [px]; without distortion coefficients they are 0. None is returned for another count,
     a number that is not finite, or a focal length of 0 or less.
@@ -115,7 +115,7 @@ def lens_of(numbers: Sequence[float]) -> tuple[float, ...] | None:
 
 
 def parse_lens(text: str | None) -> tuple[float, ...] | None:
-    """Parse the option ``--intrinsics``, such as ``476,313.7,242.8``, as `lens_of` does; None gives None.
+    """Parse the option ``--intrinsics``, such as ``476,313.7,242.8`` (F,CX,CY), to nine numbers; None gives None.
 
     Raises:
         SettingsError: the text is no lens.
@@ -148,7 +148,7 @@ def check_lens(lens: Sequence[float], size_px: tuple[int, int], source: object) 
     """Check that a lens is plausible for a depth camera with images of this size.
 
     Args:
-        lens: the nine numbers of `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         size_px: (width, height) of the images.
         source: named in the error.
 
@@ -282,7 +282,7 @@ class HandSizeCheck:
     hands with a straight and measured middle finger count, or all hands if these are too few.
 
     Args:
-        lens: the nine numbers of the lens in use, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion in use: fx fy cx cy [px], k1 k2 p1 p2 k3.
         size_px: (width, height) of the images.
         unit_m: length of a unit of the images [m].
     """

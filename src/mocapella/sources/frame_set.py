@@ -42,7 +42,15 @@ class FrameSet(msgspec.Struct, frozen=True, eq=False):
 
     @classmethod
     def at_rate(cls, frame: int, rate_hz: float, images: Mapping[str, UInt8]) -> FrameSet:
-        """Make the frame with this number of videos with a constant frame rate [Hz]; its time follows from both."""
+        """Make the frame number ``frame`` of videos with a constant frame rate [Hz]; its time is number / rate.
+
+        Frame numbers start at 0, and so does the time.
+
+        Args:
+            frame: number of the frame.
+            rate_hz: frame rate [Hz].
+            images: (height, width) or (height, width, 3) uint8 BGR, by camera.
+        """
         return cls(frame, time_of_frame(frame, rate_hz), images)
 
 

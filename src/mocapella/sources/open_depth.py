@@ -1,4 +1,7 @@
-"""Open a source of depth images by the name that a user writes."""
+"""Open a source of depth images by the name that a user writes.
+
+A name is a kind of depth camera, a folder of PNG files, a take's sensor, or a rendered scene.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Open an image source by the name that a user writes."""
+"""Open an image source by the name that a user writes.
+
+A name is a local camera, a stream, a video, an image, a folder of images, or a rendered scene.
+"""
 
 from __future__ import annotations
 

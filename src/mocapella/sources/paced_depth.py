@@ -22,7 +22,8 @@ class PacedDepth:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: as in `PictureSource`.
+        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+            capture times in words.
         recording: as given.
         damaged: number of unreadable images since `open`.
     """

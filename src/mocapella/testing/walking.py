@@ -196,7 +196,7 @@ def walking_arrivals(
         sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
             are evenly staggered.
         begin_s: true time of the first frame [s], rounded to 1/30 s; frames are numbered from ``30 * begin_s``.
-        noise, outliers: as in `WalkerSensor`.
+        noise, outliers: standard deviation of every coordinate [m], and fraction of displaced joints.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors
     made = [

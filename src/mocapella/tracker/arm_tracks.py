@@ -146,7 +146,7 @@ class ArmTrack:
 
     @property
     def side(self) -> float:
-        """Confidence of a left arm, from −1 to 1."""
+        """Confidence that it is a left arm: 1 surely left, 0 undecided, −1 surely right; tanh of half the log-odds."""
         return math.tanh(0.5 * self.evidence)
 
     def palm_at(self, at_s: float, coast_s: float) -> Float64:

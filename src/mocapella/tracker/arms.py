@@ -64,6 +64,9 @@ class ArmsSettings:
 class ArmsTracker:
     """Tracker of the method ``arms``.
 
+    Associates the arms that detectors find in each camera's depth images with tracks, and fuses each track's views.
+    Cameras without a pose are calibrated from arms that they see together with calibrated ones.
+
     Args:
         settings: the settings of every stage; the defaults if None.
         rig: known poses of cameras; if None, the first camera defines the world and arms calibrate the others.
@@ -171,7 +174,7 @@ class ArmsTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of used and rejected frames, calibrations and restarts so far."""
         kept = self._steps - self._rejected.total()
         return TrackerReport(self._steps, kept, dict(self._rejected), self._calibrations, self._restarts)
 
@@ -182,7 +185,7 @@ class ArmsTracker:
 
     @property
     def places(self) -> tuple[SensorPlace, ...]:
-        """The cameras' poses, by name."""
+        """Name, pose (4, 4) in the world and uncertainty of each camera."""
         return self._places
 
     def update(self, arrival: Arrival) -> Scene:

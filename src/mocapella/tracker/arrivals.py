@@ -1,4 +1,7 @@
-"""Keep each sensor's newest frame, and detect silent sensors and unusable frames."""
+"""Keep each sensor's newest frame, and detect silent sensors and unusable frames.
+
+Sensors are not synchronised: each frame is tracked as it arrives, with the other sensors' newest ones.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest frame, its capture time ``at_ns`` on the common clock [ns], and the bodies tracked in it."""
+    """A sensor's newest frame, its capture time ``at_ns`` on the common clock [ns], and the bodies that it tracks."""
 
     frame: BodyFrame
     at_ns: int
@@ -35,7 +38,7 @@ class Sighting(msgspec.Struct, frozen=True, eq=False):
 
 
 class Heard(msgspec.Struct, frozen=True, eq=False):
-    """Result of an arrival.
+    """Result of an arrival: the usable frames of all sensors at this time, or the reason for its rejection.
 
     Attributes:
         problem: why the frame cannot be used; empty if it can.

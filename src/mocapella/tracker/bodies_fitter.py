@@ -87,7 +87,13 @@ class BodiesFitter:
             fitter.reset()
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
-        """Learn the background from images of the empty room, by camera; see `BodyFitter.learn_background`."""
+        """Learn every fitter's background model from images of the empty room; after `start` of all.
+
+        ``images`` are (height, width) or (height, width, 3) uint8 BGR, by camera; unknown cameras are ignored.
+
+        Raises:
+            InputError: an image of another size than before.
+        """
         for fitter in self.fitters.values():
             fitter.learn_background(images)
 

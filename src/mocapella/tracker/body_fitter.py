@@ -3,7 +3,7 @@
     expected = predicted(before, last)                  extrapolate the motion
     contour  = region_contour(image, prior of expected) segment each image, with the model's outline as a prior
     given    = touching(outline, contour)               correspondences of outline and contour
-    pose     = fit(given, smoothness(expected))         with the penalty on jitter as a part of the estimate
+    pose     = fit(given, smoothness(expected))         with the smoothness prior as a part of the estimate
 
 The last three steps are iterated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless
 Motion Capture", DAGM 2007). See docs/methods/silhouettes.md.
@@ -81,8 +81,8 @@ class BodyFitter:
     Attributes:
         settings: the settings of every stage.
         mesh: the body's mesh.
-        body: the mesh with precomputed values.
-        eyes: the rig's cameras with precomputed values, by name.
+        body: the mesh, with values for rendering and collisions that all frames share.
+        eyes: intrinsics and extrinsics of the rig's cameras as arrays for rendering, by name.
     """
 
     def __init__(self, mesh: RiggedMesh, rig: CameraRig, settings: SilhouetteSettings | None = None) -> None:

@@ -53,7 +53,7 @@ class BodyPresence(msgspec.Struct, eq=False):
     """State of one body.
 
     Attributes:
-        initial: the pose that was given.
+        initial: the pose given to `SilhouettePresence.start`.
         pose: the last one that enough cameras saw completely and clearly; a lost body waits there.
         landmarks: (n, 3) in that pose [m].
         seen_ns: capture time of the last frame that showed the body, on the common clock.

@@ -43,7 +43,7 @@ BETTER_TURNED: Final = 0.02
 def reacquire(
     seen: Mapping[str, Silhouette], body: SilhouetteBody, before: Sequence[TreePose], eyes: Mapping[str, Eye]
 ) -> TreePose | None:
-    """Return one of the poses ``before``, moved and rotated to the foreground, to restart a lost body's tracking there.
+    """Return one of the poses ``before``, moved and rotated to the foreground, to restart tracking there.
 
     None is returned if no two cameras see one object, or if every posture's overlap with it is below `COVERED`. The
     overlap is the intersection over union of body and foreground, as a mean over the cameras that see the object.

@@ -74,6 +74,9 @@ _NEEDED_PARTS: Final = ("root",)
 class DefaultTracker:
     """Tracker of the method ``default``: people, their arms and fitted bodies. See the module for its steps.
 
+    Fuses the skeletons that several depth sensors detect: calibrates the sensors' extrinsics and clock offsets from
+    people's motion, associates skeletons with people, corrects left-right swaps, and filters the joints.
+
     Args:
         settings: the settings of every stage; the defaults if None.
         sensors_expected: number of sensors to wait for; the scene's phase is WAITING_FOR_SENSORS before.
@@ -183,7 +186,7 @@ class DefaultTracker:
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """Return the estimated layout, None if not known yet; see `KeepsLayout`."""
+        """Return the estimated poses of the sensors, to be kept; None before two sensors have a relative pose."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:

@@ -134,6 +134,9 @@ class _Taken(NamedTuple):
 class HandsTracker:
     """Tracker of the method ``hands``: one hand with markers, and objects. Cameras outside of the rig are rejected.
 
+    Triangulates the markers over time with a Kalman filter, fits the hand's joint angles to them (inverse kinematics
+    with joint limits), and estimates the objects' 6-DoF poses.
+
     Args:
         rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
         settings: markers, and the settings of every stage; the defaults if None.

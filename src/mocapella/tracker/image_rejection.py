@@ -1,9 +1,10 @@
 """Reject images that show something else: corrupted ones, or another scene.
 
-Two tests compare with usual values of the camera: the image behind the body differs from before
-(`shows_another_scene`), or the segmented outline is not the body's although other cameras see the body at its predicted
-pose (`hides_the_body`). The second test detects a mirrored image of the same room. Each camera is judged separately,
-because one remaining camera is enough to continue. An image that differs for long enough becomes the new reference.
+Two tests compare with adaptive thresholds of the camera, from mean and deviation of earlier values
+(`silhouette_camera.Usually`): the image behind the body differs from before (`shows_another_scene`), or the segmented
+outline is not the body's although other cameras see the body at its predicted pose (`hides_the_body`). The second test
+detects a mirrored image of the same room. Each camera is judged separately, because one remaining camera is enough to
+continue. An image that differs for long enough becomes the new reference.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ def shows_another_scene(
     """Return cameras whose background has changed, with the reasons; empty if none has.
 
     One camera must differ much, because a person may pass; if half of them differ at the same time, a significant
-    change is enough. The other cameras learn their usual change. After ``something_else_s`` a camera is accepted again,
-    and its background is forgotten.
+    change is enough. The thresholds of the other cameras are updated. After ``something_else_s`` a camera is accepted
+    again, and its background is forgotten.
 
     Args:
         cameras: the cameras in whose images the body is expected, by name, after `SilhouetteCamera.look`.
@@ -62,11 +63,13 @@ def hides_the_body(
     """Return cameras whose outline suddenly is not that of the body at its predicted pose, with the reasons.
 
     If the outlines differ in all cameras, and no image is rejected otherwise, the body moved: the result is empty. The
-    accepted cameras learn their usual overlap; a camera is accepted again after ``something_else_s``.
+    thresholds of the accepted cameras are updated; a camera is accepted again after ``something_else_s``.
 
     Args:
         cameras: the cameras whose images were segmented, by name.
-        left_out, settings, time_ns: see `shows_another_scene`.
+        left_out: reasons for the cameras whose images were rejected before, by name.
+        settings: settings of the tracker.
+        time_ns: capture time, on the common clock.
     """
     common = {name: camera.seen().overlap for name, camera in cameras.items()}
     poor = {name for name, camera in cameras.items() if common[name] < camera.covers.least()}

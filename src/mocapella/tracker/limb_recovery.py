@@ -1,4 +1,4 @@
-"""Select misplaced limbs and the evidence to search for them (`kinematics/limb_search.py`).
+"""Detect misplaced limbs, and re-acquire them in the foreground by random search (`kinematics/limb_search.py`).
 
 A limb is suspect if images show the background at its points, or if it penetrates another limb. Foreground in one
 image alone may be transient, so a limb is searched in the foreground of two consecutive images, from its second suspect

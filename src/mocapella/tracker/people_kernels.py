@@ -1,5 +1,8 @@
 """Compiled steps of `mocapella.tracker.people`, in place; importing this module imports numba.
 
+They fuse the sensors' newest views of each person's joints (inverse variance weighting), and filter each joint: a
+constant-velocity Kalman filter, then the 1-euro filter, or the articulated body's filter.
+
 See `mocapella.tracker.people_memory` for the arrays; body ``b`` of a frame belongs to the person in row
 ``rows[b]``.
 """
@@ -146,7 +149,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict the Kalman filters ``points`` to ``now_s`` on the common clock [s], in place; later ones stay.
+    """Predict the people's Kalman filters to ``now_s`` on the common clock [s], in place; later ones stay.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.
@@ -205,7 +208,7 @@ def make(
     views: ViewArrays,
     skeletons: SkeletonArrays,
 ) -> tuple[Float64, Float64]:
-    """Fuse each person's views, correct the Kalman filter by the result, and write its state as the skeletons.
+    """Fuse each person's views by a robust weighted mean, correct the Kalman filter by it, and write the skeletons.
 
     Args:
         rows: (bodies,) rows of the persons in the frame.
@@ -350,7 +353,7 @@ def pose_people(
     steady: Float64,
     doubts: Float64,
 ) -> None:
-    """Fit the articulated bodies of the persons in the frame, and predict the others.
+    """Update the articulated-body filters of the persons in the frame by their fused joints, and predict the others.
 
     Args:
         rows: (bodies,) rows of the persons in the frame.
@@ -394,7 +397,8 @@ def smooth_people(
             (people, joints) [s]: state of the filters, updated.
         measured: (bodies, joints, 3) fused views [m]; NaN where no view has the joint.
         at_s: newest capture time so far, on the common clock [s].
-        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: see `mocapella.smoothing.one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m, speed_cutoff_hz, forget_after_s: cutoff at rest [Hz], its increase per speed
+            [Hz/(m/s)], cutoff of the velocity's low pass [Hz], and gap that restarts the filter [s].
         view_age_s: joints that were measured within this time are copied [s].
         steady: (people, joints, 3) written where copied [m].
     """
@@ -422,10 +426,12 @@ def report(
         now_s: newest capture time so far, on the common clock [s].
         view_age_s: age of the oldest view in use [s].
         skeletons: the fused skeletons.
-        view_at, view_positions: see `ViewArrays`.
+        view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
+            [m].
 
     Returns:
-        The fields of `mocapella.tracker.people.PeopleResults`, new arrays.
+        (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], (people,
+        sensors, joints, 3) each sensor's view [m], and (people, sensors) whether the view is in use; new arrays.
     """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)

@@ -184,8 +184,9 @@ class PeopleMemory:
     The kernels change the arrays in place.
 
     Attributes:
-        at_s, positions, velocities, variances, seen_s: see `PointArrays`.
-        fused_s, steady, doubts, states, yaw: see `SkeletonArrays`.
+        at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
+            `PointArrays` for shapes and units.
+        fused_s, steady, doubts, states, yaw: the fused and smoothed skeletons that scenes report, see `SkeletonArrays`.
         body: (people, …) state of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
             (people, joints) [s]: state of the 1-euro filter.

@@ -1,4 +1,8 @@
-"""Assign one frame's bodies to people, and fuse them."""
+"""Assign one frame's bodies to people, and fuse them.
+
+Global nearest neighbour assigns a body to a track (`mocapella.association.tracks`); the person's views are then fused
+and filtered (`mocapella.tracker.people`).
+"""
 
 from __future__ import annotations
 

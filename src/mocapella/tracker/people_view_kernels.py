@@ -34,7 +34,7 @@ _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 def learn_noise(
     before: Float64, dt: float, seen: Float64, states: UInt8, velocities: Float64, memory_s: float, noise: Float64
 ) -> None:
-    """Learn the variance of each joint's jumps in a view, beyond its motion, into ``noise`` (joints,).
+    """Estimate the noise variance of each joint in a view, from jumps beyond its motion, into ``noise`` (joints,).
 
     The residual of x(t) = x(t − dt) + v dt + n(t) − n(t − dt) has twice the variance of the noise n. Joints that are
     NOT_TRACKED in the present view, or NaN in a view or in the velocities, keep their variance.
@@ -136,7 +136,7 @@ def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> fl
 def follow_labels(
     rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, mirror: Int64, views: ViewArrays
 ) -> None:
-    """Update whether left and right of the new views are swapped so that they agree with the other sensors' views.
+    """Correct swapped left and right labels of the new views by agreement with other sensors, with hysteresis.
 
     Args:
         rows: (bodies,) row of each body's person.
@@ -276,7 +276,7 @@ def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64)
 
 @njit(cache=True)
 def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
-    """Move one sensor's views, and add the change to their offsets, which fade; see `People.move_sensor`.
+    """Move one sensor's views after its extrinsics changed; their offsets take up the change and fade, without a jump.
 
     Args:
         column: column of the sensor.

@@ -110,7 +110,7 @@ class Tracker(Protocol):
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of used and rejected frames, calibrations and restarts so far."""
 
 
 class TrackerNote(msgspec.Struct, frozen=True):

@@ -1,4 +1,7 @@
-"""A body of the method ``silhouettes``, with precomputed values of its mesh."""
+"""A body of the method ``silhouettes``: its mesh, with edges, capsules and ball joints that all frames share.
+
+They depend on the rest pose only. The posed vertices of the last pose are cached, since many steps of a frame use them.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ SKIN_POINTS = 6
 
 
 class Standing(msgspec.Struct, frozen=True, eq=False):
-    """A body in a pose: its vertices (n, 3) and landmarks (m, 3) in the world [m]."""
+    """A posed mesh: its vertices (n, 3) and landmarks (m, 3) in the world [m], by linear blend skinning."""
 
     pose: TreePose
     vertices: Float64
@@ -27,14 +30,14 @@ class Standing(msgspec.Struct, frozen=True, eq=False):
 
 
 class SilhouetteBody:
-    """One body's mesh with values that all frames share, and a cache of its last pose.
+    """One body's mesh, with values for rendering and collisions computed once, and a cache of its last pose.
 
     Args:
         mesh: the body's mesh.
 
     Attributes:
         mesh: the body's mesh.
-        figure: the mesh with precomputed values, for rendering its outline.
+        figure: the mesh with its edges, for rendering its outline.
         balls: its ball joints, which have three axes.
         solid: its limbs as capsules, which must not penetrate each other.
         skin: (k,) indices of vertices that are spread over its parts.

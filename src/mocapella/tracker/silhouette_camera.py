@@ -1,4 +1,8 @@
-"""State of one camera while a body is tracked: outlines of the body and the image in this frame, and the background."""
+"""State of one camera while a body is tracked: outlines of the body and the image in this frame, and the background.
+
+One frame goes through rendering of the model's outline, segmentation with it as shape prior, correspondences, rejection
+of corrupted images, and background update.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +61,7 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
-    """A ball that a limb can reach, in the world: its centre (3,) and radius [m]."""
+    """Sphere that bounds the reach of a limb, in the world: its centre (3,) and radius [m]."""
 
     centre: Float64
     radius_m: float
@@ -75,11 +79,11 @@ class SilhouetteCamera:
         settings: settings of the tracker.
 
     Attributes:
-        step_px: see above.
+        step_px: the stride [px].
         background: model of the background; None for moving cameras.
         wide: whether to search farther from the outline, for a rough pose; set by the fitter.
-        usually: usual change of the background, see `unlike`.
-        covers: usual overlap of the outlines, see `seen`.
+        usually: adaptive threshold for the share of changed background, see `unlike`.
+        covers: adaptive threshold for the overlap of contour and model outline, see `seen`.
     """
 
     def __init__(self, by: Eye, step_px: int, settings: SilhouetteSettings) -> None:
@@ -97,7 +101,7 @@ class SilhouetteCamera:
         self.forget_frame()
 
     def forget_frame(self) -> None:
-        """Prepare for the next frame: drop outline and segmentation; the background and usual values stay."""
+        """Prepare for the next frame: drop outline and segmentation; background and thresholds stay."""
         self._window: Outline | None = None
         self._looked: tuple[Float64, float] | None = None
         self._outline: Outline | None = None
@@ -205,7 +209,7 @@ class SilhouetteCamera:
         return within(vertices, self._eye)
 
     def against(self, image: UInt8, points: Float64) -> Float32:
-        """Return the confidence (n,) float32 that the image shows the background at each point, from 0 to 1.
+        """Return for each point the confidence (n,) float32, 0 to 1, that its pixel shows background, not the body.
 
         The background must not be None.
 
@@ -278,9 +282,11 @@ class SilhouetteCamera:
 
 
 class Usually:
-    """Running mean and mean absolute deviation of a fraction, 0 to 1, and for how long it has been unusual.
+    """Adaptive threshold for one fraction, 0 to 1, such as the share of background that changed in a camera.
 
-    It gives the thresholds of `mocapella.tracker.image_rejection`. Before the first value, they are constants.
+    Mean and mean absolute deviation of accepted values are averaged exponentially; values far from the mean, in
+    deviations, are outliers. It also measures for how long the fraction has been an outlier. Before the first
+    value, the thresholds are constants. `mocapella.tracker.image_rejection` uses it.
     """
 
     def __init__(self) -> None:
@@ -289,7 +295,7 @@ class Usually:
         self._else_since_ns: int | None = None
 
     def memory(self) -> list[Any]:
-        """Return all state, for `recall`."""
+        """Return all state of the adaptive threshold, for `recall`."""
         return [self._mean, self._deviation, self._else_since_ns]
 
     def recall(self, memory: Sequence[Any]) -> None:
@@ -297,21 +303,21 @@ class Usually:
         self._mean, self._deviation, self._else_since_ns = memory
 
     def much(self, share: float) -> float:
-        """Return the threshold of a large change: the mean m plus this share of 1 − m."""
+        """Return the threshold of a large change: mean m + ``share`` · (1 − m), where ``share`` is 0 to 1."""
         return MOST_AT_FIRST if self._mean is None else self._mean + share * (1.0 - self._mean)
 
     def most(self) -> float:
-        """Return the value above which the fraction is unusually large."""
+        """Return the upper threshold, mean plus a multiple of the deviation: above it, the fraction is an outlier."""
         return MOST_AT_FIRST if self._mean is None else self._mean + max(LEAST_JUMP, BEYOND * self._deviation)
 
     def least(self) -> float:
-        """Return the value below which the fraction is unusually small."""
+        """Return the lower threshold, mean minus a multiple of the deviation: below it, the fraction is an outlier."""
         return 0.0 if self._mean is None else self._mean - max(LEAST_LOSS, BEYOND * self._deviation)
 
     def learn(self, share: float) -> None:
-        """Update mean and deviation by ``share``, a usual value of the fraction; NaN (unknown) changes neither.
+        """Update mean and deviation by an inlier ``share`` (exponential averages); NaN (unknown) changes neither.
 
-        The fraction is not unusual any more.
+        The time for which the fraction has been an outlier, `else_for_ns`, restarts at 0.
         """
         self._else_since_ns = None
         if np.isnan(share):
@@ -324,7 +330,7 @@ class Usually:
         self._deviation += LEARNT * (abs(change) - self._deviation)
 
     def else_for_ns(self, time_ns: int) -> int:
-        """Return for how long the fraction has been unusual [ns]; the first call after `learn` starts the time.
+        """Return for how long the fraction has been an outlier [ns], counted from the first call after `learn`.
 
         ``time_ns`` is the capture time on the common clock.
         """

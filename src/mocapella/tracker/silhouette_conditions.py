@@ -1,4 +1,7 @@
-"""Report which cameras are left out for which bodies, once that has lasted for some frames."""
+"""Report which cameras are left out for which bodies, once that has lasted for some frames.
+
+A camera is left out for a body while its image fails `image_rejection`. Short rejections are not reported (debouncing).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Learn the empty room from the first seconds, without people in the images."""
+"""Learn the empty room from the first seconds, without people in the images.
+
+The images give the background model of each camera, against which people's foreground is detected later.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ LEARNING: Final = "learning the empty room: keep people out of the images"
 
 
 class EmptyRoomLearning:
-    """Learns images of the empty room, spread evenly over its duration.
+    """Learns each camera's background model from images of the empty room, spread evenly over a given duration.
 
     Args:
         seconds: duration without people; 0 learns nothing [s].
@@ -37,7 +40,7 @@ class EmptyRoomLearning:
         self.reset()
 
     def reset(self) -> None:
-        """Learn anew."""
+        """Forget what was learnt; the duration begins again with the next image."""
         self._begin_ns: int | None = None
         self._taken = 0
         self._moved: set[str] = set()

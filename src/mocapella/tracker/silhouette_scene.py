@@ -27,7 +27,7 @@ class BodyScenes:
 
     Args:
         bodies: the tracked bodies, by name; their order gives the ids.
-        eyes: the rig's cameras with precomputed values, by name, in the rig's order.
+        eyes: intrinsics and extrinsics of the rig's cameras, by name, in the rig's order.
     """
 
     def __init__(self, bodies: Mapping[str, InitialBody], eyes: Mapping[str, Eye]) -> None:

@@ -1,4 +1,8 @@
-"""The settings of the method ``silhouettes``."""
+"""The settings of the method ``silhouettes``.
+
+They are the settings of segmentation, background model, correspondences, smoothness prior, limb recovery and image
+rejection.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from mocapella.settings import check
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Penalty on jitter, as standard deviations of people's accelerations.
+    """Smoothness prior (penalty on jitter): standard deviations of people's accelerations.
 
     Most of it acts on points of the surface. Parameters that images hardly determine, such as the rotation of the
     pelvis within the body, hardly move the surface either, so they are constrained as much as well-determined ones.
@@ -59,7 +63,7 @@ class Steadiness:
             check(0 < getattr(self, name) < np.inf, name, getattr(self, name), "above 0")
 
     def penalty(self, per_s2: float) -> JitterPenalty:
-        """Return the penalty on deviations from the predicted pose.
+        """Return the weights of the smoothness prior on deviations of root and angles from the predicted pose.
 
         Args:
             per_s2: 1 / T², T the time between two frames: an acceleration a displaces the body by a · T² [1/s²].
@@ -78,7 +82,7 @@ class SilhouetteSettings:
     """The settings of every stage.
 
     Attributes:
-        steadiness: the penalty on jitter; None for none.
+        steadiness: smoothness prior, the penalty on jitter; None for none.
         region: segmentation of an image, for samples of two pixels.
         closer: segmentation near the final pose, for the last segmentation of a frame.
         background: learning of the background; None for moving cameras.

@@ -1,4 +1,8 @@
-"""Initialise a tracked body: model, size and pose from 3D joints at one time."""
+"""Initialise a tracked body: model, size and pose from 3D joints at one time.
+
+The joints come from a file, or are triangulated from 2D keypoints. Segment lengths give the model's proportions; the
+pose is fitted to the joints (`mocapella.kinematics.landmark_pose`).
+"""
 
 from __future__ import annotations
 

@@ -60,6 +60,9 @@ _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 class SilhouettesTracker:
     """Tracker of the method ``silhouettes``.
 
+    Model-based: fits each body mesh's joint angles to the silhouettes and edges in the synchronised images of all
+    cameras, from a predicted pose; detects when a person leaves and searches for lost ones.
+
     Args:
         bodies: bodies with their initial poses, by name, at least one; a single body may have an empty name.
         rig: the cameras' intrinsics and poses; images of other sizes are rejected.
@@ -70,7 +73,7 @@ class SilhouettesTracker:
         waiting: whether the room is empty at first: bodies count as lost, and are searched, until they are seen.
 
     Attributes:
-        bodies, rig: see above.
+        bodies, rig: as given.
         seen: the last frame with its fits; None before the first.
 
     Raises:
@@ -137,7 +140,7 @@ class SilhouettesTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames, see `Tracker`; images that wait for simultaneous ones count as kept."""
+        """Counts of all frames so far; images that wait for simultaneous ones count as kept."""
         rejected = self._rejected + self._sync.dropped
         learnt = int(self._room.done and bool(self._room.seen))
         return TrackerReport(self._steps, self._steps - rejected.total(), dict(rejected), learnt, self._restarts)

@@ -118,7 +118,7 @@ class StandStillTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far."""
+        """Counts of used and rejected frames, calibrations and restarts so far."""
         kept = self._steps - self._rejected.total()
         calibration = self._calibration
         return TrackerReport(self._steps, kept, dict(self._rejected), calibration.completed, calibration.restarts)

@@ -1,6 +1,6 @@
-"""Prior on the accelerations of points of a body's surface, as a part of the pose estimate.
+"""Smoothness prior on points of a body's surface: their accelerations are small, as a part of the pose estimate.
 
-A point's cost is its squared distance from its predicted position, relative to the displacement by people's usual
+A point's cost is its squared distance from its predicted position, over the variance of the displacement by people's
 accelerations (`Steadiness`). These depend on its speed and its recent acceleration, as in filters whose process noise
 follows their innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Transactions on Automatic Control, 1972):
 a person at rest is held, a jumping one is not.
@@ -55,7 +55,9 @@ class SurfacePrior:
         set_memory(self, memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
-        """Set the points' predicted positions, and their weights.
+        """Set mean and weights of the prior: the points' predicted positions, and their inverse variances.
+
+        The standard deviation of a point's acceleration grows with its speed and its recent acceleration.
 
         Args:
             stands: the body in its predicted pose.
@@ -71,7 +73,7 @@ class SurfacePrior:
         self._weights = (per_s2 / np.hypot(usual, s.point_per_past * self._acceleration)) ** 2
 
     def steady(self, stands: Standing, motions: tuple[Float64, Float64]) -> OnPoints:
-        """Return the constraint that pulls the points to their predicted positions.
+        """Return the prior as point constraints that pull the surface to its predicted position, for `twist_fit.fit`.
 
         Args:
             stands: the body in its present pose.

@@ -1,4 +1,7 @@
-"""Compile a method's kernels before the first frame."""
+"""Compile a method's kernels before the first frame.
+
+Numba compiles a kernel at its first call, which takes seconds; a warm-up run calls them with synthetic frames.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ def warm_up(method: str) -> None:
 
 
 def is_compiled(method: str) -> bool:
-    """Load a method's kernels as `warm_up` does, but compile none.
+    """Load a method's compiled kernels from the cache on disk, but compile none.
 
     Returns:
         Whether all of them were compiled on disk (or there are none), so that `warm_up` has nothing left to do.

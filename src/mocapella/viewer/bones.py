@@ -105,7 +105,7 @@ def padded(strokes: Strokes, count: int) -> Strokes:
 
 
 def doubt(sd: Any) -> Float32:
-    """Return the *doubt* of joints: how uncertain they are drawn, from 0 (certain) to 1.
+    """Map the standard deviation of joints to how uncertain they are drawn, their *doubt*: 0 (certain) to 1.
 
     It rises linearly from `SURE_SD_M` to `UNSURE_SD_M`.
 

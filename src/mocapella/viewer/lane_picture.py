@@ -24,7 +24,7 @@ class LanePicture:
     Attributes:
         size_px: (width, height) of the image.
         origin: (3,) middle of the lane's front edge, in the view's space [m].
-        part: width of the image as a fraction of the lane's width.
+        part: width of the image as a fraction of the lane's width. A lane is the place of one sensor in the gallery.
     """
 
     size_px: tuple[int, int]

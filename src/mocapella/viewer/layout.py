@@ -31,7 +31,7 @@ PERSON_HEIGHT_M = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A camera pose of a browser.
+    """Pose and field of view of the virtual camera in a browser.
 
     Attributes:
         position: (3,) position in the view's space [m].

@@ -29,7 +29,7 @@ def revolve(heights: NDArray[np.float64], radii: NDArray[np.float64], sides: int
 
     Args:
         heights: (rings,) y of each ring, ascending.
-        radii: (rings,) radius of each ring; the first and the last are 0.
+        radii: (rings,) radius of each ring, in the same unit; the first and the last are 0.
         sides: number of corners of a ring.
     """
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)

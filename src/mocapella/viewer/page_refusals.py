@@ -14,7 +14,7 @@ _LOG: Final = logging.getLogger("mocapella.viewer")
 
 
 class PageRefusals:
-    """Counts refusals by kind; may be called on any thread.
+    """Counts HTTP requests and messages of web pages that the view refuses, by kind; may be called on any thread.
 
     The first refusal of a kind is logged, and later ones at most every `LOG_EVERY_S` seconds, with their number.
 

@@ -138,7 +138,7 @@ def rings(
         plane: rectangle of the image.
         points_px: x, y of each circle's centre in the image [px], by name; none gives n = 0.
         colours: colour of each circle, by name, at least for the names of ``points_px``.
-        radius_px: radius of the circles.
+        radius_px: radius of the circles [px].
 
     Returns:
         End points (n, 2, 3) in the view's space [m], and their colours (n, 2, 3), red, green and blue, 0 to 255.

@@ -39,6 +39,8 @@ _OVER: Final = np.array([0.0, 0.18, 0.0])
 class StageOfHands:
     """Transform from the world to the stage: p_stage = scale · R · (p_world − centre) + the stage's centre.
 
+    A similarity transform, so that hands are shown enlarged and centred.
+
     Attributes:
         R: (3, 3) rotation from the world to the stage.
         centre: (3,) world point at the stage's centre [m].

@@ -108,7 +108,7 @@ class Trails:
 
         Args:
             of: the body parts that leave trails.
-            seconds: duration of the trails, above 0.
+            seconds: duration of the trails, above 0 [s].
             T_stage: function of a person that returns the transform (4, 4) from the world to the stage [m]; None for a
                 person without one, who gets no trail.
             until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.
@@ -140,7 +140,7 @@ class Trails:
 def trail_lines(
     trails: Trails, shown: TrailChoice, room: RoomView, until_s: float = np.inf
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return the trails on the ROOM stage as line segments, see `Trails.lines`.
+    """Return people's recent paths on the ROOM stage as line segments that fade with age.
 
     Args:
         trails: recorded positions.

@@ -39,7 +39,7 @@ class Boards:
 
 
 class Drawings:
-    """Computes the drawings of moments once for all browsers, and keeps them while successive updates use them.
+    """Caches drawings: each moment is drawn once for all browsers, and kept while successive updates use it.
 
     Args:
         known: memory of the view.

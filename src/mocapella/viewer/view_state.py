@@ -26,10 +26,13 @@ _LONGER_SIDE_DEG: Final = 60.0
 
 
 class Ground:
-    """Remembers the pose of the world on the stage, from the first scene whose parts define one.
+    """Keeps the transform from the world to the stage constant over a session, so that the picture does not jump.
+
+    It is taken from the first scene whose parts define one, such as hands, and dropped when a new tracker begins. It
+    applies to the perspective `FREE`, which is no sensor's.
 
     Attributes:
-        space: the pose in the `FREE` perspective; None if unknown.
+        space: the transform and its meaning; None if unknown.
     """
 
     def __init__(self) -> None:

@@ -107,7 +107,7 @@ class Viewer:
 
     @property
     def watch_url(self) -> str:
-        """URL of the page for who may only watch."""
+        """URL of the page for viewers without rights to control the session."""
         return self._server.watch_url
 
     def show(

@@ -38,7 +38,7 @@ class Address(NamedTuple):
 
     @property
     def local(self) -> bool:
-        """Whether only this machine reaches the address; see `is_loopback`."""
+        """Whether only this machine reaches the address, because its host is a loopback address."""
         return is_loopback(self.locator)
 
     def __str__(self) -> str:

@@ -20,7 +20,7 @@ _MAX_DIGITS = 19
 
 @dataclass(frozen=True, slots=True)
 class ClockProbe:
-    """Measurement of another machine's clock by one question and its answer.
+    """One clock probe (Cristian): the far clock, read between the times of a question and of its answer.
 
     Attributes:
         sent_ns: when the question was sent, on the near clock [ns].

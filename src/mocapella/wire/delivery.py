@@ -26,7 +26,7 @@ _Gaps = Annotated[list[tuple[_Number, _Number]], msgspec.Meta(max_length=MOST_GA
 
 
 class FrameRequest(msgspec.Struct, frozen=True, omit_defaults=True):
-    """State of a take with respect to one node.
+    """A recording server's request to a node: acknowledges stored frames, and lists the missing ones.
 
     Attributes:
         take: identity of the take.
@@ -47,7 +47,7 @@ class FrameRequest(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class FrameAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """State of a node.
+    """A node's answer to a `FrameRequest`, after the frames: which frames it still has, and whether more will come.
 
     Attributes:
         next: number of the next frame that the node will send.
@@ -77,7 +77,7 @@ def check_number(value: object) -> int:
 
 
 def read_request(data: bytes) -> FrameRequest:
-    """Decode a request.
+    """Decode a recording server's request to a node: acknowledged frames, and the numbers of missing ones.
 
     Raises:
         WireError: it is invalid; names the fault.
@@ -86,7 +86,7 @@ def read_request(data: bytes) -> FrameRequest:
 
 
 def read_answer(data: bytes) -> FrameAnswer:
-    """Decode an answer.
+    """Decode a node's answer to a frame request: the number of its next frame, and the oldest that it still has.
 
     Raises:
         WireError: it is invalid; names the fault.

@@ -1,4 +1,4 @@
-"""Find the key that opens a server's door, and set it in zenoh's configuration: TLS, verified by both sides."""
+"""Access to a server over TLS with certificates on both sides: finds the user's key, and configures zenoh with it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MARKS_OF_ADDRESS = ("tls/", "tcp/")
 
 
 class KeyedAddress(NamedTuple):
-    """The address of a server, and the key that opens its door.
+    """The address of a server, and the TLS key with which it admits this program.
 
     Attributes:
         locator: address as zenoh takes it.
@@ -37,7 +37,7 @@ class KeyedAddress(NamedTuple):
 
 
 def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
-    """Find the address and key that ``connect`` means.
+    """Find the address of the server, and the key for it, from what the user gave as ``connect``.
 
     Args:
         connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.

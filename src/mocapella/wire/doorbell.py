@@ -37,7 +37,7 @@ _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_.+-]")
 
 
 class Ring(msgspec.Struct, frozen=True):
-    """What a program that is not admitted sends, as JSON.
+    """Datagram of a program that TLS does not admit, as JSON: it asks the server for the reason.
 
     Attributes:
         session, fingerprint, user: session, authority and user of the program's key.
@@ -97,7 +97,7 @@ class Doorbell:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering."""
+        """Stop answering, and end the thread."""
         self._ended.set()
         self._thread.join()
 

@@ -24,7 +24,7 @@ MOST_TAKES: Final = 8
 
 
 class Store(Protocol):
-    """A place on the disk for frames that do not fit into memory; its fake is a dictionary."""
+    """Interface of a place on the disk for frames that do not fit into memory (a spool); its fake is a dictionary."""
 
     def write(self, first: int, frames: Sequence[bytes]) -> None:
         """Store consecutive frames; ``first`` is the first one's number.
@@ -49,7 +49,7 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Hold:
-    """Claim of a take on frames.
+    """A take's claim on a node's frames: they stay available until the take has stored them.
 
     Attributes:
         stored: number of the first frame that is not acknowledged.
@@ -110,7 +110,7 @@ class Outbox:
 
     @property
     def next(self) -> int:
-        """Number of the next frame."""
+        """Number that the next frame will get."""
         return self._next
 
     @property
@@ -120,12 +120,12 @@ class Outbox:
 
     @property
     def crowded(self) -> bool:
-        """Whether more frames are in memory than it is meant for."""
+        """Whether more frames are in memory than the limit `most`, so that some must be spilled to the disk."""
         return len(self._memory) > self._most
 
     @property
     def spilled(self) -> bool:
-        """Whether frames are in the store."""
+        """Whether frames have been moved from memory to the store on the disk."""
         return bool(self._spilled)
 
     @property
@@ -143,7 +143,7 @@ class Outbox:
                 self._make_room()
 
     def leave(self) -> None:
-        """Note that no frame will follow."""
+        """Note that the node sends no further frame."""
         with self._lock:
             self._leaving = True
 

@@ -99,7 +99,7 @@ Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave |
 
 
 class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An answer, with the fields of its query.
+    """The answer of a camera's node to a query; which fields are set depends on the query.
 
     Attributes:
         ok: whether the query was carried out.
@@ -132,7 +132,7 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def read_question(data: bytes) -> Question:
-    """Decode a query from JSON.
+    """Decode a query to a camera's node from JSON.
 
     Raises:
         WireError: it is invalid; names the fault.
@@ -148,12 +148,12 @@ def read_question(data: bytes) -> Question:
 
 
 def write_question(question: Question) -> bytes:
-    """Encode a query as JSON."""
+    """Encode a query to a camera's node as JSON."""
     return msgspec.json.encode(question)
 
 
 def read_answer(data: bytes) -> NodeAnswer:
-    """Decode an answer from JSON.
+    """Decode a camera node's answer to a query from JSON.
 
     Raises:
         WireError: it is invalid.
@@ -167,7 +167,7 @@ def read_answer(data: bytes) -> NodeAnswer:
 
 
 def write_answer(answer: NodeAnswer) -> bytes:
-    """Encode an answer as JSON; if it is too large, a refusal instead."""
+    """Encode a camera node's answer to a query as JSON; if it is too large, a refusal instead."""
     data = msgspec.json.encode(answer)
     if len(data) <= MAX_ANSWER_BYTES:
         return data

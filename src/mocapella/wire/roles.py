@@ -80,7 +80,7 @@ _RIGHTS: Final[dict[str, tuple[_Right, ...]]] = {
 
 
 def check_user(name: str) -> str:
-    """Return the name of a user if it is one.
+    """Return ``name`` if it is a role that a key may have: ``sensor``, ``sensor.NAME``, or a reader's.
 
     Raises:
         SettingsError: it is not; names those there are.

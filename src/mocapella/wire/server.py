@@ -81,7 +81,9 @@ class ServerLink:
         errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
-        AddressInUseError, BusError, KeyFileError: as in `open_server`.
+        AddressInUseError: another program listens there.
+        BusError: it cannot listen there for another reason.
+        KeyFileError: the session's key cannot be used.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
@@ -131,7 +133,7 @@ class ServerLink:
 
     @property
     def refused(self) -> int:
-        """Number of times that a program with a wrong key has rung."""
+        """Number of refused programs with a wrong key that asked for the reason (`mocapella.wire.doorbell`)."""
         return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:

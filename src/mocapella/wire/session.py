@@ -63,7 +63,10 @@ def open_node(connect: str, sensor: str = "") -> zenoh.Session:
 
 
 def open_node_at(door: KeyedAddress) -> zenoh.Session:
-    """Open a session as `open_node` does, at an address with its key."""
+    """Open a node's zenoh session at an address, with the key that opens it; return without waiting for the server.
+
+    The session is a peer that keeps trying this one server, and finds no others. `open_node` looks up the key.
+    """
     config = _config("peer", client_tls(door.key), connect=[door.locator])
     retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
     _set(config, "connect/retry", retry)
@@ -85,7 +88,14 @@ def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
 
 
 def open_client_at(door: KeyedAddress, timeout: float = 3.0) -> zenoh.Session:
-    """Open a session as `open_reader` does, at an address with its key."""
+    """Open a client's zenoh session at an address, with the key that opens it: it reads results and sends commands.
+
+    `open_reader` looks up the key.
+
+    Raises:
+        NoServerError: no server answers within ``timeout`` seconds.
+        NotAdmittedError: the server there is of another session, or does not know the key.
+    """
     config = _config("client", client_tls(door.key), connect=[door.locator])
     _set(config, "connect/timeout_ms", int(timeout * 1000))
     _set(config, "connect/exit_on_failure", True)

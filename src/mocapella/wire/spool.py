@@ -23,7 +23,7 @@ _EVERY_S: Final = 0.5
 
 
 class Spool(Store, Protocol):
-    """A node's place on the disk."""
+    """A node's directory on the disk for frames that the server has not stored."""
 
     def keep(self, take: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
         """Write the available of the numbered frames into a file that can be merged into the take; return its path.
@@ -34,7 +34,7 @@ class Spool(Store, Protocol):
         ...
 
     def close(self) -> None:
-        """Remove what is not needed any more."""
+        """Remove files that are not needed any more."""
         ...
 
 

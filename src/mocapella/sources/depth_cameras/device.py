@@ -53,7 +53,8 @@ class DepthDevice(ABC):
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: as in `PictureSource`.
+        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+            capture times in words.
         which, options: as given.
     """
 

@@ -4,11 +4,11 @@
     vertices = mesh.at(pose)            # (n, 3) in the camera frame
     points = mesh.points(pose)          # (24, 3) exact joints: ARM_POINTS and the shoulder
 
-In the rest pose, the flesh is a smooth union of tapered limbs: fingers, a palm of four metacarpals with the balls of
-the thumb and of the little finger, the skin between the digits, an oval wrist, a forearm of two bones, the upper arm.
-Its surface is triangulated once (surface net) and skinned with dual quaternions, so that knuckles stay round. The mesh
-shares with the detectors of arms only the description of a hand, `mocapella.model.hand`, and its flesh,
-`mocapella.model.hand_flesh`.
+In the rest pose, the surface is that of a smooth union of tapered limbs: fingers, a palm of four metacarpals with the
+balls of the thumb and of the little finger, the skin between the digits, an oval wrist, a forearm of two bones, the
+upper arm. Its surface is triangulated once (surface net) and skinned with dual quaternions, so that knuckles stay
+round. The mesh shares with the detectors of arms only the description of a hand, `mocapella.model.hand`, and the shape
+of its surface, `mocapella.model.hand_flesh`.
 
 **Rest pose.** The arm is straight along z; all angles are 0 except the fingers' abductions, `REST_ANGLES`.
 

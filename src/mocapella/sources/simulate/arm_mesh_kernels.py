@@ -1,4 +1,7 @@
-"""Compiled kernels of `mocapella.sources.simulate.arm_mesh`; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.arm_mesh`; importing this module imports numba.
+
+Forward kinematics of the arm's bones, and dual quaternion skinning.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations

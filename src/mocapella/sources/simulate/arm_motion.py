@@ -2,7 +2,7 @@
 
 A scene's keys give the hand's posture and the arm's motion relative to its start. Between keys, motion has minimum jerk
 (T. Flash, N. Hogan, 1985). Then fingers are moved as little as possible, within the joint limits, until no finger
-penetrates another or the palm by more than the flesh yields, and digits that are meant to touch do.
+penetrates another or the palm by more than soft tissue yields, and digits that are meant to touch do.
 """
 
 from __future__ import annotations
@@ -312,7 +312,7 @@ def untangled(
         wished: (21,) wished angles, in the order of `mocapella.model.hand.ANGLES` [rad].
         start: (21,) start of the search [rad]; None for the wished angles.
         touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
-        flesh: radii of the digits (5, 4) and half the palm's thickness [m]; None for the mesh's own.
+        flesh: radii of the capsules: of the digits (5, 4), and half the palm's thickness [m]; None for the mesh's own.
     """
     radii, palm_m = flesh or _flesh(mesh)
     angles, model, k = np.empty(len(ANGLES)), mesh.model, _kernels()
@@ -327,7 +327,7 @@ def untangled(
 def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
     """Return the largest overlap of a finger with another or with the palm [m]; 0 without any.
 
-    Flesh is modelled as tapered limbs around the bones; of the first bones of neighbouring
+    The hand is modelled as tapered capsules around the bones; of the first bones of neighbouring
     fingers, the 45 % of their length next to the knuckle are ignored.
 
     Args:

@@ -1,4 +1,7 @@
-"""Compiled kernels of `mocapella.sources.simulate.arm_motion`; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.arm_motion`; importing this module imports numba.
+
+Hands are tapered capsules; a Levenberg–Marquardt search removes the overlaps of fingers within the joint limits.
+"""
 
 # ruff: noqa: PLR0915, PLR0917 - compiled: loops are written out
 from __future__ import annotations
@@ -88,7 +91,7 @@ def limbs_apart(limbs: Float64, i: int, j: int) -> float:
 def limbs_of(points: Float64, radii: Float64, palm_m: float, limbs: Float64) -> None:
     """Compute the hand's limbs: three of each digit, then four of the palm.
 
-    Neighbouring digits share flesh at their bases, so a digit's first limb begins at 45 % of its bone. Its last limb
+    Neighbouring digits merge at their bases, so a digit's first limb begins at 45 % of its bone. Its last limb
     ends before the tip.
 
     Args:
@@ -136,7 +139,7 @@ def overlaps(limbs: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def limit(angles: Float64, hand: HandGeometry) -> None:
-    """Clamp angles (21,) [rad] to the joint limits, in place, as `HandModel.limited` does."""
+    """Clamp angles (21,) [rad] to the joint limits, in place, towards the centres of their cones and ranges."""
     which, cones, limits = hand.which, hand.cones, hand.limits
     for i in range(len(angles)):
         angles[i] = min(max(angles[i], limits[i, 0]), limits[i, 1])

@@ -188,7 +188,8 @@ def splined(
         mesh: the body.
         angles, turns, above: (n, joints), (n, 3), (n,) joint angles, rotation of the body and height of its lowest
             point, at a rate of `GRID_HZ`, see `grounded`.
-        stays, path: see `grounded`.
+        stays: whether to remove the net travel, as on a treadmill.
+        path: (n, 2) x and z of the hips in the world, if known; otherwise it follows from the ground contact [m].
     """
     from scipy.interpolate import CubicSpline
 
@@ -199,7 +200,7 @@ def splined(
 
 
 def smoothed(values: Float64) -> Float64:
-    """Smooth values (n, …), sampled at `GRID_HZ`, along the first axis with a Gaussian of `SMOOTH_S`."""
+    """Smooth values (n, …), sampled at `GRID_HZ`, along the first axis with a Gaussian of sd `SMOOTH_S` [s]."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(values, SMOOTH_S * GRID_HZ, axis=0, mode="nearest"))

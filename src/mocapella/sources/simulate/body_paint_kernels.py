@@ -33,7 +33,7 @@ class PaintedSurface(NamedTuple):
         seen: (n, 3) projected vertices, see `raster_kernels.project`.
         triangles: (m, 3) indices of vertices.
         vertices, normals: (n, 3) in the world frame [m].
-        baked: (m, k, k, 4) of `bake`.
+        baked: (m, k, k, 4) reflectance (red, green, blue) and gloss on a grid over each triangle, of `bake`.
     """
 
     seen: Float64
@@ -62,7 +62,7 @@ class FloorShadow(NamedTuple):
 
     Attributes:
         shade: (k, l) float32 share of the directed light that is blocked, over cells of the floor in z and x.
-        first, cell_m: as in `LightHeights`.
+        first, cell_m: (2,) x and z of the first cell's middle, and distance between cells [m].
         directed: (3,) share of the floor's light that is directed, by red, green, blue.
     """
 
@@ -209,7 +209,8 @@ def lit_share(tops: Float64, first: Float64, cell_m: float, x: float, z: float, 
     """Return the fraction of the directed light that arrives at a point, interpolated between the four nearest cells.
 
     Args:
-        tops, first, cell_m: see `LightHeights`.
+        tops, first, cell_m: the shadow map, as in `LightHeights`: heights plus 1 m (k, l), middle of the first cell
+            (2,), and distance between cells [m].
         x, z: where the light ray through the point meets the floor [m].
         y: the point's height [m].
     """

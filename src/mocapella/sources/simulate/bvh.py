@@ -98,7 +98,7 @@ def parse_bvh(text: str, file: object = None) -> Bvh:
     """Parse the content of a BVH file; ``file`` is named in errors, if given.
 
     Raises:
-        InputError: as in `read_bvh`.
+        InputError: it is not a valid BVH file; names row, field, value and the expected content.
     """
     reader = _Reader(text, file)
     reader.expect("HIERARCHY")

@@ -1,4 +1,7 @@
-"""Compiled kernels of `mocapella.sources.simulate.camera_image`; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.camera_image`; importing this module imports numba.
+
+One pass applies blur, mosaic, noise, demosaicking, gain, gamma and chroma subsampling.
+"""
 
 # ruff: noqa: PLR0912, PLR0917 - compiled: loops are written out
 from __future__ import annotations

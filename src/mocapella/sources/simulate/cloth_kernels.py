@@ -1,4 +1,7 @@
-"""Compiled kernels of `mocapella.sources.simulate.cloth`; importing this module imports numba."""
+"""Compiled kernels of `mocapella.sources.simulate.cloth`; importing this module imports numba.
+
+Position-based dynamics: a step predicts the particles, then projects them onto distance constraints and out of spheres.
+"""
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
@@ -159,7 +162,8 @@ def collide(
         fixed: (n,) as in `advance`.
         spheres: (m, 4) centre and radius [m].
         moved: (m, 4) change of ``spheres`` in this step [m].
-        thickness, friction: see `CollisionSpheres`.
+        thickness: distance that the cloth keeps from a sphere [m].
+        friction: Coulomb's friction coefficient.
         most: a particle that begins inside a sphere, because a hand held it there, is pushed out by at most this beyond
             the sphere's own motion [m].
     """

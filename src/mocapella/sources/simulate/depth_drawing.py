@@ -1,4 +1,7 @@
-"""Drawing of depth images: meshes with a depth buffer, the person's body, and the background of a scene."""
+"""Drawing of depth images: meshes with a depth buffer, the person's body, and the background of a scene.
+
+A depth buffer keeps the nearest surface at each pixel, with its label and angle of incidence, before sensor noise.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _ANGLES = 1024
 
 
 class StructuredLightNoise(NamedTuple):
-    """The parameters of `StructuredLight` by the same names; ``steep0`` and ``steep1`` are its ``steep_deg`` [rad]."""
+    """Fields of `StructuredLight` for the compiled kernels; ``steep0``, ``steep1``: its ``steep_deg`` in radians."""
 
     least_m: float
     most_m: float
@@ -45,7 +45,7 @@ class StructuredLightNoise(NamedTuple):
 
 
 class TimeOfFlightNoise(NamedTuple):
-    """The parameters of `TimeOfFlight`, by the same names and in the same units."""
+    """Parameters of a time-of-flight camera's noise, as floats: the fields of `TimeOfFlight`, in the same units."""
 
     least_m: float
     most_m: float
@@ -155,6 +155,9 @@ def structured_light(
 ) -> None:
     """Simulate the depth image of a structured-light camera.
 
+    Adds Gaussian depth noise (Nguyen et al. 2012), rounds to whole steps of 1/z, displaces edges, and leaves holes in
+    the projector's shadow, at edges and at grazing angles; sources: `mocapella.sources.simulate.depth_noise`.
+
     Args:
         depth: (h, w) float32 [m], infinite without a surface.
         slope: (h, w) float32 cosine of the angle of incidence.
@@ -232,8 +235,15 @@ def time_of_flight(
 ) -> None:
     """Simulate the depth image of a time-of-flight camera.
 
+    Adds depth noise inverse to the amplitude, mixes the phasors of two surfaces at edges (flying pixels), and adds the
+    periodic error of the light's odd harmonics; sources: `mocapella.sources.simulate.depth_noise`.
+
     Args:
-        depth, slope, key, unit_m, out: as in `structured_light`.
+        depth: (h, w) float32 [m], infinite without a surface.
+        slope: (h, w) float32 cosine of the angle of incidence.
+        key: key of the image's random numbers.
+        unit_m: length of a unit of the image [m].
+        out: (h, w) uint16 depth in units, written; 0 where nothing is measured.
         noise: the camera's parameters.
     """
     h, w = depth.shape

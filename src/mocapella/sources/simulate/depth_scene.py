@@ -161,7 +161,7 @@ class Shot(msgspec.Struct, frozen=True, eq=False):
         at_s: time of the image since the scene's start [s].
         depth: (height, width) uint16 distance along the optical axis in units; 0 without a measurement.
         unit_m: length of a unit [m].
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
     """
 
     at_s: float
@@ -245,7 +245,7 @@ class DepthScene:
 
     @property
     def lens(self) -> Float64:
-        """(9,) of `mocapella.geometry.lens`."""
+        """(9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3, as in `mocapella.geometry.lens`."""
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def poses(self, at_s: float) -> tuple[ArmMeshPose, ...]:
@@ -265,7 +265,7 @@ class DepthScene:
 
     @property
     def meshes(self) -> tuple[ArmMesh, ...]:
-        """Meshes of the arms."""
+        """Triangle meshes of the simulated arms."""
         return tuple(actor.mesh for actor in self._actors)
 
     def at(self, at_s: float) -> DepthShot:

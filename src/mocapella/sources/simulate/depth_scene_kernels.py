@@ -1,4 +1,7 @@
-"""Compiled kernels that draw triangle meshes into depth images; importing this module imports numba."""
+"""Compiled kernels that draw triangle meshes into depth images; importing this module imports numba.
+
+Rasterisation with a depth buffer, for a pinhole camera without distortion.
+"""
 
 # ruff: noqa: PLR0917, SIM110 - compiled: loops are written out
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Settings of a simulated Kinect v2: its pose, its image, its clock and its noise."""
+"""Settings of a simulated Kinect v2: its pose, its image, its clock and its noise.
+
+The noise of a joint is modelled along the optical axis and across the image, or replaced by measured errors.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _CLEARLY: Final = 0.85
 
 
 class HandCameraFrame(NamedTuple):
-    """A frame, its due time on the scene's clock [s], and the rendered image that it was detected in."""
+    """Markers detected in a rendered image: the frame, its due time on the scene's clock [s], and the image."""
 
     due_s: float
     frame: MarkerFrame

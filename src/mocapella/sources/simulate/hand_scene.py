@@ -91,7 +91,7 @@ class SimulatedCamera:
 
     @property
     def lens(self) -> Float64:
-        """(9,) intrinsics, see `mocapella.geometry.lens`."""
+        """(9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3, as in `mocapella.geometry.lens`."""
         width, height = self.size_px
         focal = 0.5 * width / math.tan(0.5 * math.radians(self.view_deg))
         return np.array([focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), *self.distortion])

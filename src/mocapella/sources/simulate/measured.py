@@ -104,7 +104,8 @@ class Errors:
 
     Attributes:
         data: as given.
-        bias_m, sd_m: as in `SensorErrors`.
+        bias_m: (25, `BIAS_BINS`, 3) bias of each joint to the side, up, and towards the sensor [m].
+        sd_m: (25, 2, 3) standard deviation of a coordinate of each joint: visible or hidden; front, side, back [m].
         mix: (25, 25) matrix that gives independent values the joints' correlation.
         white: (25,) standard deviation of the white part, relative to that of a visible joint in a front view.
 

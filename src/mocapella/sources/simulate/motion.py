@@ -1,4 +1,7 @@
-"""Motions of people: poses on a periodic time grid, interpolated at any instant."""
+"""Motions of people: poses on a periodic time grid, interpolated at any instant.
+
+A pose is the root's position and a unit direction for each bone, so that interpolation keeps bone lengths.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ class Motion:
 
     @property
     def duration_ns(self) -> int:
-        """The period [ns]."""
+        """The period after which the motion repeats [ns]."""
         return len(self) * PERIOD_NS
 
     def padded(self, poses: int) -> Motion:
@@ -61,9 +64,9 @@ class Ensemble:
     """The motions of several people on one time grid.
 
     Attributes:
-        root: (poses, people, 3), as in `Motion`, world [m].
-        directions: (poses, people, 25, 3), as in `Motion`.
-        lengths, radii: (people, 25), as in `Motion` [m].
+        root: (poses, people, 3) positions of the root joint, world [m].
+        directions: (poses, people, 25, 3) unit vectors along the bones, world.
+        lengths, radii: (people, 25) of the bones and of the capsules around them [m].
     """
 
     root: Float64
@@ -73,7 +76,7 @@ class Ensemble:
 
     @property
     def duration_ns(self) -> int:
-        """The period [ns]."""
+        """The period after which all motions repeat [ns]."""
         return len(self.root) * PERIOD_NS
 
     def positions_at(self, room_ns: int) -> Float64:
@@ -90,7 +93,7 @@ class Ensemble:
 
 
 def together(motions: list[Motion]) -> Ensemble:
-    """Combine motions on the grid of the longest; people with shorter motions then stand still in their first pose."""
+    """Stack motions of several people, padded to the longest: the others then stand still in their first pose."""
     poses = max(len(motion) for motion in motions)
     padded = [motion.padded(poses) for motion in motions]
     return Ensemble(

@@ -1,4 +1,7 @@
-"""Occlusion of joints: rays from a sensor to joints, intersected with limbs, boxes and pillars."""
+"""Occlusion of joints: rays from a sensor to joints, intersected with limbs, boxes and pillars.
+
+It decides which joints a simulated body sensor infers or loses.
+"""
 
 from __future__ import annotations
 

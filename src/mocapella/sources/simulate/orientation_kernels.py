@@ -1,4 +1,7 @@
-"""Compiled kernels of `orientation`."""
+"""Compiled kernels of `orientation`.
+
+Quaternions from bone axis and forward direction, for many joints at once; importing this module imports numba.
+"""
 
 from __future__ import annotations
 

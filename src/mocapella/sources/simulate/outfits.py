@@ -60,7 +60,7 @@ class Outfit:
     """A person's clothes, skin and hair.
 
     Attributes:
-        shirt, trousers, shoes, skin, hair: see `Garment`.
+        shirt, trousers, shoes, skin, hair: pattern and colours of each.
         sleeve: length of the sleeves, as a fraction of the arm from shoulder to wrist; 0 for none.
         leg: length of the trousers, as a fraction of the leg from hip to ankle.
     """

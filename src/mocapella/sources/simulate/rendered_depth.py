@@ -35,7 +35,7 @@ class RenderedScene(Protocol):
 
     @property
     def lens(self) -> Any:
-        """(9,) of `mocapella.geometry.lens`."""
+        """(9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3, as in `mocapella.geometry.lens`."""
         ...
 
     def at(self, at_s: float) -> Shot:
@@ -91,7 +91,7 @@ class RenderedRecording:
 
     Attributes:
         scene: as given.
-        name, state, count: as in `DepthRecording`.
+        name, state, count: name of the recording, the camera's parameters, and number of images.
         fps: frame rate [Hz].
     """
 

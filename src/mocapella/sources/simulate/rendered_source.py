@@ -24,7 +24,8 @@ class RenderedSource(ABC):
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: as in `PictureSource`.
+        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+            capture times in words.
     """
 
     live = False
@@ -38,7 +39,7 @@ class RenderedSource(ABC):
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
-        """Render the image at a time on the scene's clock [s]: BGR or depth, as in `Picture`."""
+        """Render the image at a time on the scene's clock [s]: (h, w, 3) uint8 BGR, or (h, w) uint16 depth in units."""
 
     def restart(self) -> None:
         """Render once, so that kernels are compiled before real time starts, and begin with the first image."""

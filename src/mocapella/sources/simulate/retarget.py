@@ -1,4 +1,7 @@
-"""Retarget a BVH file to a person of the room: joints by name, in metres, on the floor, facing the main sensor."""
+"""Retarget a BVH file to a person of the room: joints by name, in metres, on the floor, facing the main sensor.
+
+Only joint positions are used: bones take the directions of the file's, with the person's own lengths.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A simulated room: moving people, obstacles and sensors."""
+"""A simulated room: moving people, obstacles and sensors.
+
+A room gives the true joints of all people at any instant; `mocapella.sources.simulate.sensor` makes frames of them.
+"""
 
 from __future__ import annotations
 

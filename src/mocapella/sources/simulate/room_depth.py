@@ -75,7 +75,7 @@ class RoomDepthScene:
 
     @property
     def lens(self) -> Float64:
-        """(9,) of `mocapella.geometry.lens`."""
+        """(9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3, as in `mocapella.geometry.lens`."""
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def at(self, at_s: float) -> RoomShot:

@@ -1,4 +1,7 @@
-"""A person's route on the floor, as legs with numbers of steps, for the gait."""
+"""A person's route on the floor, as legs with numbers of steps, for the gait.
+
+`mocapella.sources.simulate.gait` animates a body along it.
+"""
 
 from __future__ import annotations
 

@@ -141,7 +141,10 @@ class SilhouetteScene:
         return [self.image(k, camera) for camera in range(len(self._placed))]
 
     def image(self, k: int, camera: int) -> UInt8:
-        """Return the image, as in `images`, in the frame of index k for the camera of an index in the rig's order."""
+        """Return one camera's image (height, width, 3) uint8 BGR in the frame of index k, with the corruption.
+
+        The camera is given by its index in the rig's order.
+        """
         stage = self._stage(k)
         stages: Sequence[LitBodies] = (stage,)
         if self.look.exposure_s > 0:
@@ -258,7 +261,7 @@ def silhouette_scene(
 
 
 def scene_names() -> tuple[str, ...]:
-    """Names of the scenes, which are the motions of `body_motion`."""
+    """Return the names that `silhouette_scene` knows; they are the motions of `body_motion`."""
     return motion_names()
 
 

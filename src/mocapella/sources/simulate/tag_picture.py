@@ -1,4 +1,7 @@
-"""Render square tags into an image of linear light, as ground truth for tag detectors."""
+"""Render square tags into an image of linear light, as ground truth for tag detectors.
+
+A tag is a textured square in space; it is projected through the lens with sub-pixel sampling.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ def draw_tags(
 
     Args:
         linear: (height, width, 3) float32 linear light of the image, changed in place; tags are grey.
-        lens: (9,) intrinsics, see `mocapella.geometry.lens`.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_tag: pose (4, 4) of each tag, by its number; the tag's frame is as in `mocapella.model.tags`. Tags seen
             from behind, or with a corner behind the camera, are not drawn.
         dictionary: ArUco dictionary of all tags.
