@@ -129,7 +129,7 @@ def test_a_classifier_tells_apart_what_can_be_told_apart() -> None:
     score, seen = classifier.score(features)
     assert ((score > 0) == faces).mean() > 0.9
     assert np.abs(classifier.weights[:20]).argmax() == 3
-    assert (seen == 1).all()
+    assert seen.min() > 0.85  # a feature beyond three standard deviations fades
     score, seen = classifier.score(np.full(len(FEATURES), np.nan))
     assert (float(score), float(seen)) == (classifier.weights[-1], 0.0)
 

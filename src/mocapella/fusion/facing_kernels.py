@@ -154,19 +154,6 @@ def probability_away(p: Float64, yaw: float, tables: Float64) -> float:
 
 
 @njit(cache=True)
-def most_likely_near(p: Float64, yaw: float, tables: Float64, near: Float64) -> float:
-    """Return `most_likely` of the facings p (BINS,) within 90° of a ``yaw`` [rad], all from the first bin.
-
-    ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine; ``near`` (≥ BINS,) is workspace.
-    """
-    c, s = np.cos(yaw), np.sin(yaw)
-    for i in range(BINS):
-        near[i] = p[i] if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s >= 0.0 else 0.0
-    angle: float = most_likely(near[:BINS])
-    return angle
-
-
-@njit(cache=True)
 def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
     """Whether no other sensor has told anything of a person for `ALONE_S`.
 
@@ -384,12 +371,8 @@ def update(
             believe(p[slot], evidence)
         yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
         if np.isfinite(reported):
-            alone = is_alone(told_s[slot], sensor, now)
-            wrong = probability_away(p[slot], reported - zero, tables)
-            mirrored[slot, sensor] = wrong > (0.5 if was else factors.swap_alone if alone else factors.swap)
-            if alone:
-                used = reported + np.pi if mirrored[slot, sensor] else reported
-                yaw = wrap(most_likely_near(p[slot], used - zero, tables, twice) + zero)
+            limit = factors.swap_alone if is_alone(told_s[slot], sensor, now) else factors.swap
+            mirrored[slot, sensor] = probability_away(p[slot], reported - zero, tables) > (0.5 if was else limit)
         elif np.isfinite(toward[n]):
             off = abs(wrap(toward[n] - yaw))
             mirrored[slot, sensor] = off > factors.mirrors_from + (-factors.hysteresis if was else factors.hysteresis)
