@@ -97,8 +97,8 @@ class FacingTables(NamedTuple):
         joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
             features' sums.
         weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
-            largest standardised value of a feature.
+        classifier: (4 · features + 4,) mean, spread, linear and squared weights of the features, the constant, and
+            `MOST_SPREADS`, `FADES_FROM`, `FADES_TO`.
     """
 
     tables: Float64
@@ -362,7 +362,9 @@ def _tables(model: FacingModel, topology: Topology) -> FacingTables:
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
-    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS, FADES_FROM, FADES_TO]])
+    numbers = np.concatenate(
+        [classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS, FADES_FROM, FADES_TO]]
+    )
     return FacingTables(tables, across, joints, sums[sums != 0], numbers)
 
 

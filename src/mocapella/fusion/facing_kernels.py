@@ -159,10 +159,11 @@ def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
 
     ``told_s`` (1 + sensors,) are times of the last evidence from the motion and from each sensor [s].
     """
+    latest = -np.inf
     for k in range(1, len(told_s)):
-        if k != 1 + sensor and told_s[k] > now - ALONE_S:
-            return False
-    return True
+        if k != 1 + sensor:
+            latest = max(latest, told_s[k])
+    return latest <= now - ALONE_S
 
 
 @njit(cache=True)
