@@ -272,6 +272,12 @@ def mocap_files() -> Path:
 
 
 @pytest.fixture(scope="session")
+def azure_and_vicon() -> Path:
+    """Squats before an Azure Kinect."""
+    return _recorded("azure_and_vicon")
+
+
+@pytest.fixture(scope="session")
 def one_euro_vectors() -> Any:
     """(1200, 4): the times, the signal, the noisy signal and the result of the 1-euro filter's authors."""
     return np.loadtxt(_recorded("one_euro_filter_vectors") / "groundTruth.csv", delimiter=",", skiprows=1)

@@ -5,8 +5,12 @@ import pytest
 from support.walking_people import RATE_HZ, Sensor, Walker, standing_at
 
 from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
+from mocapella.calibration.floor_kernels import HEAD_SHARE
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.observations import JointState
+from mocapella.model.topology import topology
+
+KINECT = topology("kinect_v2")
 
 POSES = [
     standing_at(0.3, -0.2, 30.0, height=1.4, tilt_deg=-12.0),
@@ -48,6 +52,42 @@ def test_standing_still_is_enough_for_a_floor_and_it_is_less_sure() -> None:
     assert walks is not None
     assert stands.up_sd > 1.5 * walks.up_sd
     assert stands.height == pytest.approx(1.4, abs=0.08)
+
+
+class Bent(Walker):
+    """Stands with a trunk that leans forward by an angle, and with hips as far back that the body is in balance."""
+
+    def __init__(self, lean_deg: float) -> None:
+        super().__init__(speed=0.0)
+        self.lean = np.radians(lean_deg)
+
+    def at(self, t: float) -> np.ndarray:
+        joints = super().at(t)
+        root, head = joints[KINECT.parts["root"]], joints[KINECT.parts["head"]]
+        trunk = joints[:, 1] > root[1]
+        forward = np.cross(joints[KINECT.parts["shoulder_left"]] - joints[KINECT.parts["shoulder_right"]], [0, 1, 0])
+        forward /= np.linalg.norm(forward)
+        up = joints[trunk, 1:2] - root[1]
+        joints[trunk] += np.sin(self.lean) * up * forward + (np.cos(self.lean) - 1) * up * [0, 1, 0]
+        feet = np.mean([joints[KINECT.parts[side]] for side in ("foot_left", "foot_right")], axis=0)
+        head, root = joints[KINECT.parts["head"]], joints[KINECT.parts["root"]]
+        balance = (1 - HEAD_SHARE) * root + HEAD_SHARE * head
+        raised = joints[:, 1] > feet[1] + 0.2
+        joints[raised] += (feet - balance) * [1, 0, 1]
+        return joints
+
+
+@pytest.mark.parametrize("T_world_sensor", POSES)
+@pytest.mark.parametrize("lean_deg", [0.0, 30.0, 60.0, 85.0])
+def test_whoever_stands_in_balance_tells_the_vertical_however_the_back_leans(
+    T_world_sensor: np.ndarray, lean_deg: float
+) -> None:
+    sensor, feet = Sensor("a", T_world_sensor, noise=0.003), FloorFromFeet()
+    for i in range(round(5 * RATE_HZ)):
+        feet.update(sensor.see({0: Bent(lean_deg)}, i / RATE_HZ), i / RATE_HZ)
+    floor = feet.floor()
+    assert floor is not None
+    assert np.degrees(np.arccos(np.clip(floor.up @ T_world_sensor[1, :3], -1, 1))) < 6
 
 
 def test_what_is_inferred_or_not_there_says_nothing_of_the_floor() -> None:

@@ -14,8 +14,8 @@ from support.facing_bodies import ACROSS_X, KINECT, MIRROR, Frames, frames_of
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
-from mocapella.fusion.facing_grid import BIN, STEP_S, circular_sd, most_likely, turned_on, unknown
-from mocapella.fusion.facing_kernels import view_worth
+from mocapella.fusion.facing_grid import BIN, STEP_S, YAWS, circular_sd, most_likely, turned_on, unknown
+from mocapella.fusion.facing_kernels import ALONE_S, view_worth
 from mocapella.fusion.facing_model import FacingModel, shipped_model, untrained
 from mocapella.fusion.facing_shape import view_of
 from mocapella.fusion.facing_training import believed, evidence
@@ -56,10 +56,14 @@ class InNumpy:
             self.told_s |= dict.fromkeys(counts, self.at_s)
             self.p = believed(self.p, said)
         yaw, was = float(most_likely(self.p)), self.mirrored.get(sensor, False)
-        off, limit = np.degrees(abs(wrap(view.reported - yaw))), 90.0
-        if np.isnan(off):
-            off, limit = np.degrees(abs(wrap(toward - yaw))), s.mirrors_from_deg
-        mirrored = bool(off > (limit - s.hysteresis_deg if was else limit + s.hysteresis_deg))
+        if np.isfinite(view.reported):
+            away = self.p[np.abs(wrap(YAWS - view.reported)) > np.pi / 2].sum()
+            others = [at for who, at in self.told_s.items() if who not in (sensor, "motion")]
+            alone = max(others, default=-np.inf) <= self.at_s - ALONE_S
+            mirrored = bool(away > (0.5 if was else s.swap_alone if alone else s.swap))
+        else:
+            limit, off = s.mirrors_from_deg, np.degrees(abs(wrap(toward - yaw)))
+            mirrored = bool(off > (limit - s.hysteresis_deg if was else limit + s.hysteresis_deg))
         self.mirrored[sensor] = mirrored
         return yaw, float(circular_sd(self.p)), mirrored, float(wrap(view.reported + (np.pi if mirrored else 0.0)))
 
@@ -140,10 +144,12 @@ def test_the_facing_does_not_depend_on_the_labels_and_the_repaired_ones_hardly(s
         FacingFilter(KINECT, model=MODELS[name]),
     )
     swapped = dataclasses.replace(frames, positions=frames.positions[:, :, MIRROR])
-    hysteresis = np.radians(here.settings.hysteresis_deg)
-    for one, other in zip(frames.give(here), swapped.give(there), strict=True):
+    for k in range(len(frames.at_s)):
+        (one,), (other,) = frames.give(here, k, k + 1), swapped.give(there, k, k + 1)
         np.testing.assert_allclose(wrap(other.yaw - one.yaw), 0, atol=1e-7)
-        clear = np.abs(np.abs(wrap(one.reported - one.yaw)) - np.pi / 2) > hysteresis
+        rows = here.memory.p[[here.memory.people[person] for person in frames.people]]
+        off = np.abs(wrap(YAWS - one.reported[:, None])) > np.pi / 2
+        clear = np.abs((rows * off).sum(axis=1) - 0.5) > here.settings.swap_alone - 0.5
         np.testing.assert_allclose(wrap(other.reported - one.reported)[clear], 0, atol=1e-7)
         assert (other.mirrored != one.mirrored)[clear].all()
 

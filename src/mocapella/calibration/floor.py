@@ -1,7 +1,8 @@
 """Estimate the vertical and the floor from the feet that stand on it.
 
 A foot that hardly moves stands. Positions of standing feet are fitted by a plane in the sensor's own frame. People's
-backs are upright to a few degrees, which determines the plane while all people stand in one spot.
+backs are upright to a few degrees, or else their centre of mass is above their feet, which determines the plane while
+all people stand in one spot.
 """
 
 from __future__ import annotations

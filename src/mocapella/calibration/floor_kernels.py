@@ -25,6 +25,16 @@ LONGEST_STEP = 0.3
 """Longest time between two views of a foot for which its motion is measured [s]."""
 BACK_STEP_S = 0.03
 """Time that each frame adds to the weight of the back directions [s]."""
+HEAD_SHARE = 0.425
+"""Place of the centre of mass of a body on two feet, from the root to the head, apart from the legs.
+
+From the masses of segments in D. A. Winter, *Biomechanics and Motor Control of Human Movement* (2009), table 4.1, with
+trunk and arms between root and head, and the legs between root and feet.
+"""
+LEANS_COS = 0.94
+"""Cosine of the largest angle of an upright back with the direction from the feet to the centre of mass (20°)."""
+STRETCHED = 1.15
+"""Least distance of root and feet with stretched legs, in lengths from root to head; standing it is about 1.4."""
 TRACKED = 2
 """Value of `JointState.TRACKED`."""
 
@@ -64,11 +74,7 @@ def stand(
         if not found:
             continue
         if _seen(p[root], states[i, root]) and _seen(p[head], states[i, head]):
-            length = _distance(p[head], p[root])
-            if length > 0.0:
-                for m in range(3):
-                    back[m] += BACK_STEP_S * (p[head, m] - p[root, m]) / length
-                back[3] += BACK_STEP_S
+            _add_upright(back, p[root], p[head], feet[i])
         # Only the lower foot: the other one may be lifted and at rest.
         lowest, least = 0, np.inf
         for k in range(len(foot_joints)):
@@ -80,6 +86,43 @@ def stand(
         for b in range(len(before.ids)):
             if before.ids[b] == ids[i]:
                 _add(sums, plane, before.positions[b, lowest], feet[i, lowest], dt)
+
+
+@njit(cache=True)
+def _add_upright(back: Float64, root: Float64, head: Float64, feet: Float64) -> None:
+    """Add the direction of a body that is vertical, if any, to ``back`` (4,) of `floor.FloorFromFeet`.
+
+    It is that of the back; but where people squat or bend, the centre of mass is above the feet instead. Where these
+    two differ by more than `LEANS_COS`, the second is used if the legs are stretched; else people may sit, and the one
+    nearer to the sensor's own vertical is used: sensors are about level.
+
+    Args:
+        back: updated.
+        root, head: (3,) [m].
+        feet: (feet, 3), NaN where not seen [m].
+    """
+    x, y, length, reach, legs, dot, seen = np.empty(3), np.empty(3), 0.0, 0.0, 0.0, 0.0, 0
+    for k in range(len(feet)):
+        seen += np.isfinite(feet[k, 0])
+    for m in range(3):
+        below = 0.0
+        for k in range(len(feet)):
+            if np.isfinite(feet[k, 0]):
+                below += feet[k, m] / seen
+        x[m] = head[m] - root[m]
+        leg = root[m] - below
+        y[m] = leg + HEAD_SHARE * x[m]
+        length += x[m] * x[m]
+        reach += y[m] * y[m]
+        legs += leg * leg
+        dot += x[m] * y[m]
+    length, reach, legs = np.sqrt(length), np.sqrt(reach), np.sqrt(legs)
+    if not length > 0.0:
+        return
+    leans = dot < LEANS_COS * length * reach and (legs > STRETCHED * length or y[1] * length > x[1] * reach)
+    for m in range(3):
+        back[m] += BACK_STEP_S * (y[m] / reach if leans else x[m] / length)
+    back[3] += BACK_STEP_S
 
 
 @njit(cache=True)

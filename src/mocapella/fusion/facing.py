@@ -6,8 +6,9 @@
 
 Each update processes one sensor's frame. The weights are far below 1 because successive frames repeat the same
 evidence; evidence of a source is weighted by the time since its last use, so that fast sensors do not count more. The
-facing of a person is estimated, not that of a view. A view's labels are mirrored if its own yaw is more than 90° off,
-with hysteresis. See docs/methods/facing.md.
+facing of a person is estimated, not that of a view. A view's labels are mirrored if it is likely enough that the yaw
+which they imply is more than 90° off. Bodies unlike the training data give little evidence, so that their labels stay.
+See docs/methods/facing.md.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from mocapella.fusion.facing_grid import BINS, STEP_S, TURN_RATES, YAWS, turned_on, unknown
 from mocapella.fusion.facing_model import FacingModel, shipped_model
-from mocapella.fusion.facing_shape import MOST_SPREADS, feature_sums, pairs_across
+from mocapella.fusion.facing_shape import FADES_FROM, FADES_TO, MOST_SPREADS, feature_sums, pairs_across
 from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -45,22 +46,27 @@ class FacingSettings:
             facing is corrected sooner, with more false turns [0 to 1].
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
             misjudged [0 to 1].
-        hysteresis_deg: labels are mirrored beyond 90° plus this from the facing, and restored below 90° less this;
-            larger: labels change more rarely [°].
-        mirrors_from_deg: threshold, with the same hysteresis, for a view without a yaw: the angle between facing and
-            the direction to the sensor beyond which its labels are mirrored; larger: such labels are mirrored more
-            rarely [°].
+        swap, swap_alone: probability that a view's labels are wrong, from which they are swapped until it is below 0.5:
+            where another sensor sees the person too, and where none does; larger: labels are swapped later, and more
+            rarely where the evidence is weak [0.5 to 1].
+        mirrors_from_deg: threshold for a view without a yaw: the angle between facing and the direction to the sensor
+            beyond which its labels are mirrored; larger: such labels are mirrored more rarely [°].
+        hysteresis_deg: half the width of that threshold's hysteresis; larger: such labels change more rarely [°].
     """
 
     yaw_weight: float = 0.1
     shape_weight: float = 0.2
     motion_weight: float = 0.1
-    hysteresis_deg: float = 10.0
+    swap: float = 0.8
+    swap_alone: float = 0.95
     mirrors_from_deg: float = 130.0
+    hysteresis_deg: float = 10.0
 
     def __post_init__(self) -> None:
         for name in ("yaw_weight", "shape_weight", "motion_weight"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
+        for name in ("swap", "swap_alone"):
+            check(0.5 <= getattr(self, name) < 1, name, getattr(self, name), "from 0.5 to below 1")
         check(0 <= self.hysteresis_deg < 90, "hysteresis_deg", self.hysteresis_deg, "from 0° to below 90°")
         check(90 <= self.mirrors_from_deg <= 180, "mirrors_from_deg", self.mirrors_from_deg, "from 90° to 180°")
 
@@ -91,8 +97,8 @@ class FacingTables(NamedTuple):
         joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
             features' sums.
         weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 2,) mean, spread, linear and squared weights of the features, the constant, and the
-            largest standardised value of a feature.
+        classifier: (4 · features + 4,) mean, spread, linear and squared weights of the features, the constant, and
+            `MOST_SPREADS`, `FADES_FROM`, `FADES_TO`.
     """
 
     tables: Float64
@@ -107,7 +113,8 @@ class FacingWeights(NamedTuple):
 
     Attributes:
         yaw, shape, motion: weights of the log-likelihoods.
-        hysteresis, mirrors_from: thresholds of mirroring [rad].
+        hysteresis, mirrors_from: thresholds of mirroring of views without a yaw [rad].
+        swap, swap_alone: probabilities of wrong labels from which they are swapped.
     """
 
     yaw: float
@@ -115,6 +122,8 @@ class FacingWeights(NamedTuple):
     motion: float
     hysteresis: float
     mirrors_from: float
+    swap: float
+    swap_alone: float
 
 
 class FacingMemory(msgspec.Struct, eq=False):
@@ -202,7 +211,8 @@ class FacingFilter:
         s = self.settings
         self._tables = _tables(self.model, topology)
         angles = math.radians(s.hysteresis_deg), math.radians(s.mirrors_from_deg)
-        self._weights = FacingWeights(float(s.yaw_weight), float(s.shape_weight), float(s.motion_weight), *angles)
+        factors = float(s.yaw_weight), float(s.shape_weight), float(s.motion_weight)
+        self._weights = FacingWeights(*factors, *angles, float(s.swap), float(s.swap_alone))
         self.reset()
 
     def reset(self) -> None:
@@ -352,7 +362,9 @@ def _tables(model: FacingModel, topology: Topology) -> FacingTables:
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
-    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS]])
+    numbers = np.concatenate(
+        [classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS, FADES_FROM, FADES_TO]]
+    )
     return FacingTables(tables, across, joints, sums[sums != 0], numbers)
 
 

@@ -35,6 +35,8 @@ In this order: log-likelihoods of yaw, shape and motion; the cosine waves of the
 one row; the cosine and the sine of each bin.
 """
 
+ALONE_S = 0.5
+"""Without evidence from another sensor for this long, a sensor is the only witness [s]."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -139,6 +141,32 @@ def most_likely(p: Float64) -> float:
 
 
 @njit(cache=True)
+def probability_away(p: Float64, yaw: float, tables: Float64) -> float:
+    """Return the probability, by p (BINS,) of sum 1, that the facing is more than 90° from a ``yaw`` [rad].
+
+    ``yaw`` is relative to the first bin; ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine.
+    """
+    away, c, s = 0.0, np.cos(yaw), np.sin(yaw)
+    for i in range(BINS):
+        if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s < 0.0:
+            away += p[i]
+    return away
+
+
+@njit(cache=True)
+def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
+    """Whether no other sensor has told anything of a person for `ALONE_S`.
+
+    ``told_s`` (1 + sensors,) are times of the last evidence from the motion and from each sensor [s].
+    """
+    latest = -np.inf
+    for k in range(1, len(told_s)):
+        if k != 1 + sensor:
+            latest = max(latest, told_s[k])
+    return latest <= now - ALONE_S
+
+
+@njit(cache=True)
 def circular_sd(p: Float64, tables: Float64) -> float:
     """Return the circular standard deviation of probabilities p (BINS,), whose sum is 1 [rad].
 
@@ -191,15 +219,17 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
     for n in range(len(weights)):
         joint = positions[terms[n, 1]]
         features[terms[n, 0]] += weights[n] * (joint[0] * sin + joint[2] * cos)
-    score, missing = classifier[4 * N], 0
+    most, fades_from, fades_to = classifier[4 * N + 1], classifier[4 * N + 2], classifier[4 * N + 3]
+    score, known = classifier[4 * N], 0.0
     for f in range(N):
         z = (features[f] / length - classifier[f]) / classifier[N + f]
-        if np.isnan(z):
-            missing += 1
+        if not abs(z) < fades_to:  # NaN where a joint is missing
             continue
-        z = min(max(z, -classifier[4 * N + 1]), classifier[4 * N + 1])
-        score += classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0)
-    return score, 1.0 - missing / N
+        told = min(1.0, (fades_to - abs(z)) / (fades_to - fades_from))
+        known += told
+        z = min(max(z, -most), most)
+        score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
+    return score, known / N
 
 
 @njit(cache=True)
@@ -341,11 +371,12 @@ def update(
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)
         yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
-        off, limit = abs(wrap(reported - yaw)), np.pi / 2
-        if np.isnan(off):
-            off, limit = abs(wrap(toward[n] - yaw)), factors.mirrors_from
-        if np.isfinite(off):
-            mirrored[slot, sensor] = off > limit + (-factors.hysteresis if was else factors.hysteresis)
+        if np.isfinite(reported):
+            limit = factors.swap_alone if is_alone(told_s[slot], sensor, now) else factors.swap
+            mirrored[slot, sensor] = probability_away(p[slot], reported - zero, tables) > (0.5 if was else limit)
+        elif np.isfinite(toward[n]):
+            off = abs(wrap(toward[n] - yaw))
+            mirrored[slot, sensor] = off > factors.mirrors_from + (-factors.hysteresis if was else factors.hysteresis)
         out[0, n] = yaw
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported

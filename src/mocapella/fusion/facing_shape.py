@@ -34,6 +34,9 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
 """A feature → the weights of joints' positions; joints of both sides are averaged."""
 MOST_SPREADS: Final = 1.5
 """Upper bound of a standardised feature: a joint farther off is an error."""
+FADES_FROM: Final = 3.0
+FADES_TO: Final = 5.0
+"""Standardised value from which a feature fades as evidence, and beyond which it is none: the training data lack it."""
 LENGTHS_M: Final = (0.2, 1.5)
 """Plausible distances of head and SpineBase [m]."""
 NARROWEST_M: Final = 1e-6
@@ -147,12 +150,11 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
     ``mean`` and ``spread`` (`FEATURES`,) standardise the features, which are limited to ±`MOST_SPREADS`. The regressors
     of a missing feature (NaN) are 0.
     """
-    z = np.clip((features - mean) / spread, -MOST_SPREADS, MOST_SPREADS)
-    missing = np.isnan(z)
-    z = np.where(missing, 0.0, z)
-    squares = np.where(missing, 0.0, z * z - 1.0)
+    z = (features - mean) / spread
+    told = np.nan_to_num(np.clip((FADES_TO - np.abs(z)) / (FADES_TO - FADES_FROM), 0.0, 1.0))
+    z = np.nan_to_num(np.clip(z, -MOST_SPREADS, MOST_SPREADS))
     ones = np.ones((*z.shape[:-1], 1))
-    return np.concatenate([z, squares, ones], axis=-1), 1.0 - missing.mean(axis=-1)
+    return np.concatenate([told * z, told * (z * z - 1.0), ones], axis=-1), told.mean(axis=-1)
 
 
 def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) -> ShapeClassifier:
