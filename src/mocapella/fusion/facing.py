@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mocapella.fusion.facing_grid import BINS, STEP_S, TURN_RATES, YAWS, turned_on, unknown
 from mocapella.fusion.facing_model import FacingModel, shipped_model
-from mocapella.fusion.facing_shape import FADES_FROM, FADES_TO, MOST_SPREADS, feature_sums, pairs_across
+from mocapella.fusion.facing_shape import feature_sums, pairs_across
 from mocapella.geometry.angles import wrap
 from mocapella.model.topology import Topology
 from mocapella.settings import check
@@ -97,8 +97,7 @@ class FacingTables(NamedTuple):
         joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
             features' sums.
         weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 4,) mean, spread, linear and squared weights of the features, the constant, and
-            `MOST_SPREADS`, `FADES_FROM`, `FADES_TO`.
+        classifier: (4 · features + 1,) mean, spread, linear and squared weights of the features, and the constant.
     """
 
     tables: Float64
@@ -362,9 +361,7 @@ def _tables(model: FacingModel, topology: Topology) -> FacingTables:
     terms = np.argwhere(sums != 0)
     joints = np.concatenate([[(topology.index("Head"), topology.index("SpineBase"))], terms])
     joints = np.ascontiguousarray(joints)  # as the kernels are compiled for
-    numbers = np.concatenate(
-        [classifier.mean, classifier.spread, classifier.weights, [MOST_SPREADS, FADES_FROM, FADES_TO]]
-    )
+    numbers = np.concatenate([classifier.mean, classifier.spread, classifier.weights])
     return FacingTables(tables, across, joints, sums[sums != 0], numbers)
 
 

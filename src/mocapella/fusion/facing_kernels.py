@@ -17,7 +17,16 @@ from mocapella.compiled import njit
 from mocapella.fusion.facing import FacingArrays, FacingTables, FacingWeights
 from mocapella.fusion.facing_grid import BIN, BINS, LEAST, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
-from mocapella.fusion.facing_shape import FEATURES, LENGTHS_M, NARROWEST_M
+from mocapella.fusion.facing_shape import (
+    FADES_FROM,
+    FADES_TO,
+    FEATURES,
+    LENGTHS_M,
+    MOST_SPREADS,
+    NARROWEST_M,
+    UNLIKE_FROM,
+    UNLIKE_TO,
+)
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -219,15 +228,22 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
     for n in range(len(weights)):
         joint = positions[terms[n, 1]]
         features[terms[n, 0]] += weights[n] * (joint[0] * sin + joint[2] * cos)
-    most, fades_from, fades_to = classifier[4 * N + 1], classifier[4 * N + 2], classifier[4 * N + 3]
+    square, seen = 0.0, 0
+    for f in range(N):
+        features[f] = (features[f] / length - classifier[f]) / classifier[N + f]
+        if np.isfinite(features[f]):
+            square += features[f] ** 2
+            seen += 1
+    unlike = (square / max(seen, 1) - UNLIKE_FROM) / (UNLIKE_TO - UNLIKE_FROM)
+    unlike = min(max(unlike, 0.0), 1.0)
     score, known = classifier[4 * N], 0.0
     for f in range(N):
-        z = (features[f] / length - classifier[f]) / classifier[N + f]
-        if not abs(z) < fades_to:  # NaN where a joint is missing
+        z = features[f]
+        if not np.isfinite(z):
             continue
-        told = min(1.0, (fades_to - abs(z)) / (fades_to - fades_from))
+        told = 1.0 - unlike * min(max((abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0), 1.0)
         known += told
-        z = min(max(z, -most), most)
+        z = min(max(z, -MOST_SPREADS), MOST_SPREADS)
         score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
     return score, known / N
 

@@ -34,9 +34,15 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
 """A feature → the weights of joints' positions; joints of both sides are averaged."""
 MOST_SPREADS: Final = 1.5
 """Upper bound of a standardised feature: a joint farther off is an error."""
+UNLIKE_FROM: Final = 12.0
+UNLIKE_TO: Final = 16.0
+"""Mean square of the standardised features from which a body is unlike the training data, and beyond which it fully is.
+
+In the training data it is 1 on average, and below the first in every view.
+"""
 FADES_FROM: Final = 3.0
 FADES_TO: Final = 5.0
-"""Standardised value from which a feature fades as evidence, and beyond which it is none: the training data lack it."""
+"""Standardised value from which a feature of an unlike body fades as evidence, and beyond which it is none."""
 LENGTHS_M: Final = (0.2, 1.5)
 """Plausible distances of head and SpineBase [m]."""
 NARROWEST_M: Final = 1e-6
@@ -151,7 +157,11 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
     of a missing feature (NaN) are 0.
     """
     z = (features - mean) / spread
-    told = np.nan_to_num(np.clip((FADES_TO - np.abs(z)) / (FADES_TO - FADES_FROM), 0.0, 1.0))
+    known = np.isfinite(z)
+    square = np.where(known, z * z, 0.0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
+    unlike = np.clip((square - UNLIKE_FROM) / (UNLIKE_TO - UNLIKE_FROM), 0.0, 1.0)[..., None]
+    fades = np.clip((np.abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0, 1.0)
+    told = np.where(known, 1.0 - unlike * fades, 0.0)
     z = np.nan_to_num(np.clip(z, -MOST_SPREADS, MOST_SPREADS))
     ones = np.ones((*z.shape[:-1], 1))
     return np.concatenate([told * z, told * (z * z - 1.0), ones], axis=-1), told.mean(axis=-1)
