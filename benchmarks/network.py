@@ -22,6 +22,7 @@ from pathlib import Path
 from benchmarks._bad_link import ADDRESSES, READY
 from benchmarks.harness import Row, at_most, measured
 from benchmarks.kill import read_log
+from benchmarks.outage import recovered_after_s
 from mocapella.live.launch import free_port
 from mocapella.recording.take_reader import read_take
 
@@ -77,6 +78,7 @@ def run(quick: bool = False) -> list[Row]:
             session.samples(2.0)
             rows += _noticed("server stopped", session.stop_server())
             rows += _noticed("link down", session.cut(QUICK_DOWN_S if quick else DOWN_S))
+            recovered_s = recovered_after_s(Path(folder), time.monotonic_ns())
             sent = session.end()
         finally:
             session.close()
@@ -86,6 +88,7 @@ def run(quick: bool = False) -> list[Row]:
     first = sum(node.first for node in stored.values())  # frames before the recording began
     return [
         *rows,
+        measured("network: link down: until all frames are acknowledged, once it is up", recovered_s, "s"),
         measured("network: nodes that ended without a word", len(stored) - len(sent), "nodes", goal=at_most(0)),
         measured("network: frames sent since the recording began", sum(sent.values()) - first, "frames"),
         measured("network: frames stored after it healed", kept, "frames"),
@@ -153,7 +156,6 @@ class Session:
         time.sleep(seconds)
         found = self._said_by_nodes(since[1]) | self._said_by_server(since[0])
         self.link("0 0 0")
-        self.samples(10.0)
         return found
 
     def _said_by_nodes(self, since_s: float) -> dict[str, float | None]:

@@ -33,7 +33,7 @@ def _rows(away_s: float, *, stopped: bool) -> list[Row]:
         try:
             session.rest()
             began_ns, back_ns = session.outage(away_s, stopped=stopped)
-            recovered_s = _recovered_s(folder, back_ns)
+            recovered_s = recovered_after_s(folder, back_ns)
             session.rest()
             session.end()
         finally:
@@ -55,7 +55,7 @@ def _rows(away_s: float, *, stopped: bool) -> list[Row]:
     ]
 
 
-def _recovered_s(folder: Path, back_ns: int) -> float:
+def recovered_after_s(folder: Path, back_ns: int) -> float:
     """Wait until both nodes have an acknowledgement of a frame that they sent after the outage; return when [s]."""
     deadline = time.monotonic() + RECOVERED_S
     while time.monotonic() < deadline:

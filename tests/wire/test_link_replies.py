@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -134,6 +135,21 @@ def test_a_leaving_node_waits_while_a_take_holds_its_frames_also_without_a_serve
     node.outbox.update(FrameRequest("take", 0), 0)
     acknowledge = FrameRequest("take", 1, closed=True)
     assert farewell(node, monkeypatch, nothing, nothing, lambda: node.outbox.update(acknowledge, 0)) == 3
+
+
+def test_a_leaving_node_waits_on_while_its_frames_are_being_stored(
+    make_node: Callable[[Session], NodeLink], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long that takes together; and then until nothing more is stored for as long as it waits."""
+    node, step_s, seconds = make_node(Session()), 0.02, 0.05
+    for number in range(10):
+        node.outbox.add(b"0", number)
+    node.outbox.update(FrameRequest("take", 0), 0)
+    stored = [partial(node.outbox.update, FrameRequest("take", number), 0) for number in range(1, 10)]
+    events = [event for one in stored for event in (nothing, one)]
+    waits = farewell(node, monkeypatch, *events, seconds=seconds)
+    assert len(events) <= waits <= len(events) + seconds / step_s + 2
+    assert node.outbox.holds
 
 
 def test_a_leaving_node_waits_for_a_recording_server_to_hear_its_last_number(

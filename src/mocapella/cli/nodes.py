@@ -41,7 +41,7 @@ class NodeKeys:
     reserve_gib: Annotated[float, KeySpec("Free disk space that spool and take leave.", "GiB", least=0)] = 1.0
 
     farewell: Annotated[
-        float, KeySpec("Longest wait at the end until the server has stored all frames of a take.", "s", least=0)
+        float, KeySpec("Longest wait at the end for the server to store further frames of a take.", "s", least=0)
     ] = 10.0
 
     def disk(self) -> NodeDisk:

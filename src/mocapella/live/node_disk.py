@@ -30,8 +30,8 @@ class NodeDisk:
         spool: folder of the frames of an open take that the server has not stored; made when it is needed.
         record: take with all frames of the node; None records none.
         reserve_bytes: free space that both leave.
-        farewell_s: longest wait at the end until the server has stored all frames of an open take [s]; the spool
-            keeps the others.
+        farewell_s: longest wait at the end for the server to store further frames of an open take [s]; the spool keeps
+            those that it has not stored.
     """
 
     spool: Path = SPOOL_FOLDER

@@ -86,7 +86,7 @@ class NodeLink:
         errors: catches unexpected errors of the callbacks.
         heard_s: monotonic time of the server's last question or answer; negative infinity before the first [s].
         put_off: why the server took no new sensor at the last `join`; empty if it did.
-        farewell_s: how long `close` waits until the frames of an open take are acknowledged [s].
+        farewell_s: how long `close` waits for the next acknowledgement, until all frames of an open take have one [s].
         on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
 
     Raises:
@@ -212,7 +212,7 @@ class NodeLink:
     def close(self) -> None:
         """Tell the server the last frame's number, wait until all frames are acknowledged, and leave the bus.
 
-        Only frames of an open take are waited for, and at most `farewell_s`.
+        Only frames of an open take are waited for, and at most `farewell_s` without a further acknowledgement.
 
         Raises:
             UnstoredFramesError: frames of an open take are not acknowledged; names the files that keep them.
@@ -234,7 +234,7 @@ class NodeLink:
 
     def _say_farewell(self) -> None:
         """Wait for the acknowledgement of the last frame, if a take is open; a server may come back meanwhile."""
-        deadline = time.monotonic() + self.farewell_s
+        deadline, held = time.monotonic() + self.farewell_s, self.outbox.holds
         answer: JoinReply | None = None
         while True:
             if answer is None:
@@ -242,6 +242,8 @@ class NodeLink:
             recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
             if not (recording or self.outbox.holds) or self.hurry.is_set() or time.monotonic() >= deadline:
                 return
+            if self.outbox.holds != held:  # frames are being stored: a long outage may be behind
+                deadline, held = time.monotonic() + self.farewell_s, self.outbox.holds
             time.sleep(0.02)
             if not self.server_is_there():
                 answer = None  # one that is started again does not know the last number
