@@ -17,7 +17,7 @@ from support.programs import free_port, wait_until
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sources import paced_pictures
-from mocapella.sources.acquisition import Acquisition, AcquisitionReport, AcquisitionSettings
+from mocapella.sources.acquisition import FROZEN_OF, Acquisition, AcquisitionReport, AcquisitionSettings
 from mocapella.sources.capture_camera import CaptureCamera
 from mocapella.sources.open_pictures import open_pictures
 from mocapella.sources.paced_pictures import PacedPictures
@@ -167,6 +167,34 @@ def test_a_camera_that_hangs_is_said_to_and_holds_nobody_up() -> None:
     pictures.close()
     assert time.monotonic() - begin < 20.0  # the device hangs for 30 s
     assert sum("no picture for" in line for line in said) == 1
+
+
+class Camera(ByHand):
+    """A source that is a camera; its pictures have the shade that is set."""
+
+    live, shade = True, 0
+
+    def read(self, stop: threading.Event) -> Picture | None:
+        picture = super().read(stop)
+        if picture is not None:
+            picture.image[:] = self.shade
+        return picture
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_camera_whose_picture_does_not_change_is_said_to_be_frozen_once_until_it_changes(live: bool) -> None:
+    source, said = Camera(), list[str]()
+    source.live = live
+    with Acquisition(source, AcquisitionSettings(silent_s=0.05), say=said.append) as pictures:
+        pictures.start()
+        source.give(FROZEN_OF - 1)
+        time.sleep(0.1)
+        assert said == []  # so few may be equal by chance
+        source.give(3)
+        assert [line.partition(" for ")[0] for line in said] == ["by hand: its picture has not changed"] * live
+        source.shade = 9
+        source.give(2)
+        assert said[1:] == ["by hand: its picture changes again"] * live
 
 
 def film(path: Path, frames: int = 8, fps: float = 50.0) -> Path:

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import threading
 import time
+import zlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Final
+
+import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import MocapellaError, SettingsError
@@ -23,6 +26,9 @@ RATE_OF: Final = 10
 """The frame rate is measured over `RATE_OVER_S` seconds or `RATE_OF` images, whichever is longer."""
 TOO_FEW: Final = 0.9
 """A source whose frame rate is below this fraction of its nominal rate is reported as too slow."""
+FROZEN_OF: Final = 10
+"""Equal images, at least, of a camera that is reported as frozen: noise changes every image."""
+_EVERY_PX: Final = 4
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,8 @@ class AcquisitionSettings:
     Attributes:
         retry_s, longest_retry_s: first and longest wait before a lost camera is reopened [s]; the wait doubles each
             time.
-        silent_s: time without an image after which a camera is reported as silent [s].
+        silent_s: time without an image after which a camera is reported as silent, and without a different one after
+            which it is reported as frozen [s].
         close_s: longest wait at the end for a driver that does not answer [s].
     """
 
@@ -86,7 +93,8 @@ class Acquisition:
     Args:
         source: the source, not opened yet; the constructor opens it.
         settings: the timing.
-        say: receives messages when the source is lost, silent, and available again; partly called by the thread.
+        say: receives messages when the source is lost, silent, frozen, and available again; partly called by the
+            thread.
         changed: notified when an image arrives or the source ends; several acquisitions may share one, to be waited
             for together. None for one of its own.
 
@@ -115,7 +123,8 @@ class Acquisition:
         self._failure: MocapellaError | None = None
         self._times: deque[float] = deque()
         self._last_s = 0.0
-        self._silent = False
+        self._silent = self._frozen = False
+        self._shown, self._equal, self._different_s = 0, 0, 0.0
         self._thread: threading.Thread | None = None
 
     def start(self, zero_s: float | None = None) -> None:
@@ -221,6 +230,8 @@ class Acquisition:
                 self._changed.notify_all()
 
     def _put(self, picture: Picture) -> None:
+        if self.source.live:
+            self._say_if_frozen(picture)
         with self._changed:
             self._dropped += len(self._slot) == self._slot.maxlen
             self._slot.append(picture)
@@ -264,3 +275,21 @@ class Acquisition:
         if self.source.live and not self._silent and silent_s > self.settings.silent_s and not self._ended:
             self._silent = True
             self._say(f"{self.source.name}: no picture for {silent_s:.0f} s; is it plugged in, or used elsewhere?")
+
+    def _say_if_frozen(self, picture: Picture) -> None:
+        now_s = time.monotonic()
+        shown = zlib.crc32(np.ascontiguousarray(picture.image[::_EVERY_PX, ::_EVERY_PX]))
+        if shown != self._shown or not self._equal:
+            self._shown, self._equal, self._different_s = shown, 1, now_s
+            if self._frozen:
+                self._frozen = False
+                self._say(f"{self.source.name}: its picture changes again")
+            return
+        self._equal += 1
+        same_s = now_s - self._different_s
+        if not self._frozen and self._equal >= FROZEN_OF and same_s > self.settings.silent_s:
+            self._frozen = True
+            self._say(
+                f"{self.source.name}: its picture has not changed for {same_s:.0f} s; is the lens covered? if not, "
+                "unplug the camera and plug it in again"
+            )
