@@ -82,7 +82,7 @@ def test_a_membership_goes_on_after_an_error() -> None:
     said, stop = list[str](), threading.Event()
 
     class Link:
-        node, address, heard_s = NodeKey("front", 1), "tcp/127.0.0.1:1", 0.0
+        node, address, heard_s, put_off = NodeKey("front", 1), "tcp/127.0.0.1:1", 0.0, ""
         errors = Boundary(lambda text: said.append(f"front: {text}"))
 
         def join(self, timeout: float = 1.0) -> bool:
@@ -108,7 +108,7 @@ class StandingLink:
     """A node's link to a server that answers, or stands still; it is connected all the time."""
 
     node, address, errors = NodeKey("front", 1), "tcp/127.0.0.1:1", Boundary()
-    answers, heard_s, asked = True, 0.0, 0
+    answers, heard_s, asked, put_off = True, 0.0, 0, ""
 
     def join(self, timeout: float = 1.0) -> bool:
         self.asked += 1
