@@ -148,6 +148,25 @@ def test_the_end_of_a_node_that_has_left_stays_when_the_take_goes_on(harness: Ha
     assert read_take(path).clean
 
 
+def test_a_take_that_is_interrupted_tells_no_node_that_it_is_over_and_goes_on(harness: Harness, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    harness.service.begin(path)
+    harness.send(4)
+    wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
+    harness.service.interrupt()
+    harness.service.interrupt()  # without a take, it does nothing
+    assert "a recording to it goes on with it" in harness.service.health().problem
+    (hold,) = harness.bus.outbox.holds.values()
+    assert not hold.closed
+    harness.send(3)
+    harness.service.begin(path, resume=True)
+    harness.send(2)
+    health = harness.service.finish()
+    assert (health.frames, health.lost, health.unknown) == (9, 0, ())
+    take = read_take(path)
+    assert (take.clean, take.problems, len(take.interruptions)) == (True, (), 1)
+
+
 def test_a_node_that_missed_the_end_of_a_take_hears_of_it_when_it_is_there_again(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
