@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Final
 
-import numpy as np
-
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import MocapellaError, SettingsError
 from mocapella.settings import check
@@ -278,7 +276,7 @@ class Acquisition:
 
     def _say_if_frozen(self, picture: Picture) -> None:
         now_s = time.monotonic()
-        shown = zlib.crc32(np.ascontiguousarray(picture.image[::_EVERY_PX, ::_EVERY_PX]))
+        shown = zlib.crc32(picture.image[::_EVERY_PX, ::_EVERY_PX].tobytes())
         if shown != self._shown or not self._equal:
             self._shown, self._equal, self._different_s = shown, 1, now_s
             if self._frozen:
