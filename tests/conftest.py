@@ -81,6 +81,8 @@ PROGRAMS = (
 )
 """Tests of programs and servers that keep real time: never two at once, either. The rest of the README's and examples'
 start programs, too, but do not mind how long these take."""
+MANUALS = ("test_readme.py", "examples/")
+"""These start programs too, as a reader would."""
 RUNS = 3
 """Number of attempts of such a test: no limit of time is long enough for a machine that stands still."""
 STUDY = (
@@ -147,6 +149,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if _lane(item.nodeid):
             item.add_marker("real_time")
+        if _lane(item.nodeid) or _name(item.nodeid).startswith(MANUALS):
             item.add_marker(pytest.mark.flaky(reruns=RUNS - 1))
     items.sort(key=lambda item: (lanes.index(_lane(item.nodeid)), not _name(item.nodeid).startswith(LONG)))
 
