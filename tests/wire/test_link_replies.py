@@ -152,6 +152,16 @@ def test_a_leaving_node_waits_on_while_its_frames_are_being_stored(
     assert node.outbox.holds
 
 
+def test_a_leaving_node_does_not_wait_on_for_a_server_that_asks_and_stores_nothing(
+    make_node: Callable[[Session], NodeLink], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = make_node(Session())
+    node.outbox.add(b"0", 0)
+    node.outbox.update(FrameRequest("take", 0), 0)
+    asks = [partial(node.outbox.update, FrameRequest("take", 0), now_ns) for now_ns in range(1, 100)]
+    assert farewell(node, monkeypatch, *asks, seconds=0.1) < 10
+
+
 def test_a_leaving_node_waits_for_a_recording_server_to_hear_its_last_number(
     make_node: Callable[[Session], NodeLink], monkeypatch: pytest.MonkeyPatch
 ) -> None:

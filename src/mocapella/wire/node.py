@@ -234,7 +234,7 @@ class NodeLink:
 
     def _say_farewell(self) -> None:
         """Wait for the acknowledgement of the last frame, if a take is open; a server may come back meanwhile."""
-        deadline, held = time.monotonic() + self.farewell_s, self.outbox.holds
+        deadline, stored = time.monotonic() + self.farewell_s, self._stored()
         answer: JoinReply | None = None
         while True:
             if answer is None:
@@ -242,11 +242,15 @@ class NodeLink:
             recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
             if not (recording or self.outbox.holds) or self.hurry.is_set() or time.monotonic() >= deadline:
                 return
-            if self.outbox.holds != held:  # frames are being stored: a long outage may be behind
-                deadline, held = time.monotonic() + self.farewell_s, self.outbox.holds
+            if (now := self._stored()) != stored:  # a long outage may be behind
+                deadline, stored = time.monotonic() + self.farewell_s, now
             time.sleep(0.02)
             if not self.server_is_there():
                 answer = None  # one that is started again does not know the last number
+
+    def _stored(self) -> dict[str, int]:
+        """Return the number up to which each take has the frames."""
+        return {take: hold.stored for take, hold in self.outbox.holds.items()}
 
     def _tell(self, verb: str, timeout: float) -> JoinReply | None:
         """Tell the server that this node joins or leaves; return the answer, None without a server."""
