@@ -55,9 +55,8 @@ def main(arguments: list[str] | None = None) -> int:
     console = Console(stderr=options.json == "-")
     rows: list[Row] = []
     if options.against:
-        asked_too = [word for part in options.part for word in ("--part", part)] + ["--quick"] * options.quick
         with console.status(f"measuring in turns with {options.against} …"):
-            rows = in_turns(options.against, chosen, asked_too)
+            rows = in_turns(options.against, chosen, _repeated(options))
         console.print(table(f"against {options.against}", rows))
         chosen = []
     for name in chosen:
@@ -89,6 +88,15 @@ def table(group: str, rows: list[Row]) -> Table:
         peer = "none" if row.ratio is None else row.peer
         result.add_row(row.name, f"{row.value:.4g} {row.unit}", peer, ratio, row.goal or "", met)
     return result
+
+
+def _repeated(options: argparse.Namespace) -> list[str]:
+    """Return the arguments that an earlier revision is measured with, too."""
+    words = ["--quick"] * options.quick + [word for part in options.part for word in ("--part", part)]
+    for name in ("inputs", "processes"):
+        if (value := getattr(options, name)) is not None:
+            words += [f"--{name}", str(value)]
+    return words
 
 
 def _count(text: str) -> int:

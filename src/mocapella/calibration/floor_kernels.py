@@ -34,7 +34,7 @@ trunk and arms between root and head, and the legs between root and feet.
 LEANS_COS = 0.94
 """Cosine of the largest angle of an upright back with the direction from the feet to the centre of mass (20°)."""
 STRETCHED = 1.15
-"""Least distance of root and feet with stretched legs, in lengths from root to head; standing it is about 1.4."""
+"""Least distance of root and feet with stretched legs, in lengths from root to head."""
 TRACKED = 2
 """Value of `JointState.TRACKED`."""
 

@@ -15,13 +15,21 @@ def conditions(reason: str, sensors: Collection[str]) -> list[str]:
         sensors: names of all sensors of the session.
     """
     of: dict[str, list[str]] = {}
-    for part in reason.split("; "):
-        name, _, text = part.partition(": ")
-        if name in sensors and text:
-            of.setdefault(trouble(text), []).append(name)
-        elif part:
-            of.setdefault(part, [])
+    for name, text in problems(reason, sensors):
+        of.setdefault(text, []).extend([name] if name else [])
     return [f"{_names(names, sensors)}{text}" for text, names in of.items()]
+
+
+def problems(reason: str, sensors: Collection[str]) -> list[tuple[str, str]]:
+    """Split a state's reason into sensors and their problems, without the other sensor of a pair.
+
+    Arguments as in `conditions`. The sensor is empty where a part names none.
+    """
+    found: list[tuple[str, str]] = []
+    for part in filter(None, reason.split("; ")):
+        name, _, text = part.partition(": ")
+        found.append((name, trouble(text)) if name in sensors and text else ("", part))
+    return found
 
 
 def trouble(problem: str) -> str:

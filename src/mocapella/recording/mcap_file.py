@@ -93,7 +93,7 @@ class McapFile:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Add a metadata record with values by key; it is written before the messages of the next flush."""
-        record = _bytes(Metadata(name=name, metadata=values))
+        record = metadata_record(name, values)
         self._new_metadata.append((len(self._front), len(record), name))
         self._front += record
 
@@ -232,6 +232,11 @@ class McapFile:
         self._chunk = bytearray()
         self._index = {}
         self._chunk_first, self._chunk_last = -1, 0
+
+
+def metadata_record(name: str, values: dict[str, str]) -> bytes:
+    """Return the bytes of a metadata record with values by key."""
+    return _bytes(Metadata(name=name, metadata=values))
 
 
 def _bytes(record: McapRecord) -> bytes:

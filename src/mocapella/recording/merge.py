@@ -8,7 +8,6 @@ parts are removed. A kill at any point leaves either all parts, or the complete 
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
@@ -21,6 +20,7 @@ from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, DiskFullError, InputError, RecordingError
 from mocapella.recording import disk, take
 from mocapella.recording.found_frames import FoundFrames, found_frames
+from mocapella.recording.mcap_file import metadata_record
 from mocapella.recording.mcap_scan import Damage, MessageRead, MetadataRead, data_end, is_closed, scan
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import index_take
@@ -165,12 +165,14 @@ def reopen(path: Path) -> bool:
     Raises:
         DiskFullError, RecordingError: the disk failed.
     """
-    last = deque(_metadata(path), maxlen=1)
-    if not last or last[0].name != take.INTERRUPTED_METADATA:
-        return False
+    mark = metadata_record(take.INTERRUPTED_METADATA, {})
     try:
         with path.open("r+b") as file:
-            file.truncate(data_end(file, path.stat().st_size))
+            end = data_end(file, path.stat().st_size) or 0
+            file.seek(max(0, end - len(mark)))
+            if file.read(len(mark)) != mark:
+                return False
+            file.truncate(end)
             disk.sync(file.fileno())
     except OSError as error:
         raise disk.as_ours(error, f"cannot go on recording to {path}") from error

@@ -31,7 +31,7 @@ TRUTH: Final = "/truth/"
 RUN_METADATA: Final = "mocapella.run"
 MERGED_METADATA: Final = "mocapella.merged"
 INTERRUPTED_METADATA: Final = "mocapella.interrupted"
-"""Last metadata record of a file that was closed because its program failed: a recording goes on with it."""
+"""Last record of the data of a file that was closed because its program failed: a recording goes on with it."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mocapella.conventions import NS_PER_S
-from mocapella.model.conditions import trouble
+from mocapella.model.conditions import problems
 
 LONGEST_GAP_S: Final = 5.0
 """After a longer time without a status, such as an interruption, a problem that goes on is a new interval [s]."""
@@ -54,7 +54,6 @@ def condition_intervals(statuses: Iterable[tuple[int, dict[str, Any]]], began_ns
 
 
 def _problems(status: dict[str, Any]) -> dict[tuple[str, str], None]:
-    """Return the sensors of a status with their problems, without the other sensor of a pair."""
+    """Return the sensors of a status, each with a problem."""
     sensors = {str(one.get("name")) for one in status.get("sensors", ()) if isinstance(one, dict)}
-    parts = (part.partition(": ") for part in str(status.get("reason", "")).split("; "))
-    return {(name, trouble(text)): None for name, _, text in parts if name in sensors and text}
+    return {(name, text): None for name, text in problems(str(status.get("reason", "")), sensors) if name}

@@ -229,7 +229,7 @@ class TakeWriter:
         try:
             self._store(last=True)
             if interrupted:
-                self._file.add_metadata(take.INTERRUPTED_METADATA, {"part": str(self._part)})
+                self._file.add_metadata(take.INTERRUPTED_METADATA, {})
             self._file.finish()
         except OSError as error:
             raise self._stopped(disk.as_ours(error, f"{self.path} could not be closed")) from error
