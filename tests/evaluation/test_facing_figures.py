@@ -15,7 +15,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.facing_sessions import FacingSession, facing_sessions, figures, split
 from mocapella.evaluation.facing_simulation import simulated_figures
 from mocapella.fusion.facing import FacingFilter
-from mocapella.fusion.facing_model import read_model
+from mocapella.fusion.facing_model import read_model, shipped_model
 from mocapella.fusion.facing_shape import View
 from mocapella.fusion.facing_training import FacingSequence
 from mocapella.model.topology import topology
@@ -43,6 +43,16 @@ def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, di
     assert default["steps_wrong_percent"] <= 0.5
     assert default["backward_kept_percent"] >= 95
     assert default["walk_differs_percent"] < left_out["yaw"]["walk_differs_percent"]
+
+
+def test_no_feature_of_the_training_data_fades(study_logs: Path) -> None:
+    """Participant 2 has the oddest ones."""
+    classifier = shipped_model().classifier
+    assert classifier is not None
+    for session in facing_sessions(study_logs, [2]):
+        features = session.sequence.view.features
+        _, seen = classifier.score(features)
+        np.testing.assert_allclose(seen, np.isfinite(features).mean(axis=-1))
 
 
 def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]]) -> None:
