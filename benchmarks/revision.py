@@ -10,6 +10,7 @@ import json
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,8 +20,8 @@ from typing import Any
 from benchmarks.harness import UNITS_PER_SECOND, Row, compared, measured, times_the_peer
 
 ROOT = Path(__file__).resolve().parents[1]
-TURNS = 3
-"""Measurements of each revision; medians are compared."""
+TURNS = 5
+"""Measurements of each revision."""
 LEAST = 0.95
 """A time or load may be 1 / LEAST of the earlier one."""
 
@@ -40,7 +41,7 @@ def in_turns(revision: str, groups: Sequence[str], options: Sequence[str], turns
     with _checked_out(revision) as earlier:
         rows: dict[Path, list[list[dict[str, Any]]]] = {ROOT: [], earlier: []}
         for turn in range(turns + 1):
-            for folder, measurements in rows.items():
+            for folder, measurements in sorted(rows.items(), reverse=bool(turn % 2)):  # neither is always the first
                 found = _measure(folder, groups, options if turn else ["--quick"])
                 if turn:
                     measurements.append(found)
@@ -50,17 +51,20 @@ def in_turns(revision: str, groups: Sequence[str], options: Sequence[str], turns
 def paired(
     ours: Sequence[Sequence[dict[str, Any]]], theirs: Sequence[Sequence[dict[str, Any]]], peer: str
 ) -> list[Row]:
-    """Return the medians over the measurements, given as rows of JSON; times and loads are compared.
+    """Return our medians over the turns, given as rows of JSON; times and loads are compared.
 
-    A row that the earlier revision does not have, or whose value is not above 0, stands without a peer.
+    The peer's value is ours times the median over the turns of the ratio of both: a machine's speed drifts from turn to
+    turn. A row that the earlier revision does not have, or that is not above 0 in each turn, stands without a peer.
     """
-    medians = [{row["name"]: statistics.median(_values(of, row["name"])) for row in of[-1]} for of in (ours, theirs)]
     rows = []
     for row in ours[-1]:
         name, unit = row["name"], row["unit"]
-        value, before = medians[0][name], medians[1].get(name, 0.0)
-        if (unit in UNITS_PER_SECOND or unit == "%") and value > 0 and before > 0:
-            rows.append(compared(name, value, unit, peer=peer, peer_value=before, goal=times_the_peer(LEAST)))
+        mine, before = _values(ours, name), _values(theirs, name)
+        value = statistics.median(mine)
+        both = len(before) == len(mine) and min(*mine, *before) > 0
+        if both and (unit in UNITS_PER_SECOND or unit == "%"):
+            ratio = statistics.median(b / a for a, b in zip(mine, before, strict=True))
+            rows.append(compared(name, value, unit, peer=peer, peer_value=ratio * value, goal=times_the_peer(LEAST)))
         else:
             rows.append(measured(name, value, unit))
     return rows
@@ -72,10 +76,11 @@ def _values(measurements: Sequence[Sequence[dict[str, Any]]], name: str) -> list
 
 def _measure(folder: Path, groups: Sequence[str], options: Sequence[str]) -> list[dict[str, Any]]:
     environment = {key: value for key, value in os.environ.items() if key != "VIRTUAL_ENV"}
+    environment["UV_PYTHON"] = str(Path(sys.executable).resolve())  # the same for both
     command = ["uv", "run", "--quiet", "python", "-m", "benchmarks", *groups, *options, "--json", "-"]
-    done = subprocess.run(command, cwd=folder, env=environment, check=False, stdout=subprocess.PIPE, text=True)
+    done = subprocess.run(command, cwd=folder, env=environment, check=False, capture_output=True, text=True)
     if done.returncode:
-        raise SystemExit(f"{' '.join(command)} failed in {folder} (status {done.returncode})")
+        raise SystemExit(f"{' '.join(command)} failed in {folder} (status {done.returncode}):\n{done.stderr}")
     return list(json.loads(done.stdout))
 
 

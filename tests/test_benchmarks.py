@@ -85,13 +85,16 @@ def test_times_and_loads_are_compared_with_an_earlier_revision(harness: Any) -> 
         )
         return [asdict(row) for row in rows]
 
-    ours = [measurement(2.0, 10.6), measurement(2.1, 10.6), measurement(9.0, 10.6)]
-    theirs = [measurement(2.2, 10.0)[1:], measurement(4.2, 10.0), measurement(4.2, 10.0)]
+    # The machine is three times as slow in the last turn.
+    ours = [measurement(2.0, 10.6), measurement(2.1, 10.6), measurement(6.0, 31.8)]
+    theirs = [measurement(4.0, 10.0), measurement(9.0, 10.0), measurement(12.0, 30.0)]
     a, b, c = paired(ours, theirs, "revision x")
     assert (a.value, a.ratio, a.met, a.peer) == (2.1, 2.0, True, "revision x 4.2 ms")
     assert (b.met, c.ratio) == (False, None)
-    (alone, *_) = paired(ours, [measurement(0.0, 10.0)], "revision x")
+    (alone, *_) = paired(ours, [measurement(4.0, 10.0), measurement(0.0, 10.0), measurement(4.0, 10.0)], "revision x")
     assert (alone.value, alone.ratio) == (2.1, None)
+    (new, *_) = paired(ours, [rows[1:] for rows in theirs], "revision x")
+    assert new.ratio is None
 
 
 def test_a_revision_that_is_not_there_is_said() -> None:
