@@ -59,12 +59,13 @@ def main() -> None:
 
 
 class Acknowledgements:
-    """Logs when frames are acknowledged."""
+    """Logs when frames are acknowledged that the node still has; a take's claim also passes frames that are lost."""
 
     def __init__(self, link: NodeLink, log: TextIO) -> None:
         self._link, self._log = link, log
         self._times: list[int] = []
         self._next: dict[str, int] = {}
+        self._oldest = 0
 
     def sent(self, sent_ns: int) -> None:
         print("sent", len(self._times), file=self._log)
@@ -73,9 +74,11 @@ class Acknowledgements:
     def look(self) -> None:
         for take, hold in self._link.outbox.holds.items():
             now_ns = time.monotonic_ns()
-            for number in range(self._next.get(take, hold.first), min(hold.stored, len(self._times))):
+            first = max(self._next.get(take, hold.first), self._oldest)
+            for number in range(first, min(hold.stored, len(self._times))):
                 print(number, self._times[number], now_ns, file=self._log)
-            self._next[take] = max(self._next.get(take, hold.first), hold.stored)
+            self._next[take] = max(first, hold.stored)
+        self._oldest = self._link.outbox.oldest
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from mocapella.wire.outbox import Outbox
 
 NODE = ("front", 7)
 EVERYTHING = 2**62
-FRAMES = [frame_bytes(NODE[0], number, NODE[1]) for number in range(64)]
+FRAMES = [frame_bytes(NODE[0], number, NODE[1]) for number in range(256)]
 
 
 class Shelf:
@@ -61,6 +61,7 @@ class RecordPathModel(RuleBasedStateMachine):
         self.given_up: set[int] = set()
         self.requests: list[FrameRequest] = []
         self.before: int | None = None
+        self.held_since: int | None = None
         self.writer: TakeWriter | None = None
         self.state: NodeState | None = None
 
@@ -126,16 +127,21 @@ class RecordPathModel(RuleBasedStateMachine):
         self.outbox.update(data.draw(st.sampled_from(self.requests)), self.now_ns)
 
     @precondition(lambda self: self.alive and self.writer is not None and self.state is not None)
-    @rule(told=st.booleans())
-    def kill_server_that_closes_its_take(self, told: bool) -> None:
+    @rule(told=st.booleans(), whole=st.booleans(), sends_on=st.integers(0, 8))
+    def kill_server_that_closes_its_take(self, told: bool, whole: bool, sends_on: int) -> None:
         """The take's end is on the disk, and the node may have heard it; yet the take goes on later."""
         assert self.writer is not None
         end = self.outbox.next
         self.writer.accounts.change(NODE, lambda ledger: ledger.finish(end))
         self.commit()
+        if whole:
+            self.ask(1000, True, False)
+            self.commit()
         if told:
             self.ask(0, False, False)
         self.kill_server()
+        for _ in range(sends_on):
+            self.send()
 
     def request(self, under_way: Sequence[tuple[int, int]] = (), most: int = 256) -> FrameRequest:
         assert self.writer is not None
@@ -169,6 +175,8 @@ class RecordPathModel(RuleBasedStateMachine):
         agreed = request.stored is not None
         if self.before is not None:
             self.writer.accounts.change(NODE, lambda ledger: not ledger.agreed and ledger.expect(self.before or 0))
+        if self.held_since is None:
+            self.held_since = self.outbox.oldest
         answer = self.outbox.update(request, self.now_ns)
         self.acknowledged = max(self.acknowledged, request.stored or 0)
         for frame in list(self.outbox.wanted(request))[:arriving]:
@@ -248,6 +256,8 @@ class RecordPathModel(RuleBasedStateMachine):
             assert sent - first == stored + lost
             missing = set(range(first, sent)) - set(there)
             assert missing <= set(range(oldest)) | self.given_up  # only what the node had no longer
+            held = range(self.held_since or 0, sent)  # all frames from the first request on, but for those dropped
+            assert len(missing & set(held) - self.given_up) <= self.outbox.dropped
             assert take.clean
         elif nodes:
             assert [end.after for end in report.unknown] == [nodes[0].last]
@@ -260,5 +270,5 @@ def read_numbers(path: Path) -> list[int]:
     return [ref.sequence for ref in read_take(path)._index.frames]
 
 
-RecordPathModel.TestCase.settings = settings(max_examples=25, stateful_step_count=25, deadline=None)
+RecordPathModel.TestCase.settings = settings(max_examples=50, stateful_step_count=25, deadline=None)
 TestRecordPath = RecordPathModel.TestCase

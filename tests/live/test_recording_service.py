@@ -164,6 +164,7 @@ def test_a_node_that_leaves_says_its_end(harness: Harness, tmp_path: Path) -> No
     harness.service.begin(tmp_path / "a.mcap")
     harness.send(4)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
+    harness.bus.outbox.leave()
     harness.service.leaving(NODE, 4)
     wait_until("it hears that all is stored", lambda: harness.bus.outbox.holds == {})
     harness.bus.connected.clear()

@@ -89,8 +89,37 @@ def test_what_a_take_lacks_goes_to_the_disk_and_what_is_acknowledged_is_forgotte
     assert numbers(outbox, (0, 9)) == [0, 1, 2, 3, 4, 5]
     outbox.update(FrameRequest("take", 4), 0)
     assert (sorted(shelf.parts), outbox.oldest) == ([3], 3)
-    outbox.update(FrameRequest("take", 6, end=6), 0)
+    outbox.update(FrameRequest("take", 6, end=6, closed=True), 0)
     assert (shelf.parts, outbox.holds, outbox.dropped) == ({}, {}, 0)
+
+
+def test_frames_after_an_ended_takes_end_are_kept_until_it_is_closed_because_it_may_go_on() -> None:
+    shelf = Shelf()
+    outbox = filled(3, shelf=shelf)
+    outbox.update(OPEN, 0)
+    assert outbox.spill()
+    outbox.update(FrameRequest("take", 2, end=2), 0)  # the server ends the take, and is killed before it is closed
+    for number in range(3, 8):
+        outbox.add(b"%d" % number, number)
+    assert outbox.spill()
+    assert numbers(outbox, (0, 9)) == list(range(8))
+    outbox.update(FrameRequest("take", 2), 0)  # the take goes on
+    assert numbers(outbox, (2, 9)) == list(range(2, 8))
+    outbox.update(FrameRequest("take", 8, end=8, closed=True), 0)
+    assert (shelf.parts, outbox.holds, outbox.dropped) == ({}, {}, 0)
+
+
+@pytest.mark.parametrize(
+    ("stored", "end", "held"), [(3, 3, []), (3, None, ["take"]), (2, 3, ["take"]), (2, 2, ["take"]), (3, 4, ["take"])]
+)
+def test_a_node_that_leaves_is_free_once_the_server_knows_its_end_and_has_all_frames(
+    stored: int, end: int | None, held: list[str]
+) -> None:
+    outbox = filled(3)
+    outbox.update(OPEN, 0)
+    outbox.leave()
+    outbox.update(FrameRequest("take", stored, end=end), 0)
+    assert list(outbox.holds) == held
 
 
 def test_a_damaged_part_is_an_error_and_never_gives_a_frame_another_number() -> None:

@@ -53,7 +53,7 @@ class Hold:
 
     Attributes:
         stored: number of the first frame that is not acknowledged.
-        end: number after the last frame; None while the take goes on.
+        end: number after the last frame, once a server has ended the take or heard that the node leaves; else None.
         closed: whether the take is closed, and lacks these frames.
         first: number of the first frame that belongs to the take.
         heard_ns: when a server last asked for frames of the take, on the node's monotonic clock.
@@ -66,8 +66,11 @@ class Hold:
     heard_ns: int = 0
 
     def numbers(self, after: int) -> range:
-        """Return the numbers of the frames; ``after`` is the number of the node's next frame."""
-        return range(self.stored, after if self.end is None else min(self.end, after))
+        """Return the numbers of the frames; ``after`` is the number of the node's next frame.
+
+        Until the take is closed they include later frames than its end: a take goes on if its server is killed first.
+        """
+        return range(self.stored, min(self.end, after) if self.closed and self.end is not None else after)
 
 
 class _Sent(NamedTuple):
@@ -150,8 +153,9 @@ class Outbox:
     def update(self, request: FrameRequest, now_ns: int) -> FrameAnswer:
         """Update a take's claim on the node's frames; return the state of the node.
 
-        A claim ends when the take has all its frames. Beyond `MOST_TAKES` takes, a new claim is ignored. A late or
-        repeated request never takes an acknowledgement back, and does not change the take's first frame.
+        A claim ends when the take has all frames of a node that leaves, or is closed and lacks none. Beyond
+        `MOST_TAKES` takes, a new claim is ignored. A late or repeated request never takes an acknowledgement back, and
+        does not change the take's first frame.
 
         Args:
             request: state of the take.
@@ -306,8 +310,8 @@ class Outbox:
             self.dropped += max(0, min(last + 1, needed.stop) - max(first, needed.start))
 
     def _settled(self, hold: Hold) -> bool:
-        known = hold.closed or hold.end is not None
-        return known and not hold.numbers(self._next) and (hold.end is None or hold.end <= self._next)
+        over = hold.closed or (self._leaving and hold.end is not None)
+        return over and not hold.numbers(self._next) and (hold.end is None or hold.end <= self._next)
 
     def _forget(self) -> None:
         """Drop what no take needs any more, unless there is no open take: then the newest frames stay."""
