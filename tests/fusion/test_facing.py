@@ -14,10 +14,10 @@ from support.facing_bodies import ACROSS_X, KINECT, MIRROR, Frames, frames_of
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
-from mocapella.fusion.facing_grid import BIN, STEP_S, YAWS, circular_sd, most_likely, turned_on, unknown
-from mocapella.fusion.facing_kernels import ALONE_S, view_worth
+from mocapella.fusion.facing_grid import BIN, LEAST, STEP_S, YAWS, circular_sd, most_likely, turned_on, unknown
+from mocapella.fusion.facing_kernels import ALONE_S, LABELS_TRUE, REPORTED_SD, UNLIKE_S, view_worth
 from mocapella.fusion.facing_model import FacingModel, shipped_model, untrained
-from mocapella.fusion.facing_shape import view_of
+from mocapella.fusion.facing_shape import View, view_of
 from mocapella.fusion.facing_training import believed, evidence
 from mocapella.geometry.angles import wrap
 from mocapella.model.memory import pack, unpack
@@ -38,6 +38,7 @@ class InNumpy:
         self.model, self.settings = model, FacingSettings()
         self.p, self.at_s, self.told_s = unknown(), first_s, dict[str, float]()
         self.mirrored: dict[str, bool] = {}
+        self.unlike: dict[str, float] = {}
 
     def update(
         self, sensor: str, positions: np.ndarray, toward: float, at_s: float, velocity: np.ndarray
@@ -51,7 +52,7 @@ class InNumpy:
                 who: np.array(np.clip((self.at_s - self.told_s.get(who, -np.inf)) / STEP_S, 0, 1))
                 for who in (sensor, "motion")
             }
-            said = evidence(view, np.array(toward), self.model, s, counts[sensor])
+            said = self.trained(view, toward, sensor, counts[sensor])
             said = said + s.motion_weight * counts["motion"] * self.model.motion_evidence(velocity)
             self.told_s |= dict.fromkeys(counts, self.at_s)
             self.p = believed(self.p, said)
@@ -66,6 +67,18 @@ class InNumpy:
             mirrored = bool(off > (limit - s.hysteresis_deg if was else limit + s.hysteresis_deg))
         self.mirrored[sensor] = mirrored
         return yaw, float(circular_sd(self.p)), mirrored, float(wrap(view.reported + (np.pi if mirrored else 0.0)))
+
+    def trained(self, view: View, toward: float, sensor: str, counts: np.ndarray) -> np.ndarray:
+        """The evidence of the tables; for a view unlike the training data, that of its labels, taken as they are."""
+        if self.model.classifier is None:
+            return evidence(view, np.array(toward), self.model, self.settings, counts)
+        forget = -np.expm1((self.told_s.get(sensor, -np.inf) - self.at_s) / UNLIKE_S)
+        far, before = float(self.model.classifier.unlike(view.features)), self.unlike.get(sensor, 0.0)
+        u = self.unlike[sensor] = before + forget * (far - before)
+        near = np.cos(YAWS - view.reported) - 1
+        modes = LABELS_TRUE * np.exp(near / REPORTED_SD**2) + (1 - LABELS_TRUE) * np.exp((-near - 2) / REPORTED_SD**2)
+        labels = self.settings.yaw_weight * counts * np.log(modes + LEAST)
+        return (1 - u) * evidence(view, np.array(toward), self.model, self.settings, counts) + u * labels
 
 
 @given(seeds, models)
@@ -138,8 +151,9 @@ def test_a_mirrored_world_has_mirrored_facings_and_the_same_repairs(seed: int, n
 @given(seeds, models)
 @few
 def test_the_facing_does_not_depend_on_the_labels_and_the_repaired_ones_hardly(seed: int, name: str) -> None:
+    """Of bodies like the training data; of others it depends a little."""
     frames, here, there = (
-        frames_of(seed),
+        frames_of(seed, like=MODELS[name].classifier),
         FacingFilter(KINECT, model=MODELS[name]),
         FacingFilter(KINECT, model=MODELS[name]),
     )
@@ -149,7 +163,7 @@ def test_the_facing_does_not_depend_on_the_labels_and_the_repaired_ones_hardly(s
         np.testing.assert_allclose(wrap(other.yaw - one.yaw), 0, atol=1e-7)
         rows = here.memory.p[[here.memory.people[person] for person in frames.people]]
         off = np.abs(wrap(YAWS - one.reported[:, None])) > np.pi / 2
-        clear = np.abs((rows * off).sum(axis=1) - 0.5) > here.settings.swap_alone - 0.5
+        clear = np.isfinite(one.reported) & (np.abs((rows * off).sum(axis=1) - 0.5) > here.settings.swap_alone - 0.5)
         np.testing.assert_allclose(wrap(other.reported - one.reported)[clear], 0, atol=1e-7)
         assert (other.mirrored != one.mirrored)[clear].all()
 

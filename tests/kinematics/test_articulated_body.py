@@ -20,6 +20,7 @@ from mocapella.kinematics.articulated_body import (
     hinge_angles,
     joints,
 )
+from mocapella.kinematics.articulated_memory import SCALE
 from mocapella.kinematics.articulated_model import ABOUT, OF_BALL, ArticulatedSettings
 from mocapella.model.topology import topology
 
@@ -82,7 +83,7 @@ def test_a_memory_that_is_moved_goes_on_as_if_it_had_always_been_there(seed: int
 @given(seeds)
 def test_bones_have_their_learnt_lengths_and_joints_are_within_their_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    body, before = ArticulatedBody(KINECT), np.empty(0)
+    body, before = ArticulatedBody(KINECT, ArticulatedSettings(scale_sd=0.0)), np.empty(0)
     at_s, seen = swaying(12, seed, noise=0.08)
     hinge = (MODEL.dof_kind >= ABOUT) & (MODEL.dof_kind < OF_BALL)
     for t, positions in zip(at_s, seen, strict=True):
@@ -218,6 +219,71 @@ def test_bone_lengths_are_learnt() -> None:
     assert bone_lengths(body.model, found)[wrist] == pytest.approx(
         np.linalg.norm(truth[wrist] - truth[elbow]), abs=0.01
     )
+
+
+def resized(positions: Float64, factor: Float64) -> Float64:
+    """Skeletons (frames, 25, 3) that a sensor reports larger or smaller, with the feet in place, as Azure Kinect's."""
+    feet = positions[:, [KINECT.index("AnkleLeft"), KINECT.index("AnkleRight")]].mean(axis=1, keepdims=True)
+    return np.asarray(feet + factor[:, None, None] * (positions - feet))
+
+
+def squatting(frames: int) -> tuple[Float64, Float64, Float64]:
+    """Times [s], joints (frames, 25, 3), and knee flexion (frames,) [rad] of somebody who squats every two seconds."""
+    at_s = np.arange(frames) / 30
+    down, upright = 0.5 - 0.5 * np.cos(np.pi * at_s), standing()
+    hip, knee, ankle = (upright[KINECT.index(name)] for name in ("HipLeft", "KneeLeft", "AnkleLeft"))
+    thigh, shank = np.linalg.norm(hip - knee), np.linalg.norm(knee - ankle)
+    bodies, flexions = [], []
+    for flexion in 0.2 + 1.2 * down:
+        body = upright.copy()
+        # Over the ankle, the knee goes forward by as much as the hip's height then asks for.
+        reach = np.sqrt(thigh**2 + shank**2 + 2 * thigh * shank * np.cos(flexion))
+        lean = np.arccos((shank**2 + reach**2 - thigh**2) / (2 * shank * reach))
+        lower = hip[1] - ankle[1] - reach
+        for side in ("Left", "Right"):
+            foot = body[KINECT.index(f"Ankle{side}")]
+            for name, at in (("Knee", shank * np.array((0, np.cos(lean), np.sin(lean)))), ("Hip", (0, reach, 0))):
+                body[KINECT.index(f"{name}{side}")] = foot + at
+        above = [j for j, name in enumerate(KINECT.joints) if not name.startswith(("Hip", "Knee", "Ankle", "Foot"))]
+        body[above, 1] -= lower
+        bodies.append(body)
+        flexions.append(flexion)
+    return at_s, np.array(bodies), np.array(flexions)
+
+
+def knee_error(found: list[Estimate], flexion: Float64) -> float:
+    positions = np.stack([estimate.positions for estimate in found])
+    hip, knee, ankle = (positions[:, KINECT.index(name)] for name in ("HipLeft", "KneeLeft", "AnkleLeft"))
+    thigh, shank = knee - hip, ankle - knee
+    cos = (thigh * shank).sum(-1) / np.linalg.norm(thigh, axis=-1) / np.linalg.norm(shank, axis=-1)
+    return float(np.degrees(np.sqrt(np.mean((np.arccos(np.clip(cos, -1, 1)) - flexion)[60:] ** 2))))
+
+
+def test_knees_bend_as_far_as_a_sensor_says_whose_skeletons_change_their_size_with_the_posture() -> None:
+    at_s, bodies, flexion = squatting(240)
+    seen = resized(bodies, 1.05 - 0.15 * (flexion - flexion.min()) / np.ptp(flexion))
+    errors = [
+        knee_error(follow(ArticulatedBody(KINECT, ArticulatedSettings(scale_sd=sd)), at_s, seen), flexion)
+        for sd in (0.05, 0.0)
+    ]
+    assert errors[0] < 3
+    assert errors[0] < 0.6 * errors[1]
+
+
+def test_bones_that_change_one_by_one_do_not_change_the_size_of_the_body() -> None:
+    rng, body = np.random.default_rng(4), ArticulatedBody(KINECT)
+    seen = standing() + rng.normal(0, 0.02, (90, 25, 3))
+    follow(body, np.arange(90) / 30, seen)
+    assert abs(body.memory[0, SCALE] - 1) < 0.03
+
+
+def test_a_size_without_measurements_becomes_that_of_the_learnt_bones() -> None:
+    body = ArticulatedBody(KINECT)
+    truth = np.broadcast_to(standing(), (60, 25, 3))
+    follow(body, np.arange(60) / 30, resized(truth, np.where(np.arange(60) < 40, 1.0, 1.08)))
+    assert body.memory[0, SCALE] > 1.03
+    body.update(np.full((25, 3), np.nan), VARIANCES, 59 / 30 + 0.9)
+    assert body.memory[0, SCALE] < 1.04
 
 
 def test_a_foot_that_stands_is_held_and_one_that_walks_is_not() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocapella.fusion.facing import FacingFilter, Facings
+from mocapella.fusion.facing_shape import ShapeClassifier, view_of
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.model.topology import topology
 
@@ -50,13 +51,18 @@ class Frames:
         )
 
 
-def frames_of(seed: int, frames: int = 12, people: int = 3, missing: float = 0.1) -> Frames:
-    """People who turn and walk as they like, whose bodies are none that there is: laws hold of any."""
+def frames_of(
+    seed: int, frames: int = 12, people: int = 3, missing: float = 0.1, like: ShapeClassifier | None = None
+) -> Frames:
+    """People who turn and walk as they like, whose bodies are none that there is: laws hold of any.
+
+    With ``like``, joints are hidden of bodies that are unlike its training data, so that they have no shape.
+    """
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(people, len(KINECT), 3)) * [0.2, 0.4, 0.2]
     positions = shape + 0.05 * rng.normal(size=(frames, *shape.shape))
     positions[rng.random(positions.shape[:-1]) < missing] = np.nan
-    return Frames(
+    made = Frames(
         sensors=rng.choice(SENSORS, frames).tolist(),
         at_s=10.0 + np.cumsum(rng.choice([0.0, 0.008, 0.033, 0.1, 0.7], frames)),
         people=rng.choice(50, people, replace=False).tolist(),
@@ -64,3 +70,7 @@ def frames_of(seed: int, frames: int = 12, people: int = 3, missing: float = 0.1
         toward=rng.uniform(-np.pi, np.pi, (frames, people)),
         velocities=rng.normal(size=(frames, people, 3)) * rng.choice([0.1, 1.0]),
     )
+    if like is not None:
+        unlike = like.unlike(view_of(positions, made.toward, KINECT).features) > 0
+        positions[unlike, KINECT.index("Head")] = np.nan
+    return made

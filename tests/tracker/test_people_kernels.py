@@ -57,6 +57,7 @@ class View:
         reported = np.arctan2(-(joints[1] - joints[2])[2], (joints[1] - joints[2])[0]) + np.pi * mirrored
         facing = FacingResults(
             joints[None], np.array([yaw]), np.array([sd]), np.array([mirrored]), np.array([reported]), np.zeros(1),
+            np.zeros(1),
             np.array([[speed, 0.0, 0.0]]),
         )  # fmt: skip
         kernels.turn_views(

@@ -80,12 +80,14 @@ class FacingArrays(NamedTuple):
         at_s: (people,) time of the probabilities [s].
         told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor [s].
         mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
+        unlike: (people, sensors) how unlike the training data the sensor's views have been lately, 0 to 1.
     """
 
     p: Float64
     at_s: Float64
     told_s: Float64
     mirrored: Bools
+    unlike: Float64
 
 
 class FacingTables(NamedTuple):
@@ -138,6 +140,7 @@ class FacingMemory(msgspec.Struct, eq=False):
         told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor, on the same
             clock [s].
         mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
+        unlike: (people, sensors) how unlike the training data the sensor's views have been lately, 0 to 1.
     """
 
     people: dict[int, int]
@@ -147,6 +150,7 @@ class FacingMemory(msgspec.Struct, eq=False):
     at_s: Float64
     told_s: Float64
     mirrored: Bools
+    unlike: Float64
 
 
 class Repair(msgspec.Struct, frozen=True):
@@ -170,6 +174,7 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
         mirrored: (people,) whether this view's left and right must be swapped.
         reported: (people,) the yaw that this view's repaired labels imply, world [rad]; NaN without shoulders and hips.
         repairs: changes of ``mirrored`` in this frame.
+        unlike: (people,) how unlike the training data this sensor's views have been lately, 0 to 1.
     """
 
     yaw: Float64
@@ -177,6 +182,7 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
     mirrored: Bools
     reported: Float64
     repairs: tuple[Repair, ...]
+    unlike: Float64
 
 
 class PredictedFacings(msgspec.Struct, frozen=True, eq=False):
@@ -218,8 +224,9 @@ class FacingFilter:
     def reset(self) -> None:
         """Forget everything."""
         self.memory = FacingMemory(
-            {}, {}, 0.0, np.empty((0, BINS)), np.empty(0), np.empty((0, 1)), np.empty((0, 0), dtype=np.bool_)
-        )
+            {}, {}, 0.0, np.empty((0, BINS)), np.empty(0), np.empty((0, 1)), np.empty((0, 0), dtype=np.bool_),
+            np.empty((0, 0)),
+        )  # fmt: skip
 
     def update(  # noqa: PLR0917 - a frame has as many parts as it has
         self,
@@ -256,17 +263,18 @@ class FacingFilter:
         if not math.isfinite(at_s):
             raise ValueError(f"a frame at {at_s} s; the time must be finite")
         memory, slots, column = self.memory, self._slots(people, at_s), self._column(sensor)
-        out = np.empty((4, bodies))
+        out = np.empty((5, bodies))
         changed = _kernels().update(
             slots, column, positions, toward, float(at_s), velocities, memory.zero,
-            FacingArrays(memory.p, memory.at_s, memory.told_s, memory.mirrored), self._tables, self._weights, out,
+            FacingArrays(memory.p, memory.at_s, memory.told_s, memory.mirrored, memory.unlike),
+            self._tables, self._weights, out,
         )  # fmt: skip
         mirrored = memory.mirrored[slots, column]
         repairs: tuple[Repair, ...] = ()
         if changed:
             which = np.flatnonzero(out[3]).tolist()
             repairs = tuple(Repair(people[n], sensor, float(at_s), bool(mirrored[n])) for n in which)
-        return Facings(out[0], out[1], mirrored, out[2], repairs)
+        return Facings(out[0], out[1], mirrored, out[2], repairs, out[4])
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
         """Predict the facings of people at the time ``at_s`` on the common clock [s], without changing the state.
@@ -306,6 +314,7 @@ class FacingFilter:
         memory.p[one], memory.at_s[one] = p / p.sum(), at_s
         later = memory.told_s[other, 1:] > memory.told_s[one, 1:]
         memory.mirrored[one] = np.where(later, memory.mirrored[other], memory.mirrored[one])
+        memory.unlike[one] = np.where(later, memory.unlike[other], memory.unlike[one])
         memory.told_s[one] = np.maximum(memory.told_s[one], memory.told_s[other])
         self._keep_rows({person: row for person, row in memory.people.items() if person != gone})
 
@@ -318,6 +327,7 @@ class FacingFilter:
         memory.people = {person: row for row, person in enumerate(rows)}
         memory.p, memory.at_s = memory.p[kept], memory.at_s[kept]
         memory.told_s, memory.mirrored = memory.told_s[kept], memory.mirrored[kept]
+        memory.unlike = memory.unlike[kept]
 
     def _slots(self, people: Sequence[int], at_s: float) -> Int64:
         """Return the rows of people (people,); unknown ones get a new row."""
@@ -330,6 +340,7 @@ class FacingFilter:
             memory.at_s = np.concatenate([memory.at_s, np.full(n, at_s)])
             memory.told_s = np.concatenate([memory.told_s, np.full((n, 1 + sensors), -np.inf)])
             memory.mirrored = np.concatenate([memory.mirrored, np.zeros((n, sensors), dtype=np.bool_)])
+            memory.unlike = np.concatenate([memory.unlike, np.zeros((n, sensors))])
         return np.array([memory.people[person] for person in people], dtype=np.int64)
 
     def _column(self, sensor: str) -> int:
@@ -340,6 +351,7 @@ class FacingFilter:
             memory.sensors[sensor] = len(memory.sensors)
             memory.told_s = np.concatenate([memory.told_s, np.full((rows, 1), -np.inf)], axis=1)
             memory.mirrored = np.concatenate([memory.mirrored, np.zeros((rows, 1), dtype=np.bool_)], axis=1)
+            memory.unlike = np.concatenate([memory.unlike, np.zeros((rows, 1))], axis=1)
         return memory.sensors[sensor]
 
 

@@ -46,6 +46,12 @@ one row; the cosine and the sine of each bin.
 
 ALONE_S = 0.5
 """Without evidence from another sensor for this long, a sensor is the only witness [s]."""
+UNLIKE_S = 5.0
+"""Time constant over which a view counts as unlike the training data [s]."""
+REPORTED_SD = 0.35
+"""Standard deviation of the yaw that a sensor unlike the trained one reports [rad]."""
+LABELS_TRUE = 0.6
+"""Probability that such a sensor does not exchange left and right."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -208,21 +214,25 @@ def reported_yaw(positions: Float64, across: Int64) -> float:
 
 
 @njit(cache=True)
-def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float]:
-    """Return the log-odds that a body faces the sensor, by its shape, and the visible fraction of its features, 0 to 1.
+def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float, float]:
+    """Compare a body's shape with the training data.
 
-    Without a plausible distance of head and SpineBase the fraction is 0.
+    Returns:
+        The log-odds that it faces the sensor, the visible fraction of its features, 0 to 1, and how unlike the training
+        data it is, 0 to 1. Without a plausible distance of head and SpineBase, or without a model, the last two are 0.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
         yaw: horizontal direction along which features are measured [rad].
         model: the facing model's tables.
     """
+    if len(model.weights) == 0:
+        return 0.0, 0.0, 0.0
     trunk, terms, weights, classifier = model.joints[0], model.joints[1:], model.weights, model.classifier
     head, base = positions[trunk[0]], positions[trunk[1]]
     length = np.sqrt((head[0] - base[0]) ** 2 + (head[1] - base[1]) ** 2 + (head[2] - base[2]) ** 2)
     if not LENGTHS_M[0] < length < LENGTHS_M[1]:
-        return classifier[4 * N], 0.0
+        return classifier[4 * N], 0.0, 0.0
     features = np.zeros(N)
     sin, cos = np.sin(yaw), np.cos(yaw)
     for n in range(len(weights)):
@@ -245,19 +255,18 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
         known += told
         z = min(max(z, -MOST_SPREADS), MOST_SPREADS)
         score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
-    return score, known / N
+    return score, known / N, unlike
 
 
 @njit(cache=True)
 def add_view(
     evidence: Float64,
-    positions: Float64,
     seen: float,
-    toward: float,
-    zero: float,
-    scale: float,
+    score: float,
+    by: float,
+    weight: float,
+    shape_weight: float,
     model: FacingTables,
-    factors: FacingWeights,
 ) -> None:
     """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place; all angles are finite.
 
@@ -265,25 +274,40 @@ def add_view(
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
-        positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
-        seen: yaw that the labels imply, from ``toward``, folded into [−π/2, π/2) [rad].
-        toward: yaw from the person to the sensor [rad].
-        zero: yaw of the first bin [rad].
-        scale: weight of this view, 0 to 1; see `counts_for`.
-        model, factors: the facing model's tables, and the weights of the evidence.
+        seen: yaw that the labels imply, from the direction to the sensor, folded into [−π/2, π/2) [rad].
+        score: of `shape_score`.
+        by: yaw from the person to the sensor, from the first bin [rad].
+        weight, shape_weight: weights of the yaw and of the shape.
+        model: the facing model's tables.
     """
     tables = model.tables
     place = seen / BIN + YAW_BINS / 2
     first = int(np.floor(place))
     a, b = tables[YAW_AT + first % YAW_BINS], tables[YAW_AT + (first + 1) % YAW_BINS]
-    add_turned(evidence, a, b, place - first, factors.yaw * scale, toward - zero)
-    if len(model.weights) == 0:
+    add_turned(evidence, a, b, place - first, weight, by)
+    if shape_weight == 0.0:
         return
-    score, share = shape_score(positions, toward + seen, model)
     place = (min(max(score, -MOST_SCORE), MOST_SCORE) / MOST_SCORE + 1.0) * (SHAPE_BINS - 1) / 2
     first = min(int(np.floor(place)), SHAPE_BINS - 2)
     a, b = tables[SHAPE_AT + first], tables[SHAPE_AT + first + 1]
-    add_turned(evidence, a, b, place - first, factors.shape * scale * share, toward - zero)
+    add_turned(evidence, a, b, place - first, shape_weight, by)
+
+
+@njit(cache=True)
+def add_labels(evidence: Float64, reported: float, weight: float, tables: Float64) -> None:
+    """Add the weighted log-likelihoods of a yaw that is reported as it is, front and back nearly alike, in place.
+
+    Args:
+        evidence: (BINS,) log-likelihoods over the facing, updated.
+        reported: yaw that the labels imply, from the first bin [rad].
+        weight: of the log-likelihoods.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
+    """
+    c, s = np.cos(reported), np.sin(reported)
+    for i in range(BINS):
+        near = (tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s) / REPORTED_SD**2
+        front, back = np.exp(near - 1.0 / REPORTED_SD**2), np.exp(-near - 1.0 / REPORTED_SD**2)
+        evidence[i] += weight * np.log(LABELS_TRUE * front + (1.0 - LABELS_TRUE) * back + LEAST)
 
 
 @njit(cache=True)
@@ -357,8 +381,8 @@ def update(
         zero: yaw of the first bin [rad].
         memory: updated in place.
         model, factors: the facing model's tables, and the weights of the evidence.
-        out: (4, bodies) written: yaw [rad], its standard deviation [rad], yaw of the corrected labels [rad], and 1 if
-            the mirroring changed, else 0.
+        out: (5, bodies) written: yaw [rad], its standard deviation [rad], yaw of the corrected labels [rad], 1 if the
+            mirroring changed, else 0, and how unlike the training data the view is, 0 to 1.
 
     Returns:
         The number of bodies whose mirroring changed.
@@ -382,7 +406,15 @@ def update(
             evidence[:] = 0.0
             seen = (reported - toward[n] + np.pi / 2) % np.pi - np.pi / 2
             scale = counts_for(now, told_s[slot, 1 + sensor])
-            add_view(evidence, positions[n], seen, toward[n], zero, scale, model, factors)
+            score, share, far = shape_score(positions[n], toward[n] + seen, model)
+            unlike = memory.unlike[slot, sensor]
+            unlike -= np.expm1((told_s[slot, 1 + sensor] - now) / UNLIKE_S) * (far - unlike)
+            memory.unlike[slot, sensor] = unlike
+            trained = scale * (1.0 - unlike)
+            yaw_weight, shape_weight = factors.yaw * trained, factors.shape * trained * share
+            add_view(evidence, seen, score, toward[n] - zero, yaw_weight, shape_weight, model)
+            if unlike > 0.0:
+                add_labels(evidence, reported - zero, factors.yaw * scale * unlike, tables)
             add_motion(evidence, velocities[n], zero, factors.motion * counts_for(now, told_s[slot, 0]), tables)
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)
@@ -397,6 +429,7 @@ def update(
         out[1, n] = circular_sd(p[slot], tables)
         out[2, n] = wrap(reported + np.pi) if mirrored[slot, sensor] else reported
         out[3, n] = 1.0 if mirrored[slot, sensor] != was else 0.0
+        out[4, n] = memory.unlike[slot, sensor]
         changed += mirrored[slot, sensor] != was
     return changed
 

@@ -149,6 +149,17 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
         design, seen = design_matrix(features, self.mean, self.spread)
         return np.asarray(design @ self.weights), seen
 
+    def unlike(self, features: Float64) -> Float64:
+        """Return how unlike the training data bodies (..., `FEATURES`) are: (...,) from 0 to 1; see `UNLIKE_FROM`."""
+        return _unlike((features - self.mean) / self.spread)
+
+
+def _unlike(z: Float64) -> Float64:
+    """Return how unlike standardised features z (..., `FEATURES`) are to the training data, (...,) from 0 to 1."""
+    known = np.isfinite(z)
+    square = np.where(known, z * z, 0.0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
+    return np.asarray(np.clip((square - UNLIKE_FROM) / (UNLIKE_TO - UNLIKE_FROM), 0.0, 1.0))
+
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
     """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and their known fraction (...,).
@@ -158,8 +169,7 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
     """
     z = (features - mean) / spread
     known = np.isfinite(z)
-    square = np.where(known, z * z, 0.0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
-    unlike = np.clip((square - UNLIKE_FROM) / (UNLIKE_TO - UNLIKE_FROM), 0.0, 1.0)[..., None]
+    unlike = _unlike(z)[..., None]
     fades = np.clip((np.abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0, 1.0)
     told = np.where(known, 1.0 - unlike * fades, 0.0)
     z = np.nan_to_num(np.clip(z, -MOST_SPREADS, MOST_SPREADS))

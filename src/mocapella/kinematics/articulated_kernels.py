@@ -20,6 +20,7 @@ from mocapella.kinematics import articulated_memory as at
 from mocapella.kinematics.articulated_memory import MemoryLayout
 from mocapella.kinematics.articulated_model import ROOT_DOFS, BodyArrays
 from mocapella.kinematics.articulated_pose_kernels import advance, apply_motion, away_from_rest, pin
+from mocapella.kinematics.articulated_scale_kernels import follow_scale, predicted_scale, restart_scale, scale_bones
 from mocapella.kinematics.articulated_start_kernels import initialise, is_measured
 from mocapella.kinematics.chain_kernels import Elimination, forward, independent, marginals, solve
 
@@ -33,8 +34,14 @@ FIRST_STEPS = 12
 """Gauss–Newton steps in a body's first frame."""
 CONTACT_S = 0.1
 """Time constant of the velocity that weights a foot's contact [s]."""
+CONTACT_HZ = 60.0
+"""A foot's distance from where it stood counts as this many times itself a second, at any rate of frames [Hz]."""
 MOST_SURPRISE = 1.0
 """Largest share of one joint in the surprise."""
+QUIET = 6.0
+"""A stated variance of more than so many learnt ones is lowered to that."""
+MOST_QUIET = 4.0
+"""Largest factor by which a stated variance is lowered: a joint that a sensor guesses stays uncertain."""
 MEAN_DISTANCE = 1.6
 """Mean distance of a point with normal noise from its mean, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
@@ -87,6 +94,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
     work, R, xi, origin = np.empty(layout.size), np.empty((layout.joints, 9)), np.empty((layout.dofs, 6)), np.empty(3)
     for i in range(layout.size):
         work[i] = row[i]
+    scale_bones(layout, work, predicted_scale(work, at_s - row[at.AT], model.parameters.scale_s))
     advance(model, work, at_s)
     _place(model, work, origin, positions, R, xi)
     independent(
@@ -142,7 +150,10 @@ def correct(
     body, origin = np.empty(9), np.empty(3)
     for k in range(9):
         body[k] = row[layout.rotations + k]
+    scale = follow_scale(model, row, dt, measured, measured_variances) if known else restart_scale(model, row)
+    scale_bones(layout, row, scale)
     surprise, seen = _fit(model, row, frame, known, dt, origin, positions, variances, R, total, posterior)
+    scale_bones(layout, row, 1.0 / scale)
     if seen > 0:
         if known:
             _learn_motion(layout, row, total, posterior, body)
@@ -239,7 +250,10 @@ def _weigh(
         s += frame.residuals[j, k] ** 2
     if step == 0 and known:
         _learn_noise(row, jumps, frame.residuals, j, -math.expm1(-dt / model.parameters.noise_s))
-    r = frame.variances[j] + model.joint_values[j, 11] + row[jumps + 3]
+    learnt, stated = row[jumps + 3], frame.variances[j] + model.joint_values[j, 11]
+    if known:  # a sensor that is quieter than it states is followed more closely
+        stated = max(min(stated, QUIET * learnt), stated / MOST_QUIET)
+    r = stated + learnt
     if step == 0 or not known:
         # Student's t about the prediction; about the estimate itself while the body is initialised.
         expected, nu = r + (variances[j] if known else FIRST_VARIANCE), model.parameters.degrees_of_freedom
@@ -348,7 +362,7 @@ def _follow_contact(row: Float64, c: int, dt: float, positions: Float64, measure
     forget = 1.0 - math.exp(-dt / CONTACT_S) if dt > 0.0 else 0.0
     for k in range(3):
         if dt > 0.0:
-            row[c + 3 + k] += forget * ((measured[j, k] - row[c + k]) / dt - row[c + 3 + k])
+            row[c + 3 + k] += forget * ((measured[j, k] - row[c + k]) * CONTACT_HZ - row[c + 3 + k])
         elif dt < 0.0:
             row[c + 3 + k] = 0.0
         row[c + k] = positions[j, k]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-AT, SEEN, STARTED, LOST_SINCE, RESTLESS = 0, 1, 2, 3, 4
+AT, SEEN, STARTED, LOST_SINCE, RESTLESS, SCALE, SCALE_VARIANCE = 0, 1, 2, 3, 4, 5, 6
 """Columns at the head of a row.
 
 They are its instant [s], the capture time of the body's last measurement [s], 1 once the body is initialised, since
-when it is lost (NaN: it is not) [s], and the recent average of the innovations over their expectation.
+when it is lost (NaN: it is not) [s], the recent average of the innovations over their expectation, and the factor of
+all bone lengths with its variance (`mocapella.kinematics.articulated_scale_kernels`).
 """
 HEAD = 8
 """Numbers reserved for the head."""

@@ -53,6 +53,9 @@ class ArticulatedSettings:
         degrees_of_freedom: parameter of the Student-t weight of a joint; smaller: outliers count less; infinity makes
             the loss quadratic [degrees of freedom].
         length_memory_s: time over which bone lengths are averaged; larger: steadier lengths, slower to correct [s].
+        scale_sd: standard deviation of the common factor of all bone lengths, for sensors whose skeletons change their
+            size with the posture; larger: follows such a sensor; 0: bones keep their lengths [ratio].
+        scale_s: time constant of that factor; larger: changes more slowly [s].
         stand_diffusion: diffusion of a foot in contact with the floor; smaller: the foot is held more firmly; infinity:
             contacts are not modelled [m²/s].
         stand_speed: speed of a foot at which the weight of its contact has fallen to a quarter; larger: moving feet are
@@ -72,13 +75,15 @@ class ArticulatedSettings:
     hand_turn: float = 800.0
     velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
-    full_surprise: float = 0.1
+    full_surprise: float = 0.25
     calm: float = 1e-3
-    noise_s: float = 0.3
+    noise_s: float = 0.15
     rest_sd: float = 1.0
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
-    stand_diffusion: float = 1e-5
+    scale_sd: float = 0.05
+    scale_s: float = 1.0
+    stand_diffusion: float = 3e-5
     stand_speed: float = 0.4
     least_joints: int = 6
     lost_m: float = 0.06
@@ -88,12 +93,13 @@ class ArticulatedSettings:
     def __post_init__(self) -> None:
         for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
             check(0 < getattr(self, name) < 1e9, name, getattr(self, name), "above 0")
-        for name in ("velocity_memory_s", "surprise_s", "noise_s", "length_memory_s"):
+        for name in ("velocity_memory_s", "surprise_s", "noise_s", "length_memory_s", "scale_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0 s")
         check(0 < self.full_surprise < 1e6, "full_surprise", self.full_surprise, "above 0")
         check(0 < self.calm <= 1, "calm", self.calm, "above 0, at most 1")
         check(0 < self.rest_sd < 1e6, "rest_sd", self.rest_sd, "above 0 rad·√s")
         check(self.degrees_of_freedom > 0, "degrees_of_freedom", self.degrees_of_freedom, "above 0")
+        check(0 <= self.scale_sd < 0.5, "scale_sd", self.scale_sd, "from 0 to below 0.5")
         check(self.stand_diffusion > 0, "stand_diffusion", self.stand_diffusion, "above 0 m²/s; infinity: none stands")
         check(0 < self.stand_speed < 1e6, "stand_speed", self.stand_speed, "above 0 m/s")
         check(self.least_joints >= 4, "least_joints", self.least_joints, "4 or more")
@@ -114,6 +120,8 @@ class BodyParameters(NamedTuple):
     rest_sd: float
     degrees_of_freedom: float
     length_memory_s: float
+    scale_sd: float
+    scale_s: float
     least_joints: float
     lost_m: float
     lost_s: float

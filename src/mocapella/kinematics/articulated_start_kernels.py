@@ -27,6 +27,8 @@ FIRST_SD = 0.5
 """Initial standard deviation of every angle and of the root's position [rad, m]."""
 FIRST_SPEED_SD = 2.0
 """Initial standard deviation of every velocity [rad/s, m/s]."""
+FIRST_NOISE_SD = 0.01
+"""Standard deviation of a joint's noise until it is learnt [m]."""
 LEAST_TORSO = 4
 """Least number of measured joints of the torso for initialising a body."""
 STATURE, LEAST_STATURE, MOST_STATURE = 1.7, 0.5, 2.5
@@ -74,7 +76,7 @@ def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, 
     row[at.AT] = row[at.SEEN] = at_s
     row[at.RESTLESS] = 1.0
     for c in range(layout.jumps, layout.size, 4):
-        row[c], row[c + 3] = math.nan, 0.0
+        row[c], row[c + 3] = math.nan, FIRST_NOISE_SD**2
     row[at.STARTED], row[at.LOST_SINCE] = 1.0, math.nan
     return True
 

@@ -231,7 +231,7 @@ class People:
         elif len(rows):
             people = [self.numbers[row] for row in rows.tolist()]
             f = self._facing.update(frame.sensor, people, bodies, toward, frame.at_s, velocities)
-            results = FacingResults(bodies, f.yaw, f.sd, f.mirrored, f.reported, toward, velocities)
+            results = FacingResults(bodies, f.yaw, f.sd, f.mirrored, f.reported, f.unlike, toward, velocities)
             kernels.turn_views(rows, column, dts, self._parameters, layout.lines, results, m.yaw, views)
         measured, doubts = kernels.make(
             rows, len(self.sensors), at_s, self._parameters, fusion, layout, self.up, points, views, skeletons

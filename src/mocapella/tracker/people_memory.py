@@ -139,6 +139,7 @@ class FacingResults(NamedTuple):
         yaw, sd: (bodies,) facing and its standard deviation [rad].
         mirrored: (bodies,) whether the view's left and right must be swapped.
         reported: (bodies,) yaw that the labels imply [rad].
+        unlike: (bodies,) how unlike the training data the sensor's views have been lately, 0 to 1.
         toward: (bodies,) yaw from the person to the sensor [rad].
         velocities: (bodies, 3) of the persons, in a space with y up [m/s].
     """
@@ -148,6 +149,7 @@ class FacingResults(NamedTuple):
     sd: Float64
     mirrored: Bools
     reported: Float64
+    unlike: Float64
     toward: Float64
     velocities: Float64
 

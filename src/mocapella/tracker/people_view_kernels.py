@@ -228,7 +228,7 @@ def turn_views(
     sure_sd, turn_s = parameters.sure_sd, parameters.turn_s
     for b in range(len(rows)):
         r = rows[b]
-        sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd))
+        sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd)) * (1.0 - facing.unlike[b])
         changed = facing.mirrored[b] != views.mirrored[r, column]
         if changed and facing.sd[b] <= sure_sd:
             views.mirrored[r, column] = facing.mirrored[b]
