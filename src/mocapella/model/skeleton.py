@@ -1,0 +1,91 @@
+"""The skeleton of tracked people, and the mapping of every sensor's bodies to it.
+
+People have the joints of `SKELETON`, whichever sensors see them. A sensor with another topology is mapped to it by the
+weights in its topology's file: each joint is a weighted mean of the sensor's own joints, so it moves with them rigidly.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.bodies import Bodies
+from mocapella.model.observations import JointState
+from mocapella.model.topology import Topology, topology, topology_names
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+SKELETON: Final = topology("kinect_v2")
+"""Topology of the tracked people, for which the methods have models."""
+
+
+class SkeletonMapping(NamedTuple):
+    """How a topology's joints determine those of `SKELETON`.
+
+    Attributes:
+        weights: (25, joints) of the topology's joints, which sum to 1, or are 0 for a joint that it does not determine.
+        uses: (25, joints) whether a joint contributes.
+        known: (25,) whether the joint is determined.
+    """
+
+    weights: Float64
+    uses: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+    def positions(self, positions: Float64) -> Float64:
+        """Return joints (..., 25, 3) of joints (..., joints, 3) [m]; NaN where a contributor is NaN, or there is none."""
+        missing = np.isnan(positions).any(axis=-1)
+        mapped = self.weights @ np.where(missing[..., None], 0.0, positions)
+        mapped[~self.known | (missing[..., None, :] & self.uses).any(axis=-1)] = np.nan
+        return np.asarray(mapped)
+
+    def states(self, states: UInt8) -> UInt8:
+        """Return states (..., 25) of states (..., joints): the worst of the contributors, NOT_TRACKED without any."""
+        worst = np.where(self.uses, states[..., None, :], JointState.TRACKED).min(axis=-1)
+        return np.where(self.known, worst, JointState.NOT_TRACKED).astype(np.uint8)
+
+
+@cache
+def skeleton_mapping(name: str) -> SkeletonMapping | None:
+    """Return the mapping of the topology with that name; None if it has none.
+
+    Raises:
+        SettingsError: unknown topology; lists the known ones.
+    """
+    own = topology(name)
+    table = own.mappings.get(SKELETON.name)
+    if table is None:
+        return None
+    weights = np.zeros((len(SKELETON), len(own)))
+    for joint, terms in table.items():
+        for contributor, weight in terms.items():
+            weights[joint, contributor] = weight
+    uses = weights != 0
+    return SkeletonMapping(weights, uses, uses.any(axis=-1))
+
+
+def mapping_problem(own: Topology) -> str:
+    """Return why bodies of a topology cannot be mapped to `SKELETON`; empty if they can."""
+    if own.name == SKELETON.name or SKELETON.name in own.mappings:
+        return ""
+    mapped = [name for name in topology_names() if SKELETON.name in topology(name).mappings]
+    return f"topology {own.name} has no mapping to {SKELETON.name}; send one of {', '.join((SKELETON.name, *mapped))}"
+
+
+def to_skeleton(bodies: Bodies) -> Bodies:
+    """Return bodies with the joints of `SKELETON`; bodies that have them already, unchanged.
+
+    Raises:
+        ValueError: their topology has no mapping, see `mapping_problem`.
+    """
+    if bodies.topology.name == SKELETON.name:
+        return bodies
+    mapping = skeleton_mapping(bodies.topology.name)
+    if mapping is None:
+        raise ValueError(mapping_problem(bodies.topology))
+    positions, states = mapping.positions(bodies.positions), mapping.states(bodies.states)
+    return Bodies(bodies.sensor, SKELETON, bodies.ids, positions, states)
