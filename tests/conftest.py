@@ -281,6 +281,12 @@ def azure_and_vicon() -> Path:
 
 
 @pytest.fixture(scope="session")
+def kinect_v2_gestures() -> Path:
+    """People who stand and gesture before a Kinect v2."""
+    return _recorded("kinect_v2_gestures")
+
+
+@pytest.fixture(scope="session")
 def one_euro_vectors() -> Any:
     """(1200, 4): the times, the signal, the noisy signal and the result of the 1-euro filter's authors."""
     return np.loadtxt(_recorded("one_euro_filter_vectors") / "groundTruth.csv", delimiter=",", skiprows=1)

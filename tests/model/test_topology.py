@@ -29,7 +29,7 @@ def test_all_sensors_are_there() -> None:
     [
         ("arkit", {"root": 0, "left_foot_joint": 4, "spine_7_joint": 18, "left_handThumbEnd_joint": 46,
                    "head_joint": 51, "nose_joint": 58, "right_hand_joint": 66, "right_handThumbEnd_joint": 90}),
-        ("azure_kinect", {"NECK": 3, "CLAVICLE_LEFT": 4, "THUMB_LEFT": 10, "HIP_LEFT": 18, "HEAD": 26, "EYE_RIGHT": 30}),
+        ("azure_kinect", {"NECK": 3, "CLAVICLE_LEFT": 4, "THUMB_LEFT": 10, "HIP_LEFT": 18, "HEAD": 26}),
         ("body_25", {"Nose": 0, "RShoulder": 2, "LShoulder": 5, "MidHip": 8, "REye": 15, "LBigToe": 19, "RHeel": 24}),
         ("coco_17", {"nose": 0, "left_ear": 3, "left_shoulder": 5, "right_hip": 12, "right_ankle": 16}),
         ("halpe_26", {"Nose": 0, "LShoulder": 5, "Head": 17, "Neck": 18, "Hip": 19, "LSmallToe": 22, "RHeel": 25}),

@@ -114,8 +114,18 @@ def simulate(
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
-    sensor: Annotated[str, typer.Option("--sensor", metavar="SENSOR", help=SENSOR_HELP)],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A take (.mcap), a study log, or one sensor's bodies as CSV (.csv, .csv.gz)."
+        ),
+    ],
+    sensor: Annotated[
+        str,
+        typer.Option(
+            "--sensor", metavar="SENSOR", help="Sensor of the recording; for a file of one sensor's bodies, any name."
+        ),
+    ],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
     epoch: Epoch = None,
@@ -127,7 +137,12 @@ def replay(
 ) -> None:
     """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
 
+    The kind of a CSV file is recognised by its first row: a study log; the positions of Azure Kinect Body Tracking
+    (`timestamp;body_idx;PELVIS (c);…`); or joints of a Kinect v2, without a header. docs/sensors.md describes them.
+
     Example:  mocapella node replay walk-1 --sensor front
+
+    Example:  mocapella node replay azure_positions.csv.gz --sensor left
     """
     from mocapella.cli.recordings import open_recording
     from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of

@@ -37,8 +37,8 @@ class SkeletonMapping(NamedTuple):
     known: NDArray[np.bool_]
 
     def positions(self, positions: Float64) -> Float64:
-        """Return joints (..., 25, 3) of joints (..., joints, 3) [m]; NaN where a contributor is NaN, or there is none."""
-        missing = np.isnan(positions).any(axis=-1)
+        """Return joints (..., 25, 3) of joints (..., joints, 3) [m]; NaN where a contributor is NaN, or without one."""
+        missing = np.asarray(np.isnan(positions).any(axis=-1))
         mapped = self.weights @ np.where(missing[..., None], 0.0, positions)
         mapped[~self.known | (missing[..., None, :] & self.uses).any(axis=-1)] = np.nan
         return np.asarray(mapped)

@@ -1,7 +1,7 @@
 """Topologies: the joints and bones that a sensor reports, defined by data files.
 
-A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else. Its ``[mapping.kinect_v2]``
-states where the joints of tracked people are; see `mocapella.model.skeleton`.
+A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else. Its table
+``mapping.kinect_v2`` states where the joints of tracked people are; see `mocapella.model.skeleton`.
 """
 
 from __future__ import annotations
