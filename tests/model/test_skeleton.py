@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from mocapella.geometry.rigid import apply, rigid, rotation_about_x, rotation_about_y
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import JointState
-from mocapella.model.skeleton import SKELETON, SkeletonMapping, mapping_problem, skeleton_mapping, to_skeleton
+from mocapella.model.skeleton import SKELETON, JointMapping, mapping_problem, skeleton_mapping, to_skeleton
 from mocapella.model.topology import Topology, topology, topology_names
 
 MAPPED = [topology(name) for name in topology_names() if name not in {"hand", "kinect_v2"}]
 seeds = st.integers(0, 2**32 - 1)
 
 
-def mapping_of(kind: Topology) -> SkeletonMapping:
+def mapping_of(kind: Topology) -> JointMapping:
     mapping = skeleton_mapping(kind.name)
     assert mapping is not None
     return mapping

@@ -82,6 +82,9 @@ def simulate(
     bvh: Annotated[
         Path | None, typer.Option(metavar="FILE", help="BVH file with the motion of the first person.")
     ] = None,
+    topology: Annotated[
+        str, typer.Option(metavar="NAME", help="Kind of sensor: kinect_v2, kinect_v1 or azure_kinect.")
+    ] = "kinect_v2",
     seconds: Seconds = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
@@ -100,7 +103,7 @@ def simulate(
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
     disk = read_keys(NodeKeys, settings_file, settings).disk()
-    room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, bvh=bvh)
+    room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, topology=topology, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
     zero = read_epoch() if epoch_from_input else epoch or 0.0

@@ -34,7 +34,7 @@ from mocapella.recording.take_reader import Take, read_take
 from mocapella.registry import Table, load
 from mocapella.schema import encode_scene
 from mocapella.sources.body_replay import BodyReplay
-from mocapella.sources.body_track import ReplayReport
+from mocapella.sources.recorded_track import ReplayReport
 from mocapella.sources.study_replay import StudyReplay
 from mocapella.tracker import METHODS
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import JointState
-from mocapella.model.topology import Topology, topology, topology_names
+from mocapella.model.topology import Topology, Weights, topology, topology_names
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -23,49 +23,52 @@ SKELETON: Final = topology("kinect_v2")
 """Topology of the tracked people, for which the methods have models."""
 
 
-class SkeletonMapping(NamedTuple):
-    """How a topology's joints determine those of `SKELETON`.
+class JointMapping(NamedTuple):
+    """How a topology's joints determine those of another one, the target.
 
     Attributes:
-        weights: (25, joints) of the topology's joints, which sum to 1, or are 0 for a joint that it does not determine.
-        uses: (25, joints) whether a joint contributes.
-        known: (25,) whether the joint is determined.
+        weights: (targets, joints) of the topology's joints; they sum to 1, or are 0 without contributors.
+        uses: (targets, joints) whether a joint contributes.
+        known: (targets,) whether the target has contributors.
     """
 
     weights: Float64
     uses: NDArray[np.bool_]
     known: NDArray[np.bool_]
 
+    @classmethod
+    def of(cls, own: Topology, target: Topology, table: Weights) -> JointMapping:
+        """Return the mapping from ``own`` joints to those of another topology."""
+        weights = np.zeros((len(target), len(own)))
+        for joint, terms in table.items():
+            for contributor, weight in terms.items():
+                weights[joint, contributor] = weight
+        uses = weights != 0
+        return cls(weights, uses, uses.any(axis=-1))
+
     def positions(self, positions: Float64) -> Float64:
-        """Return joints (..., 25, 3) of joints (..., joints, 3) [m]; NaN where a contributor is NaN, or without one."""
+        """Return targets (..., targets, 3) of joints (..., joints, 3) [m]; NaN if a contributor is, or without any."""
         missing = np.asarray(np.isnan(positions).any(axis=-1))
         mapped = self.weights @ np.where(missing[..., None], 0.0, positions)
         mapped[~self.known | (missing[..., None, :] & self.uses).any(axis=-1)] = np.nan
         return np.asarray(mapped)
 
     def states(self, states: UInt8) -> UInt8:
-        """Return states (..., 25) of states (..., joints): the worst of the contributors, NOT_TRACKED without any."""
+        """Return states (..., targets) of states (..., joints): the contributors' worst; NOT_TRACKED without any."""
         worst = np.where(self.uses, states[..., None, :], JointState.TRACKED).min(axis=-1)
         return np.where(self.known, worst, JointState.NOT_TRACKED).astype(np.uint8)
 
 
 @cache
-def skeleton_mapping(name: str) -> SkeletonMapping | None:
-    """Return the mapping of the topology with that name; None if it has none.
+def skeleton_mapping(name: str) -> JointMapping | None:
+    """Return the mapping of the topology with that name to `SKELETON`; None if it has none.
 
     Raises:
         SettingsError: unknown topology; lists the known ones.
     """
     own = topology(name)
     table = own.mappings.get(SKELETON.name)
-    if table is None:
-        return None
-    weights = np.zeros((len(SKELETON), len(own)))
-    for joint, terms in table.items():
-        for contributor, weight in terms.items():
-            weights[joint, contributor] = weight
-    uses = weights != 0
-    return SkeletonMapping(weights, uses, uses.any(axis=-1))
+    return None if table is None else JointMapping.of(own, SKELETON, table)
 
 
 def mapping_problem(own: Topology) -> str:

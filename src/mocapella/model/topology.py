@@ -110,14 +110,19 @@ def topology_from_toml(text: str, name: str) -> Topology:
         0 < across < 180 and 0 < high < 180, f"topology {name}: field_of_view_deg", [across, high], "above 0, below 180"
     )
     made = Topology(name, joints, bones, tuple(mirror), parts, (float(across), float(high)))
-    mappings = {other: _weights(made, topology(other), table) for other, table in data.get("mapping", {}).items()}
+    mappings = {
+        other: weights_from_table(made, topology(other), table) for other, table in data.get("mapping", {}).items()
+    }
     return replace(made, mappings=mappings)
 
 
-def _weights(own: Topology, other: Topology, table: Mapping[str, Any]) -> Weights:
+def weights_from_table(own: Topology, other: Topology, table: Mapping[str, Any]) -> Weights:
     """Return the weights of ``own`` joints for the joints of another topology, from a table of a TOML file.
 
     A joint is written as a table of weights, or as the name of the one joint at its position.
+
+    Raises:
+        SettingsError: an unknown joint, or weights that do not sum to 1 or differ between left and right.
     """
     where = f"topology {own.name}: mapping.{other.name}"
     weights: dict[int, dict[int, float]] = {}

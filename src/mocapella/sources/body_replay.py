@@ -12,7 +12,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.model.body_rows import BodyRows
 from mocapella.model.observations import Arrival, BodyFrame, check_sensor_name
-from mocapella.sources.body_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, BodyTrack, ReplayReport, order_rows
+from mocapella.sources.recorded_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, RecordedTrack, ReplayReport, order_rows
 
 
 class BodyReplay:
@@ -71,7 +71,7 @@ class BodyReplay:
         return np.asarray((self._track.at_ns - self._track.at_ns[0]) / NS_PER_S)
 
 
-def _track(rows: BodyRows, sensor: str) -> BodyTrack:
+def _track(rows: BodyRows, sensor: str) -> RecordedTrack:
     _check_times(rows)
     order = order_rows(rows.time_ns, rows.ids)
     same = np.isclose(rows.positions[order.repeated], rows.positions[order.first], rtol=0, equal_nan=True)
@@ -91,7 +91,7 @@ def _track(rows: BodyRows, sensor: str) -> BodyTrack:
     }
     none = [0.0] * len(time_ns)
     dropped = len(order.repeated)
-    return BodyTrack(
+    return RecordedTrack(
         sensor, rows.topology, bodies, order.starts, none, none, time_ns, time_ns, dropped, order.sorted
     )  # fmt: skip
 

@@ -21,7 +21,7 @@ from mocapella.geometry import rigid
 from mocapella.model.observations import Arrival, BodyFrame, JointState
 from mocapella.model.study_log import TICK_NS, YEAR_1_TO_1970_MS, StudyLog
 from mocapella.model.topology import topology
-from mocapella.sources.body_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, BodyTrack, ReplayReport, order_rows
+from mocapella.sources.recorded_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, RecordedTrack, ReplayReport, order_rows
 from mocapella.sources.study_sensors import (
     STUDY_SENSORS,
     motions_of_people,
@@ -131,7 +131,7 @@ class StudyReplay:
 
 def _track(
     log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_sensor_of: Mapping[int, NDArray[np.float64]]
-) -> BodyTrack:
+) -> RecordedTrack:
     _check_times_and_people(log, rows)
     time_ns = log.skeleton_time_ticks[rows] * TICK_NS
     order = order_rows(time_ns, log.person_id[rows])
@@ -140,7 +140,7 @@ def _track(
     frame_ns = time_ns[kept][first]
     tracker_ns = (log.tracker_time_ms[rows] - YEAR_1_TO_1970_MS) * _MS
     first_rows = rows[kept][first]
-    return BodyTrack(
+    return RecordedTrack(
         sensor=sensor,
         topology=_KINECT_V2,
         bodies=_bodies(log, rows[kept], T_reference_sensor_of),

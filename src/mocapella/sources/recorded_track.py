@@ -66,7 +66,7 @@ def order_rows(time_ns: NDArray[np.int64], ids: NDArray[np.int64]) -> FrameOrder
     return FrameOrder(kept, order[repeats], first, [*starts.tolist(), len(kept)], int(late.sum()))
 
 
-class BodyTrack(msgspec.Struct, frozen=True, eq=False):
+class RecordedTrack(msgspec.Struct, frozen=True, eq=False):
     """One sensor's rows as frames.
 
     Attributes:
