@@ -112,7 +112,7 @@ def simulated_joints(name: str) -> JointMapping:
     if missing:
         known = ", ".join((BODY.name, *body_data()["joints"]))
         raise SettingsError(
-            f"topology {wanted.name} cannot be simulated: the body has no {', '.join(missing[:3])}, …; take one of {known}"
+            f"topology {name} cannot be simulated: the body has no {', '.join(missing[:3])}, …; take one of {known}"
         )
     same = {joint: joint for joint in wanted.joints if joint not in table}
     return JointMapping.of(BODY, wanted, weights_from_table(BODY, wanted, same | table))
