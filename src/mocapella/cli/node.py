@@ -123,12 +123,7 @@ def replay(
             metavar="FILE", help="A take (.mcap), a study log, or one sensor's bodies as CSV (.csv, .csv.gz)."
         ),
     ],
-    sensor: Annotated[
-        str,
-        typer.Option(
-            "--sensor", metavar="SENSOR", help="Sensor of the recording; for a file of one sensor's bodies, any name."
-        ),
-    ],
+    sensor: Annotated[str, typer.Option("--sensor", metavar="SENSOR", help=SENSOR_HELP)],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
     epoch: Epoch = None,
