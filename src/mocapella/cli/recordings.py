@@ -153,7 +153,15 @@ def open_recording(
         if placement:
             raise SettingsError(f"{file} has one sensor; leave --placement out, which is of a study log")
         return RecordedBodies(file, method or Setup().method, method_settings or {})
-    return RecordedLog(file, placement, method or Setup().method, method_settings or {})
+    try:
+        return RecordedLog(file, placement, method or Setup().method, method_settings or {})
+    except InputError as error:
+        if error.row != 1:
+            raise
+        fix = (
+            f"{error.fix or 'a study log has 87 columns'}; docs/sensors.md describes the other tables that can be read"
+        )
+        raise InputError(error.problem, file=file, row=1, field=error.field, value=error.value, fix=fix) from None
 
 
 def open_take(file: Path) -> Take:
