@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mocapella.errors import WireError
 from mocapella.model.observations import Arrival, BodyFrame, body_frame
 from mocapella.model.skeleton import SKELETON, skeleton_mapping
 from mocapella.model.topology import Topology, topology, topology_names
@@ -111,12 +112,28 @@ def test_a_tracker_that_restarts_from_a_snapshot_continues_with_both_kinds() -> 
     assert one.snapshot() == other.snapshot()
 
 
+def test_a_memory_of_people_with_other_joints_is_refused_and_leaves_a_new_tracker() -> None:
+    tracker, frames = DefaultTracker(), arrivals(1.0)
+    for arrival in frames:
+        tracker.update(arrival)
+    assert tracker._people is not None
+    tracker._people.topology = topology("kinect_v1")  # as a take of an earlier version has it
+    with pytest.raises(WireError, match="people of topology kinect_v1"):
+        tracker.restore(tracker.snapshot())
+    assert tracker.report.frames == 0
+
+
 def test_standing_people_are_calibrated_and_fused_by_the_baseline_too() -> None:
     settings = StandStillTrackerSettings(frames=20, still_within_m=0.2)
     tracker: Any = StandStillTracker(settings, sensors_expected=2)
-    for arrival in arrivals(2.0, azure_first=True, walker=Walker(speed=0.0)):
+    *before, last = arrivals(2.0, walker=Walker(speed=0.0))
+    for arrival in before:
         scene = tracker.update(arrival)
     assert tracker.report.rejected == {}
     assert scene.topology is SKELETON
     (person,) = scene.people
     assert [view.sensor for view in person.views] == ["front", "side"]
+    nobody = body_frame("side", topology("azure_kinect"), time_ns=last.frame.time_ns, positions=[])
+    (person,) = tracker.update(Arrival(nobody, last.at_ns)).people
+    assert person.views[1].positions.shape == (25, 3)
+    assert np.isnan(person.views[1].positions).all()

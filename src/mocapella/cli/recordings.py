@@ -158,9 +158,7 @@ def open_recording(
     except InputError as error:
         if error.row != 1:
             raise
-        fix = (
-            f"{error.fix or 'a study log has 87 columns'}; docs/sensors.md describes the other tables that can be read"
-        )
+        fix = f"{error.fix or 'a study log has 87 columns'}; docs/sensors.md has the other tables that are read"
         raise InputError(error.problem, file=file, row=1, field=error.field, value=error.value, fix=fix) from None
 
 
