@@ -180,10 +180,12 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.model.space import load_space
     from mocapella.recording.bodies_file import joints_of_people, read_followed_people, read_json
+    from mocapella.recording.body_csv import is_body_csv, read_body_csv
     from mocapella.recording.image_tracks_file import read_image_tracks
     from mocapella.recording.measured_distances import read_measured_distances
     from mocapella.recording.point_recordings import read_point_recording
     from mocapella.recording.study_log import read_study_log
+    from mocapella.sources.body_replay import BodyReplay
     from mocapella.sources.depth_files import read_depth_png, read_sidecar
     from mocapella.sources.simulate.bvh import read_bvh
     from mocapella.sources.video import read_image, read_timestamps
@@ -194,6 +196,9 @@ def _files(folder: Path) -> list[Door]:
     def keypoints(path: Path) -> object:
         return read_image_tracks([path.parent])
 
+    def bodies(path: Path) -> object:
+        return is_body_csv(path), BodyReplay(read_body_csv(path))
+
     def joints(path: Path) -> object:
         return joints_of_people(read_json(path), path)
 
@@ -201,6 +206,8 @@ def _files(folder: Path) -> list[Door]:
         of_file("study logs", folder / "log.csv", [log], read_study_log, TEXT),
         of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
                  (*BYTES, packed, packed)),
+        of_file("Azure Kinect tables", folder / "azure.csv", [seeds.azure_table()], bodies, TEXT),
+        of_file("Kinect v2 tables", folder / "kinect.csv", [seeds.kinect_table()], bodies, TEXT),
         of_file("image tracks", folder / "tracks.csv", [seeds.TRACKS], lambda path: read_image_tracks([path]), TEXT),
         of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [seeds.OPENPOSE], keypoints, TEXT),
         of_file("point recordings", folder / "points.csv", [seeds.POINTS], read_point_recording, TEXT),

@@ -127,6 +127,26 @@ def study_log(folder: Path) -> bytes:
     return path.read_bytes()
 
 
+def azure_table() -> bytes:
+    """Return a table of Azure Kinect Body Tracking: two bodies at two instants."""
+    from mocapella.model.topology import topology
+
+    joints = topology("azure_kinect").joints
+    titles = ["timestamp", "body_idx", *(f"{joint} ({what})" for joint in joints for what in "cxyz")]
+    rows = [
+        [33_000 * instant, body, *(v for k in range(len(joints)) for v in (2, 10.5 * k, -20.25 * k, 2000))]
+        for instant in (1, 2)
+        for body in (1, 2)
+    ]
+    return "\n".join(";".join(map(str, row)) for row in (titles, *rows)).encode()
+
+
+def kinect_table() -> bytes:
+    """Return a table of a Kinect v2: one body at three instants."""
+    rows = [[330_000 * k, *(v for joint in range(25) for v in (0.1 * joint, -0.25, 2.5, 2))] for k in range(3)]
+    return "\n".join(",".join(map(str, row)) + "," for row in rows).encode()
+
+
 def images() -> dict[str, bytes]:
     """Return an image in each format by suffix; ``.png16`` is a depth image."""
     import cv2

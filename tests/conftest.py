@@ -67,6 +67,7 @@ PROGRAMS = (
     "live/test_thread_deaths.py",
     "live/test_node.py",
     "live/test_arm_node.py",
+    "live/test_body_files.py",
     "live/test_marker_node.py",
     "live/test_recording_service.py",
     "live/test_silhouettes_served.py",
@@ -278,6 +279,12 @@ def mocap_files() -> Path:
 def azure_and_vicon() -> Path:
     """Squats before an Azure Kinect."""
     return _recorded("azure_and_vicon")
+
+
+@pytest.fixture(scope="session")
+def kinect_v2_gestures() -> Path:
+    """People who stand and gesture before a Kinect v2."""
+    return _recorded("kinect_v2_gestures")
 
 
 @pytest.fixture(scope="session")

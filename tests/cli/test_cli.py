@@ -158,6 +158,8 @@ def broken(folder: Path, source: Path, what: str) -> list[str]:
             lines = lines[:1]
         case "column missing":
             lines[0] = lines[0].replace(", Head_X", "")
+        case "another table":
+            lines[0] = "LFHD (x);LFHD (y);LFHD (z)"
         case "text for a number":
             cells[20] = "abc"
         case "NaN":
@@ -187,6 +189,7 @@ def broken(folder: Path, source: Path, what: str) -> list[str]:
         ("empty file", ["log.csv", "empty"]),
         ("header only", ["log.csv", "no rows"]),
         ("column missing", ["log.csv", "Head_X"]),
+        ("another table", ["log.csv", "row 1", "LFHD (x)", "study log", "docs/sensors.md"]),
         ("text for a number", ["log.csv", "row 6", "abc"]),
         ("NaN", ["log.csv", "row 6", "NaN"]),
         ("time goes backwards", ["log.csv", "row", "Skeleton_Time"]),
@@ -207,6 +210,16 @@ def test_bad_input_is_one_line_that_says_where_and_what(
     assert len(message.splitlines()) == 1
     assert all(word in message for word in words), message
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_kind_of_sensor_that_cannot_be_simulated_is_named(tmp_path: Path) -> None:
+    for name, words in (
+        ("nite", "take one of kinect_v2, kinect_v1, azure_kinect"),
+        ("azure_kinct", "mean azure_kinect?"),
+    ):
+        done = run_here(tmp_path, "node", "simulate", "--topology", name)
+        assert done.returncode == 1
+        assert words in done.stderr
 
 
 def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_path: Path) -> None:

@@ -302,9 +302,10 @@ def test_a_foot_that_stands_is_held_and_one_that_walks_is_not() -> None:
             assert slide[1] == pytest.approx(slide[0], rel=0.1)
 
 
-def test_angles_have_names_and_the_other_topology_its_model() -> None:
-    body = ArticulatedBody(topology("kinect_v1"))
-    assert body.pose is None
+def test_angles_have_names_and_a_topology_without_a_model_is_refused() -> None:
+    with pytest.raises(SettingsError, match="topology 'kinect_v1' has no body model; there are kinect_v2"):
+        ArticulatedBody(topology("kinect_v1"))
+    assert ArticulatedBody(KINECT).pose is None
     own = ArticulatedBody(KINECT)
     own.update(standing(), VARIANCES, 0.0)
     found = own.pose

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from mocapella.errors import SettingsError
@@ -15,8 +17,28 @@ def kind(request: pytest.FixtureRequest) -> Topology:
     return request.param  # type: ignore[no-any-return]
 
 
-def test_both_kinects_are_there() -> None:
-    assert {kind.name: len(kind) for kind in ALL}.items() >= {"kinect_v1": 20, "kinect_v2": 25}.items()
+def test_all_sensors_are_there() -> None:
+    assert {kind.name: len(kind) for kind in ALL} == {
+        "arkit": 91, "azure_kinect": 32, "body_25": 25, "coco_17": 17, "halpe_26": 26, "hand": 21, "kinect_v1": 20,
+        "kinect_v2": 25, "mediapipe_pose": 33, "nite": 15,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("arkit", {"root": 0, "left_foot_joint": 4, "spine_7_joint": 18, "left_handThumbEnd_joint": 46,
+                   "head_joint": 51, "nose_joint": 58, "right_hand_joint": 66, "right_handThumbEnd_joint": 90}),
+        ("azure_kinect", {"NECK": 3, "CLAVICLE_LEFT": 4, "THUMB_LEFT": 10, "HIP_LEFT": 18, "HEAD": 26}),
+        ("body_25", {"Nose": 0, "RShoulder": 2, "LShoulder": 5, "MidHip": 8, "REye": 15, "LBigToe": 19, "RHeel": 24}),
+        ("coco_17", {"nose": 0, "left_ear": 3, "left_shoulder": 5, "right_hip": 12, "right_ankle": 16}),
+        ("halpe_26", {"Nose": 0, "LShoulder": 5, "Head": 17, "Neck": 18, "Hip": 19, "LSmallToe": 22, "RHeel": 25}),
+        ("mediapipe_pose", {"LEFT_EYE_OUTER": 3, "MOUTH_LEFT": 9, "LEFT_PINKY": 17, "LEFT_HIP": 23, "LEFT_HEEL": 29}),
+        ("nite", {"JOINT_HEAD": 0, "JOINT_RIGHT_HAND": 7, "JOINT_TORSO": 8, "JOINT_LEFT_FOOT": 13}),
+    ],
+)  # fmt: skip
+def test_the_joints_have_the_vendors_numbers(name: str, numbers: dict[str, int]) -> None:
+    assert {joint: topology(name).index(joint) for joint in numbers} == numbers
 
 
 def test_the_joints_are_in_the_order_of_the_sdk() -> None:
@@ -48,8 +70,12 @@ def test_the_mirror_is_an_involution_that_maps_bones_to_bones(kind: Topology) ->
 
 
 def test_left_mirrors_to_right(kind: Topology) -> None:
+    sides = {"Left": "Right", "LEFT": "RIGHT", "left": "right"}
+    sides |= {right: left for left, right in sides.items()}
     for i, joint in enumerate(kind.joints):
-        swapped = joint.replace("Left", "Right") if "Left" in joint else joint.replace("Right", "Left")
+        swapped = re.sub("|".join(sides), lambda side: sides[side[0]], joint)
+        if kind.name in {"body_25", "halpe_26"}:  # LEar, RBigToe
+            swapped = re.sub("^[LR](?=[A-Z])", lambda side: "R" if side[0] == "L" else "L", joint)
         assert kind.joints[kind.mirror[i]] == swapped
 
 
@@ -90,6 +116,7 @@ def test_a_new_topology_needs_only_its_text() -> None:
 def test_the_field_of_view_is_the_files_and_else_the_stated_one() -> None:
     assert topology("kinect_v2").field_of_view_deg == (70.6, 60.0)
     assert topology("kinect_v1").field_of_view_deg == (57.5, 43.5)
+    assert topology("azure_kinect").field_of_view_deg == (75.0, 65.0)
     assert topology_from_toml(ARM, "arm").field_of_view_deg == UNKNOWN_FIELD_OF_VIEW_DEG
     assert topology_from_toml("field_of_view_deg = [90, 65]" + ARM, "arm").field_of_view_deg == (90.0, 65.0)
 
@@ -113,3 +140,54 @@ def test_a_text_that_is_no_topology_is_refused(old: str, new: str, message: str)
     assert ARM.count(old) == 1
     with pytest.raises(SettingsError, match="topology arm: " + message):
         topology_from_toml(ARM.replace(old, new), "arm")
+
+
+MAPPED = (
+    ARM
+    + """
+[mapping.kinect_v2]
+SpineBase = "Root"
+SpineMid = { Root = 1.5, L = -0.25, R = -0.25 }
+HandLeft = { Root = 0.25, L = 0.75 }
+HandRight = { Root = 0.25, R = 0.75 }
+"""
+)
+
+
+def test_a_joint_is_mapped_by_weights_or_by_the_name_of_the_joint_at_its_position() -> None:
+    v2 = topology("kinect_v2")
+    assert topology_from_toml(MAPPED, "arm").mappings == {
+        "kinect_v2": {
+            v2.index("SpineBase"): {0: 1.0},
+            v2.index("SpineMid"): {0: 1.5, 1: -0.25, 2: -0.25},
+            v2.index("HandLeft"): {0: 0.25, 1: 0.75},
+            v2.index("HandRight"): {0: 0.25, 2: 0.75},
+        }
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[mapping.kinect_v2]", "[mapping.kinect_v3]", "unknown topology 'kinect_v3'.*did you mean kinect_v2"),
+        ("SpineBase =", "SpineBas =", r"mapping.kinect_v2 names 'SpineBas'.*did you mean SpineBase\?"),
+        ('"Root"\nSpineMid', '"Roof"\nSpineMid', r"mapping.kinect_v2 names 'Roof'.*did you mean Root\?"),
+        ("L = 0.75", "X = 0.75", "mapping.kinect_v2 names 'X'; joints are Root, L, R"),
+        ("L = 0.75", "L = 0.7", r"mapping.kinect_v2.HandLeft is \[0.25, 0.7\].*sum to 1"),
+        ("Root = 0.25, L = 0.75", "Root = 6, L = -5", "mapping.kinect_v2.HandLeft.*weights up to 4"),
+        ("Root = 0.25, L = 0.75", "Root = 1, L = 0", "mapping.kinect_v2.HandLeft.*not 0"),
+        ("Root = 0.25, L = 0.75", "Root = 0.25, L = nan", "mapping.kinect_v2.HandLeft"),
+        (
+            "Root = 0.25, R = 0.75",
+            "Root = 0.5, R = 0.5",
+            "mapping.kinect_v2: HandLeft has other weights than its mirror",
+        ),
+        ("R = -0.25", "R = -0.5", "mapping.kinect_v2.SpineMid.*sum to 1"),
+        ("L = -0.25, R = -0.25", "L = -0.5", "mapping.kinect_v2: SpineMid has other weights than its mirror image"),
+        ("HandRight = { Root = 0.25, R = 0.75 }", "", "mapping.kinect_v2: HandLeft has other weights than its mirror"),
+    ],
+)
+def test_a_mapping_that_cannot_be_used_is_refused(old: str, new: str, message: str) -> None:
+    assert MAPPED.count(old) == 1
+    with pytest.raises(SettingsError, match=message):
+        topology_from_toml(MAPPED.replace(old, new), "arm")

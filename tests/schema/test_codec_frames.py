@@ -139,8 +139,8 @@ LONG = "x" * 100_000
     ("changed", "parts"),
     [
         ({"topology": "kinect_v3"}, ["topology is 'kinect_v3'", "did you mean kinect_v"]),
-        ({"topology": ""}, ["topology is ''", "known: hand, kinect_v1, kinect_v2"]),
-        ({"topology": LONG}, ["topology is 'xxx", "known: hand, kinect_v1, kinect_v2"]),
+        ({"topology": ""}, ["topology is ''", "known: arkit, azure_kinect, body_25"]),
+        ({"topology": LONG}, ["topology is 'xxx", "known: arkit, azure_kinect, body_25"]),
         ({"sensor": ""}, ["sensor name ''", "such as front"]),
         ({"sensor": "a/b"}, ["sensor name 'a/b'"]),
         ({"sensor": "front\n"}, ["sensor name 'front\\n'"]),

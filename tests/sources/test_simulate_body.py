@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
-from mocapella.model.topology import topology
 from mocapella.sources.simulate.body import (
     BODY,
     JOINT,
@@ -19,7 +16,7 @@ from mocapella.sources.simulate.body import (
     bone_lengths,
     facing,
     joint_positions,
-    joint_selection,
+    simulated_joints,
 )
 from mocapella.sources.simulate.motion import normalised
 
@@ -85,22 +82,18 @@ def test_facing_follows_the_shoulders(yaw: float) -> None:
     np.testing.assert_allclose(facing(left_up_forward @ turn.T), [np.sin(yaw), 0, np.cos(yaw)], atol=1e-12)
 
 
-def test_every_topology_there_is_can_be_simulated() -> None:
-    assert [BODY.joints[i] for i in joint_selection(topology("kinect_v1"))[:3]] == [
-        "SpineBase",
-        "SpineMid",
-        "SpineShoulder",
-    ]
-    np.testing.assert_array_equal(joint_selection(BODY), np.arange(25))
+def test_a_topology_is_simulated_by_the_bodys_own_joints() -> None:
+    v1 = simulated_joints("kinect_v1")
+    assert [BODY.joints[i] for i in v1.weights.argmax(axis=1)[:3]] == ["SpineBase", "SpineMid", "SpineShoulder"]
+    np.testing.assert_array_equal(np.sort(v1.weights, axis=1)[:, -2:], [[0.0, 1.0]] * 20)
+    np.testing.assert_array_equal(simulated_joints("kinect_v2").weights, np.eye(25))
+    azure = simulated_joints("azure_kinect")
+    assert azure.known.all()
+    np.testing.assert_allclose(azure.weights.sum(axis=1), 1)
 
 
 def test_a_topology_with_a_joint_of_its_own_is_refused_by_name() -> None:
-    strange = dataclasses.replace(BODY, name="strange", joints=(*BODY.joints[:-1], "Tail"))
-    with pytest.raises(SettingsError, match=r"strange.*Tail"):
-        joint_selection(strange)
-
-
-@pytest.mark.parametrize("stature", [0.2, 3.0, float("nan")])
-def test_a_stature_out_of_range_is_refused(stature: float) -> None:
-    with pytest.raises(SettingsError, match=r"stature.*0\.5 to 2\.5"):
-        bone_lengths(stature)
+    with pytest.raises(
+        SettingsError, match=r"topology nite cannot be simulated: .* JOINT_HEAD.*; take one of kinect_v2,"
+    ):
+        simulated_joints("nite")

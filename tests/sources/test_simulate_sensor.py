@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.model.observations import JointState
+from mocapella.model.skeleton import skeleton_mapping
 from mocapella.model.topology import topology
 from mocapella.sources.simulate import (
     Box,
@@ -265,8 +266,25 @@ def test_frames_of_a_kinect_v1_are_the_same_people_with_twenty_joints() -> None:
     assert v1.frame.positions.shape == (1, 20, 3)
     for ours, theirs in (("HipCenter", "SpineBase"), ("Spine", "SpineMid"), ("HandLeft", "HandLeft")):
         i, j = v1.frame.topology.index(ours), v2.frame.topology.index(theirs)
-        np.testing.assert_array_equal(v1.truth.positions[:, i], v2.truth.positions[:, j])
         np.testing.assert_array_equal(v1.frame.positions[:, i], v2.frame.positions[:, j])
+    assert v1.truth.topology is v2.truth.topology is topology("kinect_v2")
+    np.testing.assert_array_equal(v1.truth.positions, v2.truth.positions)
+
+
+@pytest.mark.parametrize("at_s", [0.0, 9.0])
+def test_frames_of_an_azure_kinect_are_the_same_people_whose_joints_its_mapping_gives_back(at_s: float) -> None:
+    azure, v2 = (
+        next(SimulatedSensor(load_scene("walk", topology=name), 2).frames(at_s)).frame
+        for name in ("azure_kinect", "kinect_v2")
+    )
+    assert (azure.topology, azure.positions.shape) == (topology("azure_kinect"), (1, 32, 3))
+    mapping = skeleton_mapping("azure_kinect")
+    assert mapping is not None
+    back = mapping.positions(azure.positions.astype(np.float64))
+    both = np.isfinite(back).all(axis=-1)
+    assert both.mean() > 0.5
+    np.testing.assert_allclose(back[both], v2.positions[both], atol=0.003)
+    assert (mapping.states(azure.states) <= v2.states).all()
 
 
 def test_depth_pixels_are_the_projected_joints_and_orientations_are_turns() -> None:

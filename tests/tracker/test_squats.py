@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from support.azure_squats import KINECT, Squats, knee_flexion, read_squats
+from support.azure_squats import Squats, knee_flexion, read_squats
 
 from mocapella.geometry.rigid import inverse
 from mocapella.model.observations import Arrival, body_frame
@@ -35,10 +35,10 @@ def tracked(squats: Squats) -> Tracked:
         at_ns = 10**9 + round(1e9 * at_s)
         frame = body_frame(
             "azure",
-            KINECT,
+            squats.rows.topology,
             time_ns=at_ns,
-            positions=squats.positions[k, None],
-            states=squats.states[k, None],
+            positions=squats.rows.positions[k, None],
+            states=squats.rows.states[k, None],
             sequence=k,
         )
         scene = tracker.update(Arrival(frame, at_ns))

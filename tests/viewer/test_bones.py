@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from support.walkers import KINECT, standing
 
 from mocapella.model.observations import JointState
-from mocapella.model.topology import topology
+from mocapella.model.topology import topology, topology_names
 from mocapella.viewer.bones import (
     INFERRED_THICKNESS,
     LARGEST_HALO_M,
@@ -33,7 +33,7 @@ def rotated_up(wxyz):
     return np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
 
 
-@pytest.mark.parametrize("name", ["kinect_v2", "kinect_v1"])
+@pytest.mark.parametrize("name", topology_names())
 def test_a_body_of_which_all_is_tracked_has_every_bone(name):
     kind = topology(name)
     positions = np.random.default_rng(0).normal(size=(3, len(kind), 3))

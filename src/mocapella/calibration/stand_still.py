@@ -26,8 +26,6 @@ Float64 = NDArray[np.float64]
 
 STILL_PARTS: Final = {"head": "head", "hand_left": "left hand", "hand_right": "right hand"}
 """Parts that must not move, and their names for users."""
-NEEDED_PARTS: Final = (*STILL_PARTS, "shoulder_left", "shoulder_right")
-"""Parts that a topology must have for this method."""
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,9 @@ def simulate(
     bvh: Annotated[
         Path | None, typer.Option(metavar="FILE", help="BVH file with the motion of the first person.")
     ] = None,
+    topology: Annotated[
+        str, typer.Option(metavar="NAME", help="Kind of sensor: kinect_v2, kinect_v1 or azure_kinect.")
+    ] = "kinect_v2",
     seconds: Seconds = None,
     epoch: Epoch = None,
     epoch_from_input: EpochFromInput = False,
@@ -100,7 +103,7 @@ def simulate(
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
     disk = read_keys(NodeKeys, settings_file, settings).disk()
-    room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, bvh=bvh)
+    room = load_scene(check_scene(scene or DEFAULT_SCENE), seed=seed, topology=topology, bvh=bvh)
     source = SimulatedSensor(room, sensor)
     next(source.frames())  # compile and load before the clock matters
     zero = read_epoch() if epoch_from_input else epoch or 0.0
@@ -114,7 +117,12 @@ def simulate(
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study log (.csv, .csv.gz) or a take (.mcap).")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A take (.mcap), a study log, or one sensor's bodies as CSV (.csv, .csv.gz)."
+        ),
+    ],
     sensor: Annotated[str, typer.Option("--sensor", metavar="SENSOR", help=SENSOR_HELP)],
     connect: Connect = DEFAULT_ADDRESS,
     placement: Placement = None,
@@ -127,7 +135,12 @@ def replay(
 ) -> None:
     """Serve a sensor out of a recording, in real time. Without --epoch it begins when a server is there.
 
+    The kind of a CSV file is recognised by its first row: a study log; the positions of Azure Kinect Body Tracking
+    (`timestamp;body_idx;PELVIS (c);…`); or joints of a Kinect v2, without a header. docs/sensors.md describes them.
+
     Example:  mocapella node replay walk-1 --sensor front
+
+    Example:  mocapella node replay azure_positions.csv.gz --sensor left
     """
     from mocapella.cli.recordings import open_recording
     from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of

@@ -67,7 +67,9 @@ EpochFromInput = Annotated[
     bool, typer.Option("--epoch-from-input", hidden=True, help="Say `ready`, and read the epoch from standard input.")
 ]
 NAME_HELP: Final = "Name of the sensor."
-SENSOR_HELP: Final = "Sensor of the scene or recording: its name, or in a scene its number from 1."
+SENSOR_HELP: Final = (
+    "Sensor of the scene or recording: its name, in a scene also its number from 1; any name for a file of one sensor."
+)
 SensorName = Annotated[str | None, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)]
 Listen = Annotated[
     str, typer.Option("--listen", metavar="HOST:PORT", help="Address to listen on; 127.0.0.1 is this machine only.")

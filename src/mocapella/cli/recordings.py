@@ -1,4 +1,4 @@
-"""A common interface of study logs and takes, which give sensors' frames and can be replayed."""
+"""A common interface of study logs, files of one sensor's bodies and takes, which give frames and can be replayed."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup
+from mocapella.recording.body_csv import is_body_csv, read_body_csv
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.study_log import read_study_log
@@ -32,7 +33,9 @@ from mocapella.recording.take import Command
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.registry import Table, load
 from mocapella.schema import encode_scene
-from mocapella.sources.study_replay import ReplayReport, StudyReplay
+from mocapella.sources.body_replay import BodyReplay
+from mocapella.sources.recorded_track import ReplayReport
+from mocapella.sources.study_replay import StudyReplay
 from mocapella.tracker import METHODS
 
 TAKES = Path("takes")
@@ -63,7 +66,7 @@ class Replayed:
 
 
 class Recording(Protocol):
-    """Interface of a recorded session, a take or a study log: its sensors' frames, and their tracking again."""
+    """Interface of a recording, a take or a CSV file: its sensors' frames, and their tracking again."""
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -130,7 +133,7 @@ def open_recording(
     method: str | None = None,
     method_settings: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """Open a study log or a take, as `find_recording` finds it.
+    """Open a study log, a file of one sensor's bodies or a take, as `find_recording` finds it.
 
     Raises:
         InputError: the file cannot be used, or has no frames; names file, row, field and value if possible.
@@ -146,7 +149,17 @@ def open_recording(
         if not take.sensors:
             raise InputError("is a take without frames", file=file, fix="name one that was recorded while sensors sent")
         return take
-    return RecordedLog(file, placement, method or Setup().method, method_settings or {})
+    if is_body_csv(file):
+        if placement:
+            raise SettingsError(f"{file} has one sensor; leave --placement out, which is of a study log")
+        return RecordedBodies(file, method or Setup().method, method_settings or {})
+    try:
+        return RecordedLog(file, placement, method or Setup().method, method_settings or {})
+    except InputError as error:
+        if error.row != 1:
+            raise
+        fix = f"{error.fix or 'a study log has 87 columns'}; docs/sensors.md has the other tables that are read"
+        raise InputError(error.problem, file=file, row=1, field=error.field, value=error.value, fix=fix) from None
 
 
 def open_take(file: Path) -> Take:
@@ -252,6 +265,47 @@ class RecordedLog:
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
             "placement": self._source.placement,
+            "log": msgspec.to_builtins(self._source.report),
+            "unusable": dict(session.unusable),
+            "problems": _row_problems(self._source.report),
+        }
+        return Replayed(summary, session.state, self._source.duration_s, notes)
+
+
+class RecordedBodies:
+    """A file of one sensor's bodies (`mocapella.recording.body_csv`), which does not name the sensor.
+
+    Args:
+        file: the file.
+        method: name of the tracking method.
+        method_settings: settings of the method.
+
+    Raises:
+        InputError, SettingsError: as in `open_recording`.
+    """
+
+    missing: Final[list[str]] = []
+    damaged: Final = False
+
+    def __init__(self, file: Path, method: str, method_settings: Mapping[str, Any]) -> None:
+        self.method_settings = dict(method_settings)
+        self._source = BodyReplay(read_body_csv(file))
+        self.sensors = (self._source.sensor,)
+        self.setup = Setup(method=method, sensors_expected=1)
+
+    def due_frames(self, sensor: str) -> Iterator[DueFrame]:
+        """Return the frames under any name of a sensor; time 0 is that of the file's first frame.
+
+        Raises:
+            SettingsError: the name cannot be used.
+        """
+        return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
+
+    def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
+        """Track the whole file, as fast as possible; call ``on_scene`` with each scene."""
+        session = Session(self.setup, self.method_settings)
+        summary = replay(session, self._source.arrivals(), on_scene)
+        notes = {
             "log": msgspec.to_builtins(self._source.report),
             "unusable": dict(session.unusable),
             "problems": _row_problems(self._source.report),

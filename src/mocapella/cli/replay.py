@@ -46,7 +46,10 @@ if TYPE_CHECKING:
 def replay(
     context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Study logs (.csv, .csv.gz) and takes (.mcap).")
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Takes (.mcap), study logs, and one sensor's bodies as CSV (.csv, .csv.gz)."
+        ),
     ],
     live: Annotated[
         bool, typer.Option("--live", help="In real time, with the view, through nodes and the bus.")

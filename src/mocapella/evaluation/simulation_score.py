@@ -20,6 +20,7 @@ from mocapella.evaluation.identity import IdentityFrame, hota, identity_switches
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Person, Scene
+from mocapella.model.skeleton import SKELETON
 from mocapella.model.truth import Truth
 from mocapella.sources.simulate import Room, SimulatedFrame
 
@@ -93,8 +94,8 @@ class Score:
         self.main = self.sensors[0]
         self._T_world_sensor = {sensor.name: sensor.T_world_sensor for sensor in room.settings.sensors}
         self._latency_s = {sensor.name: sensor.latency_s for sensor in room.settings.sensors}
-        self._mirror = np.array(room.topology.mirror)
-        self._root = room.topology.parts["root"]
+        self._mirror = np.array(SKELETON.mirror)
+        self._root = SKELETON.parts["root"]
         self._middle = _middle(room)
         self._now: dict[str, _SensorNow] = {}
         # calibration

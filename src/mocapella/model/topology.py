@@ -1,13 +1,17 @@
 """Topologies: the joints and bones that a sensor reports, defined by data files.
 
-A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else.
+A topology is a TOML file in ``topologies/``. A new sensor needs a new file and nothing else. Its table
+``mapping.kinect_v2`` states where the joints of tracked people are; see `mocapella.model.skeleton`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.resources import files
+from typing import Any, Final
 
 from mocapella.decoding import decode_toml
 from mocapella.errors import SettingsError, one_of
@@ -15,6 +19,13 @@ from mocapella.settings import check
 
 UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
 """Default field of view, horizontal and vertical [°], at most as large as that of common depth cameras."""
+
+
+MOST_WEIGHT: Final = 4.0
+"""Largest weight of a joint in a mapping, and smallest with a minus sign."""
+
+Weights = Mapping[int, Mapping[int, float]]
+"""Index of a joint of another topology → index of each contributing joint → its weight."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +37,10 @@ class Topology:
         joints: the joints' names in the sensor's own order, which is the order of every joint axis.
         bones: (parent, child) indices; a tree that reaches every joint from ``root``.
         mirror: for each joint, the index of its mirror image (itself for central joints).
-        parts: joint index by role: ``root``, ``head``, ``shoulder_left``, ``hand_right``, ….
+        parts: joint index by role: ``root``, where the bones begin, ``head``, ``shoulder_left``, ``hand_right``, ….
         field_of_view_deg: horizontal and vertical field of view of the sensors with this topology [°].
+        mappings: weights by the name of another topology: each of its joints that this one determines is a weighted
+            mean of this one's joints. Weights of a joint sum to 1; they may be negative.
     """
 
     name: str
@@ -36,6 +49,7 @@ class Topology:
     mirror: tuple[int, ...]
     parts: dict[str, int]
     field_of_view_deg: tuple[float, float] = UNKNOWN_FIELD_OF_VIEW_DEG
+    mappings: Mapping[str, Weights] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -59,8 +73,9 @@ def topology_from_toml(text: str, name: str) -> Topology:
     """Read and validate a topology from the text of its TOML file; ``name`` becomes its name.
 
     Raises:
-        SettingsError: a bone or pair names an unknown joint, the bones are not a tree from the root, a joint has two
-            mirror images, or the field of view is impossible.
+        SettingsError: a bone, pair or mapping names an unknown joint, the bones are not a tree from the root, a joint
+            has two mirror images, the field of view is impossible, or a mapping's weights do not sum to 1 or differ
+            between left and right.
     """
     data = decode_toml(text)
     joints = tuple(data["joints"])
@@ -94,7 +109,38 @@ def topology_from_toml(text: str, name: str) -> Topology:
     check(
         0 < across < 180 and 0 < high < 180, f"topology {name}: field_of_view_deg", [across, high], "above 0, below 180"
     )
-    return Topology(name, joints, bones, tuple(mirror), parts, (float(across), float(high)))
+    made = Topology(name, joints, bones, tuple(mirror), parts, (float(across), float(high)))
+    mappings = {
+        other: weights_from_table(made, topology(other), table) for other, table in data.get("mapping", {}).items()
+    }
+    return replace(made, mappings=mappings)
+
+
+def weights_from_table(own: Topology, other: Topology, table: Mapping[str, Any]) -> Weights:
+    """Return the weights of ``own`` joints for the joints of another topology, from a table of a TOML file.
+
+    A joint is written as a table of weights, or as the name of the one joint at its position.
+
+    Raises:
+        SettingsError: an unknown joint, or weights that do not sum to 1 or differ between left and right.
+    """
+    where = f"topology {own.name}: mapping.{other.name}"
+    weights: dict[int, dict[int, float]] = {}
+    for joint, written in table.items():
+        terms = {written: 1.0} if isinstance(written, str) else written
+        unknown = [name for name in terms if name not in own.joints]
+        if joint not in other.joints or unknown:
+            wrong, known = (unknown[0], own.joints) if unknown else (joint, other.joints)
+            raise SettingsError(f"{where} names {wrong!r}; joints are {one_of(wrong, known)}")
+        values = [float(weight) for weight in terms.values()]
+        fits = all(0 < abs(weight) <= MOST_WEIGHT for weight in values) and math.isclose(sum(values), 1, abs_tol=1e-9)
+        check(fits, f"{where}.{joint}", values, f"weights up to {MOST_WEIGHT:g}, not 0, that sum to 1")
+        weights[other.index(joint)] = {own.index(name): float(weight) for name, weight in terms.items()}
+    for target, terms in weights.items():
+        mirrored = {own.mirror[joint]: weight for joint, weight in terms.items()}
+        if weights.get(other.mirror[target]) != mirrored:
+            raise SettingsError(f"{where}: {other.joints[target]} has other weights than its mirror image")
+    return weights
 
 
 @cache

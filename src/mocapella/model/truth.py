@@ -15,7 +15,7 @@ class Truth(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor, sequence: identity of the frame.
         room_ns: capture time, on the simulated room's clock.
-        topology: topology of the skeletons.
+        topology: topology of the skeletons, which need not be the frame's.
         people: (people,) int, numbers of the people, which never change.
         positions: (people, joints, 3) float64, the room's world [m].
         T_world_sensor: (4, 4) true pose of the sensor.

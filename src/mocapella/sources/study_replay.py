@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from mocapella.geometry import rigid
 from mocapella.model.observations import Arrival, BodyFrame, JointState
 from mocapella.model.study_log import TICK_NS, YEAR_1_TO_1970_MS, StudyLog
 from mocapella.model.topology import topology
+from mocapella.sources.recorded_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, RecordedTrack, ReplayReport, order_rows
 from mocapella.sources.study_sensors import (
     STUDY_SENSORS,
     motions_of_people,
@@ -32,73 +32,10 @@ from mocapella.sources.study_sensors import (
     sensor_names,
 )
 
-MAX_STEP_BACK: Final = 0.5
-"""Out-of-order frames of a sensor are sorted, up to this far back [s]."""
-MAX_LENGTH: Final = 86_400.0
-"""Longest time between a sensor's rows in one file [s]."""
-
 _MS: Final = 1_000_000
 _LIMIT_NS: Final = 2**62
 """146 years; the difference of two times within this limit fits into int64."""
 _KINECT_V2: Final = topology("kinect_v2")
-
-
-class ReplayReport(msgspec.Struct, frozen=True):
-    """Counts of a replay.
-
-    Attributes:
-        rows: number of rows of the file with the chosen placement.
-        frames: number of frames made of these rows; a sensor's bodies of one instant are one frame.
-        duplicates_dropped: number of rows that repeat a person's skeleton of the same sensor and instant.
-        sorted: number of rows that follow a newer row of their sensor in the file.
-        joints_not_tracked: number of joints in the frames that are not tracked.
-    """
-
-    rows: int
-    frames: int
-    duplicates_dropped: int
-    sorted: int
-    joints_not_tracked: int
-
-
-class _Track(msgspec.Struct, frozen=True, eq=False):
-    """One sensor's rows as frames.
-
-    Attributes:
-        sensor: its name.
-        bodies: fields of `BodyFrame` over the bodies of all frames, in the order of capture.
-        starts: (frames + 1,), frame i has the bodies ``starts[i]`` to ``starts[i + 1] - 1``.
-        tilt, height: (frames,), 0 if the file has none.
-        time_ns: (frames,), on the sensor's own clock; strictly rising.
-        at_ns: (frames,), Unix time.
-        duplicates_dropped, sorted: see `ReplayReport`.
-    """
-
-    sensor: str
-    bodies: dict[str, NDArray[Any]]
-    starts: list[int]
-    tilt: list[float]
-    height: list[float]
-    time_ns: NDArray[np.int64]
-    at_ns: NDArray[np.int64]
-    duplicates_dropped: int
-    sorted: int
-
-    def frame(self, number: int) -> BodyFrame:
-        """Make the sensor's frame with that number."""
-        first, end = self.starts[number], self.starts[number + 1]
-        return BodyFrame(
-            sensor=self.sensor,
-            node_id=0,
-            sequence=number,
-            time_ns=int(self.time_ns[number]),
-            sent_ns=0,
-            topology=_KINECT_V2,
-            depth_size_px=(0, 0),
-            tilt=self.tilt[number],
-            height=self.height[number],
-            **{name: values[first:end] for name, values in self.bodies.items()},
-        )
 
 
 class StudyReplay:
@@ -194,27 +131,26 @@ class StudyReplay:
 
 def _track(
     log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_sensor_of: Mapping[int, NDArray[np.float64]]
-) -> _Track:
+) -> RecordedTrack:
     _check_times_and_people(log, rows)
     time_ns = log.skeleton_time_ticks[rows] * TICK_NS
-    back_ns = np.maximum.accumulate(time_ns) - time_ns
-    order = np.lexsort((log.person_id[rows], time_ns))  # stable: of duplicates, the first in the file is first
-    repeated = (np.diff(time_ns[order]) == 0) & (np.diff(log.person_id[rows][order]) == 0)
-    kept = order[np.append(True, ~repeated)]
-    starts = np.flatnonzero(np.append(True, np.diff(time_ns[kept]) > 0))
-    frame_ns = time_ns[kept][starts]
+    order = order_rows(time_ns, log.person_id[rows])
+    kept = order.kept
+    first = order.starts[:-1]
+    frame_ns = time_ns[kept][first]
     tracker_ns = (log.tracker_time_ms[rows] - YEAR_1_TO_1970_MS) * _MS
-    first_rows = rows[kept][starts]
-    return _Track(
+    first_rows = rows[kept][first]
+    return RecordedTrack(
         sensor=sensor,
+        topology=_KINECT_V2,
         bodies=_bodies(log, rows[kept], T_reference_sensor_of),
-        starts=[*starts.tolist(), len(kept)],
+        starts=order.starts,
         tilt=np.nan_to_num(np.radians(log.tilt_deg[first_rows])).tolist(),
         height=np.nan_to_num(log.height_cm[first_rows] / 100).tolist(),
         time_ns=frame_ns,
         at_ns=frame_ns + (tracker_ns - time_ns).min(),
-        duplicates_dropped=len(rows) - len(kept),
-        sorted=int((back_ns[kept] > 0).sum()),
+        duplicates_dropped=len(order.repeated),
+        sorted=order.sorted,
     )
 
 
@@ -243,11 +179,10 @@ def _check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
     refuse(log, rows[no_date], "tracker_time_ms", "is no date of our time", "it counts milliseconds since year 1")
     negative = log.person_id[rows] < 0
     refuse(log, rows[negative], "person_id", "is no person", "number the people of a file from 0")
-    split = "a file is one run of the sensors: split it where the time restarts"
     ahead = ticks - ticks[0] > MAX_LENGTH * NS_PER_S / TICK_NS
-    refuse(log, rows[ahead], "skeleton_time_ticks", "is more than a day after the sensor's first row", split)
+    refuse(log, rows[ahead], "skeleton_time_ticks", "is more than a day after the sensor's first row", ONE_RUN)
     back = np.maximum.accumulate(ticks) - ticks > MAX_STEP_BACK * NS_PER_S / TICK_NS
-    refuse(log, rows[back], "skeleton_time_ticks", f"time goes back by more than {MAX_STEP_BACK} s", split)
+    refuse(log, rows[back], "skeleton_time_ticks", f"time goes back by more than {MAX_STEP_BACK} s", ONE_RUN)
 
 
 def _is_beyond(values: NDArray[np.int64], centre: int, by: int) -> NDArray[np.bool_]:

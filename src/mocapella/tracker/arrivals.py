@@ -1,11 +1,12 @@
 """Keep each sensor's newest frame, and detect silent sensors and unusable frames.
 
-Sensors are not synchronised: each frame is tracked as it arrives, with the other sensors' newest ones.
+Sensors are not synchronised: each frame is tracked as it arrives, with the other sensors' newest ones. Sensors may have
+different topologies: bodies are mapped to the people's skeleton here, frames stay as they came.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -14,6 +15,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.bodies import Bodies, tracked_bodies
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.skeleton import SKELETON, mapping_problem, to_skeleton
 from mocapella.model.topology import Topology
 
 
@@ -30,7 +32,10 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's newest frame, its capture time ``at_ns`` on the common clock [ns], and the bodies that it tracks."""
+    """A sensor's newest frame, its capture time ``at_ns`` on the common clock [ns], and the bodies that it tracks.
+
+    The bodies have the joints of `mocapella.model.skeleton.SKELETON`, whichever the frame has.
+    """
 
     frame: BodyFrame
     at_ns: int
@@ -59,15 +64,13 @@ class Arrivals:
 
     Args:
         silent_after_s: a sensor without a frame for longer is silent [s].
-        needed_parts: names of the parts, such as ``root``, that the topology of the frames must have.
 
     Attributes:
-        topology: topology of the first usable frame, which all frames must have; None before it.
+        topology: topology of all bodies, `mocapella.model.skeleton.SKELETON`; None before the first usable frame.
     """
 
-    def __init__(self, silent_after_s: float, needed_parts: Sequence[str]) -> None:
+    def __init__(self, silent_after_s: float) -> None:
         self._silent_after_ns = round(silent_after_s * NS_PER_S)
-        self._needed_parts = tuple(needed_parts)
         self.reset()
 
     def reset(self) -> None:
@@ -79,8 +82,9 @@ class Arrivals:
     def update(self, arrival: Arrival) -> Heard:
         """Store a frame of bodies as its sensor's newest, and return the newest frames of all active sensors.
 
-        A frame is rejected, with the reason and without effect, if its topology is another one or lacks a needed part,
-        if its time does not rise, or if two bodies have one tracking id. ``arrival.frame`` must be a `BodyFrame`.
+        A frame is rejected, with the reason and without effect, if its topology has no mapping to the people's
+        skeleton, if its time does not rise, or if two bodies have one tracking id. ``arrival.frame`` must be a
+        `BodyFrame`.
         """
         frame: Any = arrival.frame
         bodies = tracked_bodies(frame)
@@ -88,8 +92,8 @@ class Arrivals:
         node_changed = last is not None and last.frame.node_id != frame.node_id
         if problem := self._problem(frame, bodies, None if node_changed else last):
             return Heard(problem, frame.sensor, False, {})
-        self.topology = frame.topology
-        self._last[frame.sensor] = Sighting(frame, arrival.at_ns, bodies)
+        self.topology = SKELETON
+        self._last[frame.sensor] = Sighting(frame, arrival.at_ns, to_skeleton(bodies))
         self._now_ns = arrival.at_ns if self._now_ns is None else max(self._now_ns, arrival.at_ns)
         if last is None:
             self._last = dict(sorted(self._last.items()))
@@ -102,11 +106,8 @@ class Arrivals:
         return Heard("", frame.sensor, node_changed, newest)
 
     def _problem(self, frame: BodyFrame, bodies: Bodies, last: Sighting | None) -> str:
-        if self.topology is None:
-            if missing := [part for part in self._needed_parts if part not in frame.topology.parts]:
-                return f"topology {frame.topology.name} names no {', '.join(missing)}"
-        elif frame.topology.name != self.topology.name:
-            return f"topology {frame.topology.name}, where the first frame had {self.topology.name}"
+        if problem := mapping_problem(frame.topology):
+            return problem
         if problem := time_problem(frame, None if last is None else (last.frame.node_id, last.frame.time_ns)):
             return problem
         if len(set(bodies.ids)) != len(bodies.ids):

@@ -56,6 +56,7 @@ from mocapella.model.scene import (
 )
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SensorPose
+from mocapella.model.skeleton import SKELETON
 from mocapella.tracker.arrivals import Arrivals, Heard, Sighting
 from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.method import not_taken
@@ -67,8 +68,6 @@ from mocapella.tracker.people_bodies import PeopleBodies
 from mocapella.tracker.people_memory import PeopleMemory
 from mocapella.tracker.people_update import associate_and_fuse
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
-
-_NEEDED_PARTS: Final = ("root",)
 
 
 class DefaultTracker:
@@ -83,8 +82,8 @@ class DefaultTracker:
         sensors: tilt and height by sensor name; they override those in the sensor's frames.
 
     Attributes:
-        joint_bias: bias that is subtracted from the views of sensors with the model's topology; None subtracts none. It
-            may be replaced between two frames.
+        joint_bias: bias that is subtracted from the views of sensors with the model's topology, but not from mapped
+            ones; None subtracts none. It may be replaced between two frames.
     """
 
     joint_bias: JointBiasModel | None
@@ -101,7 +100,7 @@ class DefaultTracker:
         self._calibration = PeopleCalibration(self.settings.calibration)
         self._poses = dict(sensors or {})
         self._sensors_expected = sensors_expected
-        self._arrivals = Arrivals(self.settings.silent_after_s, _NEEDED_PARTS)
+        self._arrivals = Arrivals(self.settings.silent_after_s)
         self._jumps = Jumps(self.settings.jumps)
         self._tracks = Tracks(self.settings.tracks)
         self._arms = PeopleArms(self.settings.arms)
@@ -171,7 +170,9 @@ class DefaultTracker:
             recall(memory)  # older takes have fewer
         self._people = None
         if people is not None:
-            self._people = People(self.settings.people, people[0])
+            if people[0] is not SKELETON:
+                raise ValueError(f"people of topology {people[0].name}")
+            self._people = People(self.settings.people, SKELETON)
             self._people.restore(people[1])
         self._calibration.recall(calibration)
         self._known = self._calibration.state
@@ -228,7 +229,7 @@ class DefaultTracker:
         if heard.problem:
             return heard.problem
         if self._people is None:
-            self._people = People(self.settings.people, heard.newest[heard.sensor].frame.topology)
+            self._people = People(self.settings.people, SKELETON)
         sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
         corrections = self._corrections(sighting, self._people)
         self._calibrate(sighting, heard, corrections)
@@ -279,8 +280,8 @@ class DefaultTracker:
         """Corrections to add to the bodies' joints in the sensor's own space [m], from the state before the frame."""
         bodies, model = sighting.bodies, self.joint_bias
         T = self._T_root_sensor.get(bodies.sensor)
-        if model is None or T is None or model.topology != people.topology.name:
-            return None
+        if model is None or T is None or not sighting.frame.topology.name == model.topology == people.topology.name:
+            return None  # not of this kind of sensor: bodies of other sensors are mapped, and their bias is another one
         at_s = self._common_s(sighting)
         rows = self._tracks.rows(bodies.sensor, bodies.ids)
         return people.corrections(model, bodies, rows, T, max(self._now_s, at_s))

@@ -16,7 +16,7 @@ import numpy as np
 
 from mocapella.association.closest_pairs import HeldPairs, PersonViews
 from mocapella.association.reidentification import reidentified
-from mocapella.calibration.stand_still import NEEDED_PARTS, Calibration, StandStill, StandStillSettings
+from mocapella.calibration.stand_still import Calibration, StandStill, StandStillSettings
 from mocapella.fusion.tracked_mean import tracked_mean
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import Bodies, BodyKey
@@ -74,7 +74,7 @@ class StandStillTracker:
         sensors: Mapping[str, SensorPose] | None = None,
     ) -> None:
         self.settings = settings or StandStillTrackerSettings()
-        self._arrivals = Arrivals(self.settings.silent_after_s, NEEDED_PARTS)
+        self._arrivals = Arrivals(self.settings.silent_after_s)
         self._calibration = StandStill(self.settings, sensors_expected)
         self._views = CalibratedViews(sensors or {})
         self._pairs = HeldPairs(self.settings.max_distance_m)
@@ -215,7 +215,7 @@ class CalibratedViews:
         if bodies.ids != calibrated.ids:
             pairs = [(calibrated.ids.index(body), i) for i, body in enumerate(bodies.ids) if body in calibrated.ids]
             rows, seen = [row for row, _ in pairs], [i for _, i in pairs]
-            positions = np.full((len(calibrated.ids), len(frame.topology), 3), np.nan)
+            positions = np.full((len(calibrated.ids), len(bodies.topology), 3), np.nan)
             states = np.full(positions.shape[:2], JointState.NOT_TRACKED, dtype=np.uint8)
             positions[rows], states[rows] = bodies.positions[seen], bodies.states[seen]
         in_world = apply(calibrated.T_world_sensor, positions)

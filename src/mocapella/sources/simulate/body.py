@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError
-from mocapella.model.topology import Topology, topology
+from mocapella.model.skeleton import SKELETON, JointMapping
+from mocapella.model.topology import topology, weights_from_table
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 
-BODY = topology("kinect_v2")
+BODY = SKELETON
 """The joints of a simulated body, in the order of all arrays of this package."""
 
 JOINT = {name: i for i, name in enumerate(BODY.joints)}
@@ -96,19 +97,25 @@ def facing(positions: Float64) -> Float64:
     return np.asarray(forward / np.linalg.norm(forward, axis=-1, keepdims=True))
 
 
-def joint_selection(wanted: Topology) -> NDArray[np.int64]:
-    """Return the index (joints,) of the body's joint for each joint of a topology, to simulate a sensor with it.
+@cache
+def simulated_joints(name: str) -> JointMapping:
+    """Return where a topology's joints are on the body, to simulate a sensor with it.
+
+    Args:
+        name: name of the topology.
 
     Raises:
-        SettingsError: the topology has a joint that the body does not have.
+        SettingsError: unknown topology, or it has a joint that the body does not have.
     """
-    names: dict[str, str] = body_data()["names"].get(wanted.name, {})
-    missing = [joint for joint in wanted.joints if names.get(joint, joint) not in JOINT]
+    wanted, table = topology(name), body_data()["joints"].get(name, {})
+    missing = [joint for joint in wanted.joints if joint not in table and joint not in JOINT]
     if missing:
+        known = ", ".join((BODY.name, *body_data()["joints"]))
         raise SettingsError(
-            f"topology {wanted.name} cannot be simulated: the body has no {', '.join(missing)}; it has {BODY.joints}"
+            f"topology {name} cannot be simulated: the body has no {', '.join(missing[:3])}, …; take one of {known}"
         )
-    return np.array([JOINT[names.get(joint, joint)] for joint in wanted.joints])
+    same = {joint: joint for joint in wanted.joints if joint not in table}
+    return JointMapping.of(BODY, wanted, weights_from_table(BODY, wanted, same | table))
 
 
 @cache

@@ -20,7 +20,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.truth import Truth
 from mocapella.settings import check
-from mocapella.sources.simulate.body import ROOT, facing, joint_selection
+from mocapella.sources.simulate.body import BODY, ROOT, facing, simulated_joints
 from mocapella.sources.simulate.device import axial_noise
 from mocapella.sources.simulate.measured import Course, Errors, measured_errors
 from mocapella.sources.simulate.occlusion import hidden
@@ -124,8 +124,7 @@ class SimulatedSensor:
         self.settings = room.settings.sensors[index]
         self.topology = room.topology
         self.T_world_sensor = self.settings.T_world_sensor
-        self._select = joint_selection(self.topology)
-        self._mirror = np.array(self.topology.mirror)
+        self._joints = None if self.topology is BODY else simulated_joints(self.topology.name)
         self._bones = bone_ends(self.topology)
         self._key = np.array([room.settings.seed, index], dtype=np.uint64)
         self._bias = self._biases()
@@ -216,14 +215,16 @@ class SimulatedSensor:
             noisy, mirrored = self._as_measured(look, people, draws, self._course)
             states = np.where((draws.lost_joints < self._course.errors.data.joint_lost), JointState.NOT_TRACKED, states)
             tilt, height = tilt + self._course.tilt_error, max(0.01, height + self._course.height_error)
-        order = np.where(mirrored[:, None], self._select[self._mirror], self._select)
-        positions = noisy[np.arange(len(people))[:, None], order]
+        order = np.where(mirrored[:, None], BODY.mirror, range(len(BODY)))
+        positions, states = noisy[np.arange(len(people))[:, None], order], states[rows, order]
+        if self._joints is not None:
+            positions, states = self._joints.positions(positions), self._joints.states(states)
         frame = body_frame(
             self.name,
             self.topology,
             time_ns=settings.clock_ns(look.room_ns),
             positions=positions,
-            states=states[rows, order],
+            states=states,
             tracking_ids=held.ids,
             clipped_edges=settings.clipped_edges(look.pixels[people]),
             depth_px=settings.project(positions),
@@ -271,9 +272,9 @@ class SimulatedSensor:
             sensor=self.name,
             sequence=sequence,
             room_ns=look.room_ns,
-            topology=self.topology,
+            topology=BODY,
             people=np.arange(len(look.world)),
-            positions=look.world[:, self._select],
+            positions=look.world,
             T_world_sensor=self.T_world_sensor,
             body_people=people,
             mirrored=mirrored,

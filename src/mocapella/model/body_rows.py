@@ -1,0 +1,32 @@
+"""The rows of a file with one sensor's bodies."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.topology import Topology
+
+
+class BodyRows(msgspec.Struct, frozen=True, eq=False):
+    """The rows of a file, in its order: one body at one instant each.
+
+    Attributes:
+        source: the file.
+        topology: of the sensor.
+        first_row: number of the first row in the file, from 1.
+        time_ns: (rows,) capture times, on the sensor's clock [ns].
+        ids: (rows,) number of the body.
+        positions: (rows, joints, 3) float32, camera space: x to the sensor's left, y up, z out of the lens [m]; NaN
+            where not tracked.
+        states: (rows, joints) `JointState`.
+    """
+
+    source: str
+    topology: Topology
+    first_row: int
+    time_ns: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    positions: NDArray[np.float32]
+    states: NDArray[np.uint8]
