@@ -53,6 +53,7 @@ from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 LONGEST_STEP = 0.2
 """Longest time that one frame counts for [s]."""
@@ -201,7 +202,9 @@ def add_bodies(
 
 
 @njit(cache=True)
-def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
+def take_newest(
+    pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, turned: Bools, p: PairParameters
+) -> bool:
     """Update the pair with the newest frame of a that b's frames surround in time; return whether there was one.
 
     One step of the online calibration of two sensors: joints of b are interpolated at the capture time of the frame of
@@ -211,6 +214,7 @@ def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p
         pair: state, updated in place.
         a, b: the body's newest frames in both sensors.
         mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
+        turned: (joints,) whether sensors turn the joint towards themselves, see `pair_memory.turned_joints`.
         p: the settings.
     """
     S, body, half = pair.scalars, pair.body, p.velocity_window_s
@@ -241,7 +245,7 @@ def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p
             a.times[a.held[0] : i + 1], a.points[a.held[0] : i + 1], a.weights[a.held[0] : i + 1], a.held
         )
         _learn_clock(body, pair.T_a_b, a_frames, frames, t - half, offset, half, mirror)
-    _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, p)
+    _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, turned, p)
     return True
 
 
@@ -354,8 +358,8 @@ def _choose_labels(
 
 
 @njit(cache=True)
-def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: Int64, settings: PairParameters) -> float:
-    """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
+def _moves(v: Float64, w: Float64, labels: Int64, full_speed: float) -> float:
+    """Return how far a body walks, from 0 in place to 1 at the full speed."""
     speed_sq, used = 0.0, 0
     for j in range(len(w)):
         used += w[j] > 0.0
@@ -365,7 +369,13 @@ def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: In
             if w[j] > 0.0:
                 u += v[labels[j], k]
         speed_sq += (u / max(used, 1)) ** 2
-    moves = min(1.0, np.sqrt(speed_sq) / settings.full_speed_m_s)
+    moves: float = min(1.0, np.sqrt(speed_sq) / full_speed)
+    return moves
+
+
+@njit(cache=True)
+def _time_of_motion(body: Float64, dt: float, moves: float, settings: PairParameters) -> float:
+    """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
     stands = settings.still_fraction * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
     body[STOOD] += dt * (1.0 - moves)
     counts: float = dt * max(stands, moves)
@@ -375,7 +385,7 @@ def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: In
 @njit(cache=True)
 def _step(
     pair: PairArrays, t: float, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
-    settings: PairParameters,
+    turned: Bools, settings: PairParameters,
 ) -> None:  # fmt: skip
     """Update the estimate by one pair of frames.
 
@@ -385,7 +395,7 @@ def _step(
         p: (joints, 3) joints in a [m].
         q, v: (joints, 3) joints in b at that time, and their velocities [m], [m/s].
         w, w_mirrored: (joints,) weights with b's labels, and with mirrored ones; written over.
-        mirror: (joints,) of the topology.
+        mirror, turned: (joints,) of the topology.
         settings: the settings.
     """
     M, B, T, S, clock, body = pair.moments, pair.scatter, pair.T_a_b, pair.scalars, pair.clock, pair.body
@@ -394,7 +404,8 @@ def _step(
     dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
     body[STEP_AT] = t
     labels = _choose_labels(pair, p, q, v, w, w_mirrored, mirror, settings.label_hysteresis_m, r)
-    counts = _time_of_motion(body, dt, v, w, labels, settings)
+    moves = _moves(v, w, labels, settings.full_speed_m_s)
+    counts = _time_of_motion(body, dt, moves, settings)
     if not started:
         counts = 0.03 * settings.still_fraction
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
@@ -423,6 +434,8 @@ def _step(
     scale, floor = settings.mirrored_weight if body[MIRRORED] > 0.0 else 1.0, settings.residual_floor_m
     for j in range(joints):
         w[j] *= counts * scale / (max(r[j], floor) if started else floor)
+        if turned[j]:
+            w[j] *= moves + (1.0 - moves) * settings.turned_weight
     if started:
         _gradient(body, T, offset, p, q, v, labels, w)
         _close_block(B, S, clock, body, centre, settings.independent_after_m)

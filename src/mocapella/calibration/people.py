@@ -21,7 +21,7 @@ from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, NOT_ONE_BODY, PairCalibration, estimates
-from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.pair_memory import SensorTracks, turned_joints
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
@@ -88,6 +88,7 @@ class PeopleCalibration:
         self._floors: dict[str, FloorFromFeet] = {}
         self._poses: dict[str, SensorPose] = {}
         self._mirror = np.zeros(0, dtype=np.int64)
+        self._turned = np.zeros(0, dtype=np.bool_)
         self._pairs: dict[Pair, PairOfSensors] = {}
         self._refined: dict[str, tuple[Pair, ...]] = {}
         self._tried: dict[str, tuple[Pair, ...]] = {}
@@ -132,6 +133,7 @@ class PeopleCalibration:
         if joins:
             self._join(sensor, len(bodies.topology))
             self._mirror = np.array(bodies.topology.mirror, dtype=np.int64)
+            self._turned = turned_joints(bodies.topology)
         elif now < self._newest[sensor] - JUMPED_BACK_S:
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
@@ -250,7 +252,7 @@ class PeopleCalibration:
         for _ in range(min(len(bodies), MOST_TURNS)):
             ids = bodies[pair.turn % len(bodies)]
             pair.turn += 1
-            if pair.calibration.update(ids, a[ids[0]], b[ids[1]], self._mirror):
+            if pair.calibration.update(ids, a[ids[0]], b[ids[1]], self._mirror, self._turned):
                 pair.due = now + self.settings.pair.every_s
                 return
 
@@ -262,7 +264,7 @@ class PeopleCalibration:
         if not self._both_see(key):
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
-        pair.cold.update(a, b, self._mirror)
+        pair.cold.update(a, b, self._mirror, self._turned)
 
     def _refresh(self, now: float, people: Identities | None) -> None:
         paused = now - self._refreshed > self.settings.gone_after_s
