@@ -15,7 +15,6 @@ from mocapella.calibration.pair_calibration import (
     NO_PERSON,
     NOT_ONE_BODY,
     ON_A_LINE,
-    WALK,
     PairCalibration,
     PairSettings,
 )
@@ -135,15 +134,24 @@ def test_memory_does_not_grow() -> None:
         assert track.newest == i
 
 
-@pytest.mark.parametrize(
-    ("walkers", "problem"),
-    [({0: Walker(speed=0.0)}, WALK), ({0: Walker(speed=0.0), 1: Walker((0.8, 3.0), speed=0.0)}, WALK), ({}, NO_PERSON)],
-)
-def test_nobody_walking_is_refused_in_a_plain_sentence(walkers: dict[int, Walker], problem: str) -> None:
-    noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))
-    estimate = calibrated(*noisy, walkers, 20).estimate()
-    assert estimate.problem == problem
+def test_without_a_person_nothing_is_known() -> None:
+    estimate = calibrated(Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01), {}, 1).estimate()
+    assert estimate.problem == NO_PERSON
     assert not estimate.trusted
+
+
+@pytest.mark.parametrize("people", [1, 2])
+def test_standing_people_give_a_pose_that_is_less_certain_than_from_walking(people: int) -> None:
+    noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))
+    stand = {k: Walker((0.8 * k, 2.6 + 0.4 * k), speed=0.0) for k in range(people)}
+    walk = {k: Walker((0.8 * k, 2.6 + 0.4 * k)) for k in range(people)}
+    standing, walking = (calibrated(*noisy, crowd, 6).estimate() for crowd in (stand, walk))
+    assert standing.trusted
+    assert walking.trusted
+    metres, radians = errors(standing.T_a_b, TRUTH)
+    assert radians < 2 * standing.rotation_sd
+    assert metres < 2 * standing.position_sd + 3 * standing.rotation_sd
+    assert standing.rotation_sd > 1.5 * walking.rotation_sd
 
 
 def test_joints_on_a_line_are_refused() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
+from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.calibration.shared_people import mutually_nearest, newest_centres
 
@@ -26,8 +26,11 @@ RIVALS_FACTOR = 0.7
 """A hypothesis is accepted if its residual is at most this fraction of every rival's."""
 POSTURE_FACTOR = 0.5
 """The same while nobody has walked: bodies in place resemble each other more than bodies that walk."""
-POSTURE_S = 2.0
-"""Least duration of shared motion until bodies in place are matched by their postures, if there are several [s]."""
+POSTURE_S = 1.5
+"""Least duration of shared motion until an estimate from single postures is trusted: soon, two people who move
+independently contradict it [s]."""
+AGREED_S = 4.0
+"""The same until a motion under which most bodies agree is trusted [s]."""
 OTHER_MOTION = np.radians(60.0)
 """Rotation between two motions from which they count as different ones [rad]."""
 SWAPPED_FACTOR = 1.25
@@ -84,9 +87,12 @@ class ColdStart:
             return None
 
         def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
-            enough = self.hypotheses[key].samples_closed >= self.settings.samples_wanted
             # A flat body at rest fits both ways, so swapped labels must fit better.
-            return not enough, (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf), key
+            return (
+                not self.hypotheses[key].walked,
+                (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf),
+                key,
+            )
 
         key = min(residuals, key=cost)
         rivals = [
@@ -148,22 +154,29 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     rival: float
     labels: float
 
-    def judged(self, estimate: PairEstimate) -> PairEstimate:
+    def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
         """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
 
         In one posture, a motion with swapped labels is a rival, too, and one of other bodies is harder to exclude:
-        people resemble each other.
+        people resemble each other. If ``wary``, an estimate from single postures is not trusted at all.
         """
         if not estimate.trusted:
             return estimate
-        walked = self.pair.samples_closed >= self.pair.settings.samples_wanted
-        alike = walked or estimate.motion_s >= POSTURE_S
-        factor = RIVALS_FACTOR if walked else POSTURE_FACTOR
-        if np.isfinite(self.rival) and not (alike and estimate.residual <= factor * self.rival):
+        walked = self.pair.walked
+        if not estimate.residual <= (RIVALS_FACTOR if walked else POSTURE_FACTOR) * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
+        if not walked and (wary or estimate.motion_s < POSTURE_S):
+            return msgspec.structs.replace(estimate, problem=WALK)
         if not walked and not estimate.residual <= RIVALS_FACTOR * self.labels:
             return msgspec.structs.replace(estimate, problem=WHICH_SIDE)
         return estimate
+
+
+def settled(estimate: PairEstimate, *, walked: bool) -> PairEstimate:
+    """Return the estimate under which most bodies agree, not trusted until somebody walked or they agree for long."""
+    if estimate.trusted and not walked and estimate.motion_s < AGREED_S:
+        return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
+    return estimate
 
 
 def _turned(T: Float64, other: Float64) -> float:

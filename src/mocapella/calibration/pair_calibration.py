@@ -55,8 +55,8 @@ class PairSettings:
             noise, but each frame is used later [s].
         independent_after_m: distance that a body moves until a sensor's errors are taken as independent; larger: fewer
             samples, so people must walk farther [m].
-        samples_wanted: least number of independent samples of a trusted estimate; larger: people must walk farther
-            [samples].
+        samples_wanted: number of independent samples from which an estimate does not rest on single postures; fewer
+            ones need a clearer fit, and no contradiction shows that a sensor was moved [samples].
         position_sd_wanted_m: largest standard deviation of a trusted estimate's position, at the people; smaller:
             people must walk farther [m].
         rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation; smaller: people must walk
@@ -254,6 +254,11 @@ class PairCalibration:
     def samples_closed(self) -> int:
         """Number of completed independent samples so far, including faded ones."""
         return int(self.scalars[at.BLOCKS_CLOSED])
+
+    @property
+    def walked(self) -> bool:
+        """Whether a person has walked so far that the pose does not rest on single postures."""
+        return self.samples_closed >= self.settings.samples_wanted
 
     @property
     def residual(self) -> float:

@@ -2,7 +2,8 @@
 
 Each step plants a foot where the body will be half way through that foot's stance; it stays there until its next step.
 The pelvis is as high as both legs reach, knees follow from the two bone lengths (law of cosines), and arms swing with
-the opposite leg. Who stays in place may assume a posture (`postures`). The constants are ours, chosen to look like a strolling person.
+the opposite leg. A person who stays in place may assume a posture (`postures`). The constants are ours, chosen to look
+like a strolling person.
 """
 
 from __future__ import annotations
@@ -86,7 +87,9 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     counts = [round(leg.seconds * POSE_HZ) for leg in legs]
     spots = np.concatenate([leg.at(np.arange(n) / n) for leg, n in zip(legs, counts, strict=True)])
     poses = len(spots)
-    tracks = GaitTracks(spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros((poses, len(_DEVIATIONS))))
+    tracks = GaitTracks(
+        spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros((poses, len(_DEVIATIONS)))
+    )
     for side in (0, 1):
         tracks.ankles[:, side], tracks.yaws[:, side] = _planted(spots[:1], side, stature)[0], spots[0, 2]
     first = 0
@@ -209,7 +212,7 @@ def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, forward:
 
 @dataclass(frozen=True, eq=False)
 class _HeldArm:
-    """A held arm: its weight (poses,), and directions (poses, 3) of upper arm, forearm and, from there, of the thumb."""
+    """A held arm: its weight (poses,), and directions (poses, 3) of the upper arm, the forearm and the thumb."""
 
     weight: Float64
     upper: Float64
