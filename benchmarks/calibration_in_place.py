@@ -19,7 +19,7 @@ from mocapella.evaluation.calibration_in_place import (
 )
 from mocapella.tracker.default import DefaultTracker
 
-TIMES_S = (2.0, 5.0, 10.0, 20.0)
+TIMES_S = (2.0, 5.0, 10.0)
 SCORED_S = 10.0
 
 
@@ -29,7 +29,7 @@ def run(*, quick: bool = False) -> list[Row]:
         (exercise, run_in_place(DefaultTracker(sensors_expected=2), in_place_room(exercise, angle, seed), times_s))
         for exercise in EXERCISES
         for angle in (ANGLES_DEG[:1] if quick else ANGLES_DEG)
-        for seed in ((0,) if quick else (0, 1, 2, 3))
+        for seed in ((0,) if quick else (0, 1))
     ]
     found = sum(math.isfinite(result.calibrated_s) for _, result in runs)
     rows = [

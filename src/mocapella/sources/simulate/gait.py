@@ -226,11 +226,13 @@ def _held(yaw: Float64, side: str, weights: list[Float64]) -> list[_HeldArm]:
     up, right = np.broadcast_to(UP, ahead.shape), float(side == "Right")
     reach, lap, across, wave = weights
     angle = WAVE * np.sin(2 * np.pi * np.arange(len(yaw)) / POSE_HZ / WAVE_PERIOD_S)[:, None]
+    # From hanging to up, the forearm passes in front.
+    waving = np.cos(angle) * UP + np.sin(angle) * out + 2 * (1 - wave)[:, None] * ahead
     return [
         _HeldArm(reach, 0.97 * ahead + 0.1 * out - 0.2 * UP, 0.98 * ahead - 0.1 * UP, up),
         _HeldArm(lap, 0.45 * ahead + 0.15 * out - 0.88 * UP, 0.88 * ahead - 0.1 * out - 0.45 * UP, up),
         _HeldArm(across * right, 0.85 * ahead - 0.42 * out - 0.3 * UP, 0.95 * ahead - 0.1 * out, up),
-        _HeldArm(wave * right, 0.85 * out + 0.3 * ahead + 0.1 * UP, np.cos(angle) * UP + np.sin(angle) * out, ahead),
+        _HeldArm(wave * right, 0.85 * out + 0.3 * ahead + 0.1 * UP, waving, ahead),
     ]
 
 
