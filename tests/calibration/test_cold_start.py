@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from support.walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
 
-from mocapella.calibration.cold_start import ColdStart
-from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.cold_start import AGREED_S, POSTURE_S, WHICH_SIDE, WHO_IS_WHO, ColdStart, Likeliest, settled
+from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.shared_people import mutually_nearest
+from mocapella.calibration.time_offset import TimeOffset
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 
 T_A_B = inverse(FRONT) @ SIDE
@@ -50,6 +52,43 @@ def seen(people: Mapping[int, Walker], seconds: float = 1.0) -> tuple[ColdStart,
 
 def stands(x: float, z: float = 2.8) -> Walker:
     return Walker((x, z), speed=0.0)
+
+
+def estimated(motion_s: float, residual: float = 0.05) -> PairEstimate:
+    unknown = TimeOffset(0.0, 0.1, False)
+    return PairEstimate(T_A_B, 1e-4 * np.eye(6), 0.02, 0.03, motion_s, 1.0, residual, unknown, unknown, "")
+
+
+@pytest.mark.parametrize(
+    ("rival", "labels", "motion_s", "wary", "problem"),
+    [
+        (np.inf, np.inf, 2.0, False, ""),
+        (np.inf, 0.06, 2.0, False, WHICH_SIDE),  # the body may as well be seen from behind
+        (np.inf, 0.08, 2.0, False, ""),
+        (0.08, np.inf, 2.0, False, WHO_IS_WHO),
+        (0.11, np.inf, 2.0, False, ""),
+        (np.inf, np.inf, 0.9 * POSTURE_S, False, WALK),
+        (np.inf, np.inf, 2.0, True, WALK),
+    ],
+)
+def test_an_estimate_from_one_posture_needs_a_clear_fit(
+    rival: float, labels: float, motion_s: float, wary: bool, problem: str
+) -> None:
+    one = Likeliest(PairCalibration(), rival, labels)
+    assert one.judged(estimated(motion_s), wary=wary).problem == problem
+
+
+def test_who_has_walked_is_told_by_the_walk_and_not_by_the_posture() -> None:
+    walked = PairCalibration()
+    walked.scalars[at.BLOCKS_CLOSED] = walked.settings.samples_wanted
+    assert Likeliest(walked, 0.08, 0.05).judged(estimated(0.5), wary=True).trusted
+    assert not Likeliest(walked, 0.06, np.inf).judged(estimated(0.5)).trusted
+
+
+def test_what_most_agree_on_while_nobody_walks_is_trusted_after_a_while() -> None:
+    assert settled(estimated(0.9 * AGREED_S), walked=False).problem == WHO_IS_WHO
+    assert settled(estimated(0.9 * AGREED_S), walked=True).trusted
+    assert settled(estimated(1.1 * AGREED_S), walked=False).trusted
 
 
 def test_people_who_stand_unevenly_say_who_is_who() -> None:

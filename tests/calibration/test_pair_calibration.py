@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import (
+    BACK,
+    FRONT,
+    KINECT_V2,
+    LEFT,
+    MIRROR,
+    RATE_HZ,
+    SIDE,
+    Sensor,
+    Walker,
+    errors,
+    standing_at,
+)
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import (
@@ -18,7 +30,7 @@ from mocapella.calibration.pair_calibration import (
     PairCalibration,
     PairSettings,
 )
-from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack
+from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack, turned_joints
 from mocapella.errors import SettingsError
 from mocapella.geometry.alignment import MOMENTS, align, moments
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
@@ -152,6 +164,28 @@ def test_standing_people_give_a_pose_that_is_less_certain_than_from_walking(peop
     assert radians < 2 * standing.rotation_sd
     assert metres < 2 * standing.position_sd + 3 * standing.rotation_sd
     assert standing.rotation_sd > 1.5 * walking.rotation_sd
+
+
+def test_shoulders_turned_towards_the_sensor_hardly_turn_the_pose_of_a_person_in_place() -> None:
+    """As real sensors do with a person seen from the side; with the full weight, the pose turns with them."""
+
+    def off(weight: float) -> float:
+        pair, turned = PairCalibration(PairSettings(turned_weight=weight)), turned_joints(KINECT_V2)
+        tracks = [BodyTrack.empty(25) for _ in range(2)]
+        for i in range(90):
+            for sensor, track in ((Sensor("a", FRONT), tracks[0]), (Sensor("b", SIDE), tracks[1])):
+                bodies = sensor.see({0: Walker(speed=0.0)}, i / RATE_HZ)
+                points = bodies.positions[0].copy()
+                if sensor.name == "b":
+                    spine = rigid(np.eye(3), points[0])
+                    turn = spine @ rigid(rotation_about_y(np.radians(20.0)), np.zeros(3)) @ inverse(spine)
+                    points[turned] = apply(turn, points[turned])
+                track.add(i / RATE_HZ, points, bodies.states[0], 0.2)
+            pair.update(0, *tracks, MIRROR, turned)
+        return errors(pair.T_a_b, TRUTH)[1]
+
+    assert off(PairSettings().turned_weight) < 0.5 * off(1.0)
+    assert off(1.0) > np.radians(1.0)
 
 
 def test_joints_on_a_line_are_refused() -> None:

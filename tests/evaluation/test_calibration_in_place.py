@@ -43,7 +43,9 @@ def test_every_exercise_calibrates_within_seconds(session: tuple[str, float, int
 def test_stated_uncertainties_are_neither_too_small_nor_too_large() -> None:
     errors = [error for session in SESSIONS for error in result(*session).errors]
     assert len(errors) == len(SESSIONS)
-    assert 0.7 < normalised_error(errors) < 1.4  # five sessions: 0.8 to 1.3 is for many, `benchmarks calibration_in_place`
+    assert (
+        0.7 < normalised_error(errors) < 1.4
+    )  # five sessions: 0.8 to 1.3 is for many, `benchmarks calibration_in_place`
 
 
 def test_all_exercises_are_run() -> None:

@@ -80,7 +80,7 @@ class ColdStart:
     def likeliest(self) -> Likeliest | None:
         """Return the hypothesis with the best fit, and its best rival; None before there is data.
 
-        Hypotheses with enough samples come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
+        Hypotheses of bodies that walked come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
         """
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:

@@ -86,7 +86,9 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     forward = facings(p[fused], scene.topology)
     forward[s[fused][:, head] == JointState.NOT_TRACKED] = np.nan
     joints = join([joints, face_strokes(p[fused][:, head], forward, HEAD_RADIUS_M, each[:, head])])
-    return PartDrawing(bones, joints, halos, tuple(tags), unseen=tuple(unseen), jointless=tuple(jointless), sensors=views_from)
+    return PartDrawing(
+        bones, joints, halos, tuple(tags), unseen=tuple(unseen), jointless=tuple(jointless), sensors=views_from
+    )
 
 
 def called(person: Person) -> str:
