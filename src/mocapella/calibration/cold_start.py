@@ -24,13 +24,9 @@ Hypothesis = tuple[int, int, bool]
 
 RIVALS_FACTOR = 0.7
 """A hypothesis is accepted if its residual is at most this fraction of every rival's."""
-POSTURE_FACTOR = 0.5
-"""The same while nobody has walked: bodies in place resemble each other more than bodies that walk."""
 POSTURE_S = 1.5
 """Least duration of shared motion until an estimate from single postures is trusted: soon, two people who move
 independently contradict it [s]."""
-AGREED_S = 4.0
-"""The same until a motion under which most bodies agree is trusted [s]."""
 OTHER_MOTION = np.radians(60.0)
 """Rotation between two motions from which they count as different ones [rad]."""
 SWAPPED_FACTOR = 1.25
@@ -163,7 +159,7 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
         if not estimate.trusted:
             return estimate
         walked = self.pair.walked
-        if not estimate.residual <= (RIVALS_FACTOR if walked else POSTURE_FACTOR) * self.rival:
+        if not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
         if not walked and (wary or estimate.motion_s < POSTURE_S):
             return msgspec.structs.replace(estimate, problem=WALK)
@@ -172,11 +168,9 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
         return estimate
 
 
-def settled(estimate: PairEstimate, *, walked: bool) -> PairEstimate:
-    """Return the estimate under which most bodies agree, not trusted until somebody walked or they agree for long."""
-    if estimate.trusted and not walked and estimate.motion_s < AGREED_S:
-        return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
-    return estimate
+def unwalked(estimate: PairEstimate) -> PairEstimate:
+    """Return an estimate of which single postures are no proof, marked as not trusted: somebody has to walk."""
+    return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
 
 
 def _turned(T: Float64, other: Float64) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.cold_start import ColdStart, settled
+from mocapella.calibration.cold_start import ColdStart, unwalked
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, NOT_ONE_BODY, PairCalibration, estimates
@@ -293,14 +293,15 @@ class PeopleCalibration:
         found = [(key, pair.cold.likeliest()) for key, pair in (tried[first:] + tried[:first])[:MOST_JUDGED]]
         likeliest = [(key, one) for key, one in found if one is not None]
         for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
-            pair, estimate = self._pairs[key], one.judged(raw, wary=self._pairs[key].wary)
+            pair, (a, b) = self._pairs[key], (self._tracks[sensor].bodies for sensor in key)
+            # One posture does not tell people apart, who resemble each other.
+            estimate = one.judged(raw, wary=pair.wary or max(len(a), len(b)) > 1)
             if estimate.trusted:
                 self._believe(key, one.pair, now)
                 continue
             if pair.calibration is None:
                 pair.estimate = estimate
             if pair.calibration is None or pair.unproven:
-                a, b = (self._tracks[sensor].bodies for sensor in key)
                 agreed = pair.cold.agreed(a, b, pair.calibration)
                 if agreed is not pair.calibration:
                     pair.calibration, pair.judged_steps, pair.agreed_at = agreed, -1.0, now
@@ -316,7 +317,8 @@ class PeopleCalibration:
                     body[at.DISAGREES_SINCE] = np.nan
         news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
         for (key, pair, calibration), raw in zip(news, estimates([one[2] for one in news]), strict=True):
-            estimate = settled(raw, walked=calibration.walked) if pair.unproven else raw
+            doubted = (pair.unproven or pair.told) and not calibration.walked
+            estimate = unwalked(raw) if doubted else raw
             pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
             if pair.unproven and estimate.problem in (NOT_ONE_BODY, MIRRORED_STREAM):
                 pair.calibration, pair.matched, pair.owners = None, (), NO_OWNERS

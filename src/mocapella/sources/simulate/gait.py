@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
-from mocapella.sources.simulate.postures import RISE_S, WAVE, WAVE_PERIOD_S, Posture
+from mocapella.sources.simulate.postures import RISE_S, WAVE, WAVE_PERIOD_S, BodyPosture
 from mocapella.sources.simulate.route import STEP_S, Leg
 
 Float64 = NDArray[np.float64]
@@ -47,7 +47,7 @@ class GaitTracks:
         ankles: (poses, 2, 3) positions of the ankles in the world [m].
         yaws: (poses, 2) headings of the feet [rad].
         swings: (poses, 2) phase of a foot's swing, from 0 to below 1; 0 on the floor.
-        postures: (poses, 7) deviations from standing, the fields of `postures.Posture` from ``sink`` on.
+        postures: (poses, 7) deviations from standing, the fields of `postures.BodyPosture` from ``sink`` on.
     """
 
     spots: Float64
@@ -102,7 +102,7 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     return tracks
 
 
-def _deviation(posture: Posture, poses: int) -> Float64:
+def _deviation(posture: BodyPosture, poses: int) -> Float64:
     """Deviations from standing (poses, 7) over a leg in which the posture is assumed, perhaps repeatedly, and left."""
     at_s = np.arange(poses) / POSE_HZ
     weight = smooth_step(np.minimum(at_s, poses / POSE_HZ - at_s) / RISE_S)

@@ -14,7 +14,7 @@ RISE_S: Final = 0.8
 
 
 @dataclass(frozen=True)
-class Posture:
+class BodyPosture:
     """An exercise in place, as deviation from standing.
 
     Attributes:
@@ -38,13 +38,13 @@ class Posture:
     wave: float = 0.0
 
 
-STANDING: Final = Posture()
-POSTURES: Final[Mapping[str, Posture]] = {
-    "squat": Posture(period_s=2.4, sink=0.45, back=0.13, lean=0.6, reach=1.0),
-    "sit": Posture(sink=0.5, back=0.24, lean=0.1, lap=1.0),
-    "bend": Posture(period_s=4.0, back=0.06, lean=1.1),
-    "wave": Posture(wave=1.0),
-    "arm-across": Posture(across=1.0),
+STANDING: Final = BodyPosture()
+POSTURES: Final[Mapping[str, BodyPosture]] = {
+    "squat": BodyPosture(period_s=2.4, sink=0.45, back=0.13, lean=0.6, reach=1.0),
+    "sit": BodyPosture(sink=0.5, back=0.24, lean=0.1, lap=1.0),
+    "bend": BodyPosture(period_s=4.0, back=0.06, lean=1.1),
+    "wave": BodyPosture(wave=1.0),
+    "arm-across": BodyPosture(across=1.0),
 }
 WAVE_PERIOD_S: Final = 1.1
 """Period of a waving forearm [s]."""
@@ -52,7 +52,7 @@ WAVE: Final = math.radians(35)
 """Amplitude of a waving forearm [rad]."""
 
 
-def posture(name: str) -> Posture:
+def posture(name: str) -> BodyPosture:
     """Look up a posture of `POSTURES` by name.
 
     Raises:

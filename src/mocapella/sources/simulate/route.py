@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.sources.simulate.postures import STANDING, Posture
+from mocapella.sources.simulate.postures import STANDING, BodyPosture
 
 Float64 = NDArray[np.float64]
 Point = tuple[float, float]
@@ -52,7 +52,7 @@ class Leg:
     steps: int
     seconds: float
     centre: Point | None = None
-    posture: Posture = STANDING
+    posture: BodyPosture = STANDING
 
     def at(self, progress: Float64) -> Float64:
         """Return x, z [m] and heading [rad] (n, 3) at fractions (n,) of the leg's duration, 0 to 1."""
@@ -93,7 +93,7 @@ class Route:
         """Duration of the route so far [s]."""
         return sum(leg.seconds for leg in self.legs)
 
-    def stand(self, seconds: float, posture: Posture = STANDING) -> None:
+    def stand(self, seconds: float, posture: BodyPosture = STANDING) -> None:
         """Stay in one place for a time [s]; with a ``posture``, assume it and return to standing at the end."""
         self.legs.append(Leg(self.spot, self.spot, 0, seconds, posture=posture))
 
