@@ -165,6 +165,39 @@ def test_two_who_stand_and_are_taken_for_one_are_told_apart_once_they_walk() -> 
     assert not any("it was moved" in condition for condition in said)
 
 
+@pytest.mark.parametrize("again", [1, 3])
+def test_a_contradicted_posture_moves_no_sensor_and_is_not_believed_twice(again: int) -> None:
+    """Two stand before one sensor each; one of them then stands elsewhere, with the same tracking id or a new one."""
+    a, b = two()
+    there, elsewhere, other = (Walker(at, speed=0.0) for at in ((-0.8, 2.6), (0.4, 2.6), (0.8, 3.2)))
+    calibration = PeopleCalibration()
+    state = walks(calibration, (a, b), lambda s, t: s.see({1: there} if s is a else {2: other}, t), 4)
+    assert state.sensors["b"].trusted
+    state = walks(
+        calibration, (a, b), lambda s, t: s.see({again: elsewhere} if s is a else {2: other}, t), 8, begin=4.0
+    )
+    assert state.moved == 0
+    if again == 1:
+        assert not state.sensors["b"].trusted
+        assert "walk" in state.sensors["b"].condition
+
+
+def test_one_posture_is_not_believed_while_a_sensor_sees_several_people() -> None:
+    a, b = two()
+    both, shape = {1: Walker(speed=0.0), 2: Walker((0.8, 3.0), speed=0.0)}, np.random.default_rng(0)
+    unlike = shape.normal(size=(25, 3)) * 0.3
+
+    def see(sensor: Sensor, t: float) -> Bodies:
+        seen = sensor.see(both if sensor is a else {1: both[1]}, t)
+        if sensor is a:
+            seen.positions[1] += unlike
+        return seen
+
+    state = walks(PeopleCalibration(), (a, b), see, 4)
+    assert not state.sensors["b"].trusted
+    assert "walk" in state.sensors["b"].condition
+
+
 def test_single_postures_tie_only_sensors_that_nothing_better_ties() -> None:
     def pair(*, walked: bool) -> PairOfSensors:
         made = PairOfSensors(PairCalibration(), ColdStart())
