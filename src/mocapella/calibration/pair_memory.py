@@ -300,6 +300,6 @@ class SensorTracks:
 @cache
 def _kernels() -> Any:
     """Import the compiled kernels, and with them numba, on first use."""
-    from mocapella.calibration import pair_kernels
+    from mocapella.calibration import body_track_kernels
 
-    return pair_kernels
+    return body_track_kernels
