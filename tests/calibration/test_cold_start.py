@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -82,6 +83,15 @@ def test_who_has_walked_is_told_by_the_walk_and_not_by_the_posture() -> None:
     walked.scalars[at.BLOCKS_CLOSED] = walked.settings.samples_wanted
     assert Likeliest(walked, 0.08, 0.05).judged(estimated(0.5), wary=True).trusted
     assert not Likeliest(walked, 0.06, np.inf).judged(estimated(0.5)).trusted
+
+
+def test_with_several_people_an_estimate_from_a_walk_has_to_be_more_certain() -> None:
+    walked, sure = PairCalibration(), estimated(5.0)
+    walked.scalars[at.BLOCKS_CLOSED] = walked.settings.samples_wanted
+    unsure = msgspec.structs.replace(sure, rotation_sd=0.05)
+    assert Likeliest(walked, np.inf, np.inf).judged(unsure).trusted
+    assert Likeliest(walked, np.inf, np.inf).judged(unsure, wary=True).problem == WALK
+    assert Likeliest(walked, np.inf, np.inf).judged(sure, wary=True).trusted
 
 
 def test_what_most_agree_on_is_not_trusted_before_somebody_has_walked() -> None:

@@ -27,6 +27,11 @@ RIVALS_FACTOR = 0.7
 POSTURE_S = 1.5
 """Least duration of shared motion until an estimate from single postures is trusted: soon, two people who move
 independently contradict it [s]."""
+SEVERAL_SD_M = 0.04
+"""Largest standard deviation of a trusted estimate's position if a sensor sees several people [m]: their identities
+depend on it."""
+SEVERAL_SD = 0.03
+"""Largest standard deviation of its rotation then [rad]."""
 OTHER_MOTION = np.radians(60.0)
 """Rotation between two motions from which they count as different ones [rad]."""
 SWAPPED_FACTOR = 1.25
@@ -154,14 +159,16 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
         """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
 
         In one posture, a motion with swapped labels is a rival, too, and one of other bodies is harder to exclude:
-        people resemble each other. If ``wary``, an estimate from single postures is not trusted at all.
+        people resemble each other. If ``wary``, an estimate from single postures is not trusted at all, and
+        one from a walk has to be more certain.
         """
         if not estimate.trusted:
             return estimate
         walked = self.pair.walked
         if not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
-        if not walked and (wary or estimate.motion_s < POSTURE_S):
+        unsure = estimate.position_sd > SEVERAL_SD_M or estimate.rotation_sd > SEVERAL_SD
+        if (wary and unsure) or (not walked and (wary or estimate.motion_s < POSTURE_S)):
             return msgspec.structs.replace(estimate, problem=WALK)
         if not walked and not estimate.residual <= RIVALS_FACTOR * self.labels:
             return msgspec.structs.replace(estimate, problem=WHICH_SIDE)
