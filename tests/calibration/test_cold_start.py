@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,11 +12,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from support.walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
 
-from mocapella.calibration.cold_start import ColdStart
-from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.cold_start import POSTURE_S, WHICH_SIDE, WHO_IS_WHO, ColdStart, Likeliest, unwalked
+from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.shared_people import mutually_nearest
+from mocapella.calibration.time_offset import TimeOffset
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 
 T_A_B = inverse(FRONT) @ SIDE
@@ -50,6 +53,59 @@ def seen(people: Mapping[int, Walker], seconds: float = 1.0) -> tuple[ColdStart,
 
 def stands(x: float, z: float = 2.8) -> Walker:
     return Walker((x, z), speed=0.0)
+
+
+def estimated(motion_s: float, residual: float = 0.05) -> PairEstimate:
+    unknown = TimeOffset(0.0, 0.1, False)
+    return PairEstimate(T_A_B, 1e-4 * np.eye(6), 0.02, 0.03, motion_s, 1.0, residual, unknown, unknown, "")
+
+
+@pytest.mark.parametrize(
+    ("rival", "labels", "motion_s", "wary", "problem"),
+    [
+        (np.inf, np.inf, 2.0, False, ""),
+        (np.inf, 0.06, 2.0, False, WHICH_SIDE),  # the body may as well be seen from behind
+        (np.inf, 0.08, 2.0, False, ""),
+        (0.06, np.inf, 2.0, False, WHO_IS_WHO),
+        (np.inf, np.inf, 0.9 * POSTURE_S, False, WALK),
+        (np.inf, np.inf, 2.0, True, WALK),
+    ],
+)
+def test_an_estimate_from_one_posture_needs_a_clear_fit(
+    rival: float, labels: float, motion_s: float, wary: bool, problem: str
+) -> None:
+    one = Likeliest(PairCalibration(), rival, labels)
+    assert one.judged(estimated(motion_s), wary=wary).problem == problem
+
+
+def test_who_has_walked_is_told_by_the_walk_and_not_by_the_posture() -> None:
+    walked = PairCalibration()
+    walked.scalars[at.BLOCKS_CLOSED] = walked.settings.samples_wanted
+    assert Likeliest(walked, 0.08, 0.05).judged(estimated(0.5), wary=True).trusted
+    assert not Likeliest(walked, 0.06, np.inf).judged(estimated(0.5)).trusted
+
+
+def test_with_several_people_an_estimate_from_a_walk_has_to_be_more_certain() -> None:
+    walked, sure = PairCalibration(), estimated(5.0)
+    walked.scalars[at.BLOCKS_CLOSED] = walked.settings.samples_wanted
+    unsure = msgspec.structs.replace(sure, rotation_sd=0.05)
+    assert Likeliest(walked, np.inf, np.inf).judged(unsure).trusted
+    assert Likeliest(walked, np.inf, np.inf).judged(unsure, wary=True).problem == WALK
+    assert Likeliest(walked, np.inf, np.inf).judged(sure, wary=True).trusted
+
+
+def test_what_most_agree_on_is_not_trusted_before_somebody_has_walked() -> None:
+    """Six who stand and hide each other are matched wrongly for seconds."""
+    crowd = {k: Walker((0.7 * k - 0.7, 2.6 + 0.5 * (k % 2)), speed=0.0) for k in range(3)}
+    a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01, phase=0.011)
+    calibration = PeopleCalibration()
+    for k in range(round(3 * RATE_HZ)):
+        for sensor in (a, b):
+            bodies = sensor.see(crowd, sensor.phase + k / RATE_HZ)
+            state = calibration.update(bodies, round(1e9 * (100 + sensor.phase + k / RATE_HZ)))
+    assert not state.sensors["b"].trusted
+    assert "walk" in state.sensors["b"].condition
+    assert unwalked(estimated(9.0)).problem == WALK
 
 
 def test_people_who_stand_unevenly_say_who_is_who() -> None:

@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.walking_people import BACK, FRONT, LEFT, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
+from support.walking_people import (
+    BACK,
+    FRONT,
+    KINECT_V2,
+    LEFT,
+    MIRROR,
+    RATE_HZ,
+    SIDE,
+    Sensor,
+    Walker,
+    errors,
+    standing_at,
+)
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import (
@@ -15,11 +27,10 @@ from mocapella.calibration.pair_calibration import (
     NO_PERSON,
     NOT_ONE_BODY,
     ON_A_LINE,
-    WALK,
     PairCalibration,
     PairSettings,
 )
-from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack
+from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack, turned_joints
 from mocapella.errors import SettingsError
 from mocapella.geometry.alignment import MOMENTS, align, moments
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
@@ -135,15 +146,46 @@ def test_memory_does_not_grow() -> None:
         assert track.newest == i
 
 
-@pytest.mark.parametrize(
-    ("walkers", "problem"),
-    [({0: Walker(speed=0.0)}, WALK), ({0: Walker(speed=0.0), 1: Walker((0.8, 3.0), speed=0.0)}, WALK), ({}, NO_PERSON)],
-)
-def test_nobody_walking_is_refused_in_a_plain_sentence(walkers: dict[int, Walker], problem: str) -> None:
-    noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))
-    estimate = calibrated(*noisy, walkers, 20).estimate()
-    assert estimate.problem == problem
+def test_without_a_person_nothing_is_known() -> None:
+    estimate = calibrated(Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01), {}, 1).estimate()
+    assert estimate.problem == NO_PERSON
     assert not estimate.trusted
+
+
+@pytest.mark.parametrize("people", [1, 2])
+def test_standing_people_give_a_pose_that_is_less_certain_than_from_walking(people: int) -> None:
+    noisy = (Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01))
+    stand = {k: Walker((0.8 * k, 2.6 + 0.4 * k), speed=0.0) for k in range(people)}
+    walk = {k: Walker((0.8 * k, 2.6 + 0.4 * k)) for k in range(people)}
+    standing, walking = (calibrated(*noisy, crowd, 6).estimate() for crowd in (stand, walk))
+    assert standing.trusted
+    assert walking.trusted
+    metres, radians = errors(standing.T_a_b, TRUTH)
+    assert radians < 2 * standing.rotation_sd
+    assert metres < 2 * standing.position_sd + 3 * standing.rotation_sd
+    assert standing.rotation_sd > 1.5 * walking.rotation_sd
+
+
+def test_shoulders_turned_towards_the_sensor_hardly_turn_the_pose_of_a_person_in_place() -> None:
+    """As real sensors do with a person seen from the side; with the full weight, the pose turns with them."""
+
+    def off(weight: float) -> float:
+        pair, turned = PairCalibration(PairSettings(turned_weight=weight)), turned_joints(KINECT_V2)
+        tracks = [BodyTrack.empty(25) for _ in range(2)]
+        for i in range(90):
+            for sensor, track in ((Sensor("a", FRONT), tracks[0]), (Sensor("b", SIDE), tracks[1])):
+                bodies = sensor.see({0: Walker(speed=0.0)}, i / RATE_HZ)
+                points = bodies.positions[0].copy()
+                if sensor.name == "b":
+                    spine = rigid(np.eye(3), points[0])
+                    turn = spine @ rigid(rotation_about_y(np.radians(20.0)), np.zeros(3)) @ inverse(spine)
+                    points[turned] = apply(turn, points[turned])
+                track.add(i / RATE_HZ, points, bodies.states[0], 0.2)
+            pair.update(0, *tracks, MIRROR, turned)
+        return errors(pair.T_a_b, TRUTH)[1]
+
+    assert off(PairSettings().turned_weight) < 0.5 * off(1.0)
+    assert off(1.0) > np.radians(1.0)
 
 
 def test_joints_on_a_line_are_refused() -> None:

@@ -2,12 +2,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import msgspec
 import numpy as np
 import pytest
 from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, RATE_HZ, SIDE, Sensor, Walker, errors, standing_at
 
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.pair_calibration import PairCalibration
 from mocapella.calibration.people import PeopleCalibration, PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
+from mocapella.calibration.sensor_pair import PairOfSensors, used_pairs
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import inverse
 from mocapella.model.bodies import Bodies
@@ -143,6 +148,67 @@ def test_everybody_standing_still_is_not_enough_and_walking_then_is() -> None:
     state = walks(calibration, (a, b), {0: Walker(), 1: Walker((0.8, 3.0), phase=2.0, speed=0.5)}, 10, begin=8.0)
     assert state.sensors["b"].trusted
     assert wrong_by(state, a, b)[0] < 0.02
+
+
+def test_two_who_stand_and_are_taken_for_one_are_told_apart_once_they_walk() -> None:
+    a, b = two()
+    still = {1: Walker((-0.8, 2.6), speed=0.0)}, {2: Walker((0.8, 3.2), speed=0.0)}
+    walk = {1: Walker((-0.8, 2.6)), 2: Walker((0.8, 3.2), phase=2.0, speed=0.6)}
+    calibration, said = PeopleCalibration(), set()
+    state = walks(calibration, (a, b), lambda s, t: s.see(still[s is b], t), 4)
+    assert state.sensors["b"].trusted, "nothing speaks against it yet"
+    state = walks(
+        calibration, (a, b), walk, 14, begin=4.0, each=lambda t, state: said.update(c for c in state.conditions)
+    )
+    assert wrong_by(state, a, b)[0] < 0.03
+    assert state.moved == 0
+    assert not any("it was moved" in condition for condition in said)
+
+
+@pytest.mark.parametrize("again", [1, 3])
+def test_a_contradicted_posture_moves_no_sensor_and_is_not_believed_twice(again: int) -> None:
+    """Two stand before one sensor each; one of them then stands elsewhere, with the same tracking id or a new one."""
+    a, b = two()
+    there, elsewhere, other = (Walker(at, speed=0.0) for at in ((-0.8, 2.6), (0.4, 2.6), (0.8, 3.2)))
+    calibration = PeopleCalibration()
+    state = walks(calibration, (a, b), lambda s, t: s.see({1: there} if s is a else {2: other}, t), 4)
+    assert state.sensors["b"].trusted
+    state = walks(
+        calibration, (a, b), lambda s, t: s.see({again: elsewhere} if s is a else {2: other}, t), 8, begin=4.0
+    )
+    assert state.moved == 0
+    if again == 1:
+        assert not state.sensors["b"].trusted
+        assert "walk" in state.sensors["b"].condition
+
+
+def test_one_posture_is_not_believed_while_a_sensor_sees_several_people() -> None:
+    a, b = two()
+    both, shape = {1: Walker(speed=0.0), 2: Walker((0.8, 3.0), speed=0.0)}, np.random.default_rng(0)
+    unlike = shape.normal(size=(25, 3)) * 0.3
+
+    def see(sensor: Sensor, t: float) -> Bodies:
+        seen = sensor.see(both if sensor is a else {1: both[1]}, t)
+        if sensor is a:
+            seen.positions[1] += unlike
+        return seen
+
+    state = walks(PeopleCalibration(), (a, b), see, 4)
+    assert not state.sensors["b"].trusted
+    assert "walk" in state.sensors["b"].condition
+
+
+def test_single_postures_tie_only_sensors_that_nothing_better_ties() -> None:
+    def pair(*, walked: bool) -> PairOfSensors:
+        made = PairOfSensors(PairCalibration(), ColdStart())
+        made.calibration.scalars[at.BLOCKS_CLOSED] = 9.0 * walked
+        made.estimate = msgspec.structs.replace(PairCalibration().estimate(), problem="")
+        return made
+
+    pairs = {("a", "b"): pair(walked=True), ("b", "c"): pair(walked=True), ("a", "c"): pair(walked=False)}
+    assert used_pairs(pairs) == {("a", "b"), ("b", "c")}
+    pairs[("b", "c")] = pair(walked=False)
+    assert used_pairs(pairs) == pairs.keys()
 
 
 def test_two_sensors_in_one_place_are_told_of() -> None:

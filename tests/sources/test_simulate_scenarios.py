@@ -15,8 +15,9 @@ from mocapella.errors import SettingsError
 from mocapella.sources.simulate import Room, load_scene, scene_names
 from mocapella.sources.simulate.body import BODY, JOINT, facing
 from mocapella.sources.simulate.motion import PERIOD_NS
+from mocapella.sources.simulate.postures import STANDING, posture
 from mocapella.sources.simulate.route import Route, Spot
-from mocapella.sources.simulate.scenarios import FACING_MAIN, STILL_S, plan, scenario_names
+from mocapella.sources.simulate.scenarios import FACING_MAIN, STILL_S, plan, scenario_names, written_route
 
 FEET = [JOINT["AnkleLeft"], JOINT["AnkleRight"]]
 SECOND = 1_000_000_000
@@ -88,11 +89,44 @@ def test_knees_bend_and_arms_swing_with_the_opposite_leg() -> None:
         return np.einsum("ni,ni->n", p[going, JOINT[right]] - p[going, JOINT[left]], ahead)
 
     assert np.corrcoef(lead("AnkleRight", "AnkleLeft"), lead("HandRight", "HandLeft"))[0, 1] < -0.9
-    thigh, shank = p[:, JOINT["KneeLeft"]] - p[:, JOINT["HipLeft"]], p[:, JOINT["AnkleLeft"]] - p[:, JOINT["KneeLeft"]]
-    cos = np.einsum("ni,ni->n", thigh, shank) / np.linalg.norm(thigh, axis=1) / np.linalg.norm(shank, axis=1)
-    bend = np.degrees(np.arccos(cos))
+    bend = knee_deg(p)
     assert bend.min() < 15
     assert 40 < bend.max() < 90
+
+
+def knee_deg(p: np.ndarray) -> np.ndarray:
+    thigh, shank = p[:, JOINT["KneeLeft"]] - p[:, JOINT["HipLeft"]], p[:, JOINT["AnkleLeft"]] - p[:, JOINT["KneeLeft"]]
+    cos = np.einsum("ni,ni->n", thigh, shank) / np.linalg.norm(thigh, axis=1) / np.linalg.norm(shank, axis=1)
+    return np.degrees(np.arccos(cos))
+
+
+def test_postures_are_what_they_promise() -> None:
+    exercise = slice(round((STILL_S + 1.5) / 0.01), round((STILL_S + 11.0) / 0.01))
+    squats, sits, waves, bends = (path(name)[exercise, 0] for name in ("squats", "sit", "wave", "bend"))
+    bend = knee_deg(squats)
+    assert bend.min() < 15
+    assert bend.max() > 95
+    assert (np.diff((bend > 60).astype(int)) == 1).sum() >= 3, "again and again"
+    thigh = sits[:, JOINT["KneeLeft"]] - sits[:, JOINT["HipLeft"]]
+    assert np.abs(thigh[:, 1]).max() < 0.05
+    assert np.abs(knee_deg(sits) - 90).max() < 10
+    right, left = waves[:, JOINT["HandRight"]], waves[:, JOINT["HandLeft"]]
+    assert (right[:, 1] > waves[:, JOINT["Head"], 1] - 0.15).all()
+    assert right[:, 0].max() - right[:, 0].min() > 0.2, "to and fro"
+    assert (left[:, 1] < waves[:, JOINT["SpineBase"], 1]).all()
+    trunk = bends[:, JOINT["SpineShoulder"]] - bends[:, JOINT["SpineBase"]]
+    lean = np.degrees(np.arccos(trunk[:, 1] / np.linalg.norm(trunk, axis=1)))
+    assert lean.min() < 5
+    assert lean.max() > 50
+
+
+def test_a_route_may_have_postures_and_an_unknown_one_is_refused() -> None:
+    route = written_route((0.0, 2.8), ["stand 1", "squat 4.8", "wave 2"])
+    assert [leg.posture for leg in route.legs] == [STANDING, posture("squat"), posture("wave")]
+    with pytest.raises(SettingsError, match="squat SECONDS"):
+        written_route((0.0, 2.8), ["jump 2"])
+    with pytest.raises(SettingsError, match=r"did you mean squat\?"):
+        posture("squad")
 
 
 def test_the_square_walk_turns_a_whole_turn_and_visits_the_corners() -> None:

@@ -95,6 +95,23 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     assert tracking_title(drawing, "front").text == "Tracking · camera frame of front (never saw person 1, person 2)"
 
 
+@pytest.mark.parametrize("perspective", [FREE, "front"])
+def test_a_person_without_a_known_joint_is_named_and_the_others_are_drawn(perspective):
+    room = Room(people=2)
+    frames = room.frames(1.0)
+    scene = room.scene(1.0, frames)
+    nowhere, shown = scene.people
+    for positions, states in (
+        (np.full_like(nowhere.positions, np.nan), nowhere.states),
+        (nowhere.positions, np.full_like(nowhere.states, JointState.NOT_TRACKED)),
+    ):
+        person = msgspec.structs.replace(nowhere, positions=positions, states=states)
+        both = scene.with_parts(people=(person, shown))
+        drawing = tracking_drawing(both, perspective, *learned(both, frames))
+        assert is_fused(drawing).sum() == 24
+        assert tracking_title(drawing, perspective).text.endswith("(no joint is known of person 1)")
+
+
 def test_who_is_gone_is_forgotten():
     room = Room()
     frames = room.frames(1.0)

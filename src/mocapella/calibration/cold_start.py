@@ -14,15 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.pair_calibration import PairCalibration, PairEstimate, PairSettings
+from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.calibration.shared_people import mutually_nearest, newest_centres
 
+Float64 = NDArray[np.float64]
 Hypothesis = tuple[int, int, bool]
 """Tracking ids in a and in b, and whether left and right start swapped."""
 
 RIVALS_FACTOR = 0.7
 """A hypothesis is accepted if its residual is at most this fraction of every rival's."""
+POSTURE_S = 1.5
+"""Least duration of shared motion until an estimate from single postures is trusted: soon, two people who move
+independently contradict it [s]."""
+SEVERAL_SD_M = 0.04
+"""Largest standard deviation of a trusted estimate's position if a sensor sees several people [m]: their identities
+depend on it."""
+SEVERAL_SD = 0.03
+"""Largest standard deviation of its rotation then [rad]."""
+OTHER_MOTION = np.radians(60.0)
+"""Rotation between two motions from which they count as different ones [rad]."""
 SWAPPED_FACTOR = 1.25
 """Swapped labels must fit better by this factor."""
 TOGETHER_M = 0.35
@@ -45,12 +56,18 @@ class ColdStart:
     settings: PairSettings = field(default_factory=PairSettings)
     hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
 
-    def update(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], mirror: NDArray[np.int64]) -> None:
+    def update(
+        self,
+        a: Mapping[int, BodyTrack],
+        b: Mapping[int, BodyTrack],
+        mirror: NDArray[np.int64],
+        turned: NDArray[np.bool_] | None = None,
+    ) -> None:
         """Update the hypotheses of all pairs of bodies with their newest frames; add new bodies' ones, up to `MOST`.
 
         Args:
             a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
-            mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
+            mirror, turned: (joints,) of the topology, as in `PairCalibration.update`.
         """
         self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
         for key in ((one, other, swapped) for one in sorted(a) for other in sorted(b) for swapped in (False, True)):
@@ -59,21 +76,24 @@ class ColdStart:
             if key not in self.hypotheses:
                 self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
         for key, known in self.hypotheses.items():
-            known.update(key[:2], a[key[0]], b[key[1]], mirror)
+            known.update(key[:2], a[key[0]], b[key[1]], mirror, turned)
 
     def likeliest(self) -> Likeliest | None:
         """Return the hypothesis with the best fit, and its best rival; None before there is data.
 
-        Hypotheses with enough samples come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
+        Hypotheses of bodies that walked come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
         """
         residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
         if not residuals:
             return None
 
         def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
-            enough = self.hypotheses[key].samples_closed >= self.settings.samples_wanted
             # A flat body at rest fits both ways, so swapped labels must fit better.
-            return not enough, (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf), key
+            return (
+                not self.hypotheses[key].walked,
+                (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf),
+                key,
+            )
 
         key = min(residuals, key=cost)
         rivals = [
@@ -81,7 +101,11 @@ class ColdStart:
             for other, residual in residuals.items()
             if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
         ]
-        return Likeliest(self.hypotheses[key], min(rivals, default=np.inf))
+        best, labels = self.hypotheses[key], np.inf
+        swapped = self.hypotheses.get((*key[:2], not key[2]))
+        if swapped is not None and _turned(best.T_a_b, swapped.T_a_b) > OTHER_MOTION:
+            labels = swapped.residual
+        return Likeliest(best, min(rivals, default=np.inf), labels)
 
     def agreed(
         self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], believed: PairCalibration | None
@@ -124,16 +148,43 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         pair: its estimator.
         rival: least residual of a hypothesis that matches one of the two bodies with another one [m]; infinite if none.
+        labels: residual of the same bodies with left and right swapped [m]; infinite if it has found the same motion.
     """
 
     pair: PairCalibration
     rival: float
+    labels: float
 
-    def judged(self, estimate: PairEstimate) -> PairEstimate:
-        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well."""
-        if estimate.trusted and not estimate.residual <= RIVALS_FACTOR * self.rival:
+    def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
+        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
+
+        In one posture, a motion with swapped labels is a rival, too, and one of other bodies is harder to exclude:
+        people resemble each other. If ``wary``, an estimate from single postures is not trusted at all, and
+        one from a walk has to be more certain.
+        """
+        if not estimate.trusted:
+            return estimate
+        walked = self.pair.walked
+        if not estimate.residual <= RIVALS_FACTOR * self.rival:
             return msgspec.structs.replace(estimate, problem=WHO_IS_WHO)
+        unsure = estimate.position_sd > SEVERAL_SD_M or estimate.rotation_sd > SEVERAL_SD
+        if (wary and unsure) or (not walked and (wary or estimate.motion_s < POSTURE_S)):
+            return msgspec.structs.replace(estimate, problem=WALK)
+        if not walked and not estimate.residual <= RIVALS_FACTOR * self.labels:
+            return msgspec.structs.replace(estimate, problem=WHICH_SIDE)
         return estimate
 
 
+def unwalked(estimate: PairEstimate) -> PairEstimate:
+    """Return an estimate of which single postures are no proof, marked as not trusted: somebody has to walk."""
+    return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
+
+
+def _turned(T: Float64, other: Float64) -> float:
+    """Return the angle between two motions' rotations [rad]; NaN if one is unknown."""
+    cosine = (np.einsum("ij,ij->", T[:3, :3], other[:3, :3]) - 1) / 2
+    return float(np.arccos(np.clip(cosine, -1, 1)))
+
+
+WHICH_SIDE = "left and right are not clear yet: lift one arm, or walk a few steps"
 WHO_IS_WHO = "it is not clear yet who is who: one of you, walk a few steps alone"

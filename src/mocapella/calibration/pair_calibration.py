@@ -55,8 +55,8 @@ class PairSettings:
             noise, but each frame is used later [s].
         independent_after_m: distance that a body moves until a sensor's errors are taken as independent; larger: fewer
             samples, so people must walk farther [m].
-        samples_wanted: least number of independent samples of a trusted estimate; larger: people must walk farther
-            [samples].
+        samples_wanted: number of independent samples from which an estimate does not rest on single postures; fewer
+            ones need a clearer fit, and no contradiction shows that a sensor was moved [samples].
         position_sd_wanted_m: largest standard deviation of a trusted estimate's position, at the people; smaller:
             people must walk farther [m].
         rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation; smaller: people must walk
@@ -73,6 +73,9 @@ class PairSettings:
             add little [s].
         told_s: weight of a given initial estimate, as a duration of shared motion; larger: observations outweigh it
             later [s].
+        turned_weight: weight of shoulders, elbows and hips of a person who stays in place, relative to one who walks:
+            sensors turn them towards themselves, which averages out only when people turn; larger: less noise, and a
+            larger error of the rotation [0 to 1].
     """
 
     memory_s: float = 15.0
@@ -96,6 +99,7 @@ class PairSettings:
     moved_least_m: float = 0.1
     every_s: float = 0.05
     told_s: float = 0.03
+    turned_weight: float = 0.05
 
     def __post_init__(self) -> None:
         for name in (
@@ -104,7 +108,7 @@ class PairSettings:
             "offset_bound_wanted_s", "moved_least_m", "told_s", "offset_expected_s",
         ):  # fmt: skip
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "greater than 0")
-        for name in ("mirrored_weight", "inferred_weight", "still_fraction"):
+        for name in ("mirrored_weight", "inferred_weight", "still_fraction", "turned_weight"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         check(self.memory_growth >= 0, "memory_growth", self.memory_growth, "0 or more")
         hysteresis = self.label_hysteresis_m
@@ -203,13 +207,17 @@ class PairCalibration:
         pair.scalars[at.REFERENCE_OFFSET] = offset
         return pair
 
-    def update(self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64]) -> bool:
+    def update(
+        self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
+    ) -> bool:
         """Update the estimate with the newest frame of a body.
 
         Args:
             who: key of the pair of bodies, such as the tracking ids in a and b.
             a, b: the body's newest frames in each sensor.
             mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
+            turned: (joints,) whether sensors turn the joint towards themselves, see `pair_memory.turned_joints`; None
+                for no joint.
 
         Returns:
             Whether a frame of a was used: the newest one that b's frames surround by at least half a
@@ -219,7 +227,9 @@ class PairCalibration:
         if body is None:
             body = self.bodies[who] = new_body(mirrored=self.mirrored_at_first)
         pair = PairArrays(self.moments, self.scatter, self.T_a_b, self.scalars, self.clock, body)
-        return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, self.settings.parameters))
+        if turned is None:
+            turned = np.zeros(len(mirror), dtype=np.bool_)
+        return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, turned, self.settings.parameters))
 
     def trust(self, estimate: PairEstimate) -> None:
         """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted.
@@ -244,6 +254,11 @@ class PairCalibration:
     def samples_closed(self) -> int:
         """Number of completed independent samples so far, including faded ones."""
         return int(self.scalars[at.BLOCKS_CLOSED])
+
+    @property
+    def walked(self) -> bool:
+        """Whether a person has walked so far that the pose does not rest on single postures."""
+        return self.samples_closed >= self.settings.samples_wanted
 
     @property
     def residual(self) -> float:
@@ -309,7 +324,7 @@ def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
     samples = np.where(squares > 0, blocks * blocks / np.where(squares > 0, squares, 1.0), 0.0)
     residual = S[:, at.COST] / S[:, at.COST_WEIGHT]
     seconds, offset_sd = offset_of(K)
-    C = _covariance(H, B, M[:, 0], samples, residual, offset_sd, settings)
+    C = _covariance(H, B, M[:, 0], samples, S[:, at.MOTION], residual, offset_sd, settings)
     at_people = np.concatenate([np.broadcast_to(np.eye(3), (len(pairs), 3, 3)), -cross_matrix(
         S[:, at.CENTRE : at.CENTRE + 3] / S[:, at.COST_WEIGHT, None])], axis=-1)  # fmt: skip
     position_sd = np.sqrt(np.einsum("pij,pjk,pik->p", at_people, C, at_people))
@@ -337,10 +352,11 @@ def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
 
 
 def _covariance(  # noqa: PLR0917 - arrays over the pairs
-    H: Float64, B: Float64, W: Float64, samples: Float64, residual: Float64, offset_sd: Float64, settings: PairSettings
-) -> Float64:
+    H: Float64, B: Float64, W: Float64, samples: Float64, motion_s: Float64, residual: Float64, offset_sd: Float64,
+    settings: PairSettings,
+) -> Float64:  # fmt: skip
     """Return the covariance (pairs, 6, 6) of the twist, with the offset known to ``offset_sd`` (pairs,) [s]."""
-    samples = np.maximum(samples, 0.5)
+    samples = np.maximum(samples, 1.0)  # one posture is one sample
     error = np.maximum(residual, 0.5 * settings.residual_floor_m)
     # Scaled so that H is near the identity, because metres, radians and seconds differ in size.
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
@@ -348,16 +364,20 @@ def _covariance(  # noqa: PLR0917 - arrays over the pairs
     values, axes = np.linalg.eigh(unit[:, :, None] * H * unit[:, None, :])
     values = np.maximum(values, LEAST_EIGENVALUE)[:, None, :]
     axes_back = np.swapaxes(axes, -1, -2)
-    # Prior of the scatter: a sample is worth three joints with independent errors.
-    expected = (error**2 * W / (3 * samples))[:, None, None] * ((axes * values) @ axes_back)
+    # Prior of the scatter: a sample is worth its joints, with independent errors, once their noise has averaged out.
+    noise = 1.0 + NOISE_S / np.maximum(motion_s, 1e-3)
+    one = (error**2 * W / (3 * SAMPLE_JOINTS))[:, None, None] * ((axes * values) @ axes_back)
+    expected = (noise / samples)[:, None, None] * one
     seen = unit[:, :, None] * B * unit[:, None, :]
     half = unit[:, :, None] * ((axes / values) @ axes_back)
     n = samples[:, None, None]
-    scatter = (n * seen + PRIOR_SAMPLES * expected) / (n + PRIOR_SAMPLES)
+    scatter = (n * seen + PRIOR_SAMPLES * expected) / (n + PRIOR_SAMPLES) + one / MOST_SAMPLES
     covariance = M_ESTIMATE * half @ scatter @ np.swapaxes(half, -1, -2)
     covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
     gain = covariance[:, :, 6] / (covariance[:, 6, 6] + offset_sd**2)[:, None]
-    return np.asarray((covariance - gain[:, :, None] * covariance[:, 6, None, :])[:, :6, :6])
+    pose = (covariance - gain[:, :, None] * covariance[:, 6, None, :])[:, :6, :6]
+    common = (COMMON_PART * error) ** 2 / 3
+    return np.asarray(pose + common[:, None, None] * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
 
 
 def _problems(  # noqa: PLR0917 - likewise
@@ -365,12 +385,13 @@ def _problems(  # noqa: PLR0917 - likewise
 ) -> list[str]:
     products = centred_products(M)
     shape = np.linalg.svd(products / M[:, 0, None, None], compute_uv=False)
+    unsure = (position_sd > settings.position_sd_wanted_m) | (rotation_sd > settings.rotation_sd_wanted)
     problems = (
         (shape[:, 1] < ON_A_LINE_M**2, ON_A_LINE),
-        (samples < settings.samples_wanted, WALK),
         ((np.linalg.det(products) < 0) & (shape[:, 2] > MIRRORED_M**2), MIRRORED_STREAM),
         (residual > settings.residual_allowed_m, NOT_ONE_BODY),
-        ((position_sd > settings.position_sd_wanted_m) | (rotation_sd > settings.rotation_sd_wanted), WALK_ACROSS),
+        (unsure & (samples < settings.samples_wanted), WALK),
+        (unsure, WALK_ACROSS),
     )
     return [next((text for wrong, text in problems if wrong[i]), "") for i in range(len(M))]
 
@@ -391,6 +412,14 @@ SHIFT_TRUSTED: Final = 0.1
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
 PRIOR_SAMPLES: Final = 2.0
 """Weight of the prior of an estimate's error, in samples."""
+SAMPLE_JOINTS: Final = 25.0
+"""Number of joints with independent errors that a sample is worth."""
+MOST_SAMPLES: Final = 8.0
+"""Number of samples beyond which an estimate does not become more certain: systematic errors repeat."""
+COMMON_PART: Final = 0.3
+"""Error that all joints of a view share, a shift of the whole body, as a fraction of their mean distance."""
+NOISE_S: Final = 1.0
+"""Time after which the noise of one posture is as small as its systematic error [s]."""
 REACH_M: Final = 1.0
 """Distance from people's positions so far within which they are expected next [m]."""
 M_ESTIMATE: Final = 1.5

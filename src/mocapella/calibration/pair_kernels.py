@@ -32,7 +32,6 @@ from mocapella.calibration.pair_memory import (
     COST,
     COST_WEIGHT,
     DISAGREES_SINCE,
-    FRAMES_KEPT,
     GRADIENT,
     LAST,
     MIRRORED,
@@ -53,13 +52,12 @@ from mocapella.geometry.alignment_kernels import accumulate, align, residuals
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 LONGEST_STEP = 0.2
 """Longest time that one frame counts for [s]."""
 STANDS_FOR = 20.0
 """Upper bound of the time that standing in one spot counts, at `PairSettings.still_fraction` [s]."""
-TRACKED = 2
-"""Value of `JointState.TRACKED`."""
 FARTHEST = 0.3
 """Upper bound of residuals in the statistics [m]."""
 CLOCK_LAG = 0.1
@@ -112,96 +110,9 @@ def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Flo
 
 
 @njit(cache=True)
-def add_frame(
-    times: Float64,
-    points: Float64,
-    weights: Float64,
-    held: Int64,
-    frozen_since: Float64,
-    at: float,
-    positions: Float64,
-    states: NDArray[np.uint8],
-    inferred: float,
+def take_newest(
+    pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, turned: Bools, p: PairParameters
 ) -> bool:
-    """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`; return False if it is not newer.
-
-    Args:
-        times, points, weights, held, frozen_since: (2·kept,) [s], (2·kept, joints, 3) [m], (2·kept, joints), (2,) and
-            (1,) [s] of `pair_memory.BodyTrack`, updated.
-        at: capture time, on the common clock [s].
-        positions: (joints, 3) in the sensor's camera space [m].
-        states: (joints,) `JointState`.
-        inferred: weight of an inferred joint.
-    """
-    begin, end = held
-    if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
-        return False
-    if end == len(times):
-        for i in range(FRAMES_KEPT):
-            times[i] = times[i + FRAMES_KEPT]
-            for j in range(len(states)):
-                weights[i, j] = weights[i + FRAMES_KEPT, j]
-                for k in range(3):
-                    points[i, j, k] = points[i + FRAMES_KEPT, j, k]
-        begin, end = 0, FRAMES_KEPT
-    times[end] = at
-    seen, same = 0, end > begin
-    for j in range(len(states)):
-        x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
-        good = np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and (x != 0.0 or y != 0.0 or z != 0.0)
-        if good and states[j] > 0:
-            weights[end, j] = 1.0 if states[j] == TRACKED else inferred
-            seen += 1
-        else:
-            x, y, z, weights[end, j] = 0.0, 0.0, 0.0, 0.0
-        points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
-        for k in range(3):
-            same = same and points[end, j, k] == points[end - 1, j, k]
-    if not (same and seen > 0):
-        frozen_since[0] = np.nan
-    elif np.isnan(frozen_since[0]):
-        frozen_since[0] = at
-    held[0], held[1] = max(0, end + 1 - FRAMES_KEPT), end + 1
-    return True
-
-
-@njit(cache=True)
-def add_bodies(
-    times: Float64,
-    points: Float64,
-    weights: Float64,
-    held: Int64,
-    frozen_since: Float64,
-    slots: Int64,
-    at: float,
-    positions: Float64,
-    states: NDArray[np.uint8],
-    inferred: float,
-) -> float:
-    """Append a frame's bodies to their slots.
-
-    Args:
-        times, points, weights, held, frozen_since: the arrays of `pair_memory.BodyTrack` with a leading axis (slots,),
-            updated.
-        slots: (bodies,) slot of each body.
-        at: capture time, on the common clock [s].
-        positions: (bodies, joints, 3) in the sensor's camera space [m].
-        states: (bodies, joints) `JointState`.
-        inferred: weight of an inferred joint.
-
-    Returns:
-        The time since when all of the bodies have not changed at all [s]; NaN if one moves.
-    """
-    since = -np.inf if len(slots) else np.nan
-    for i in range(len(slots)):
-        s = slots[i]
-        add_frame(times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred)
-        since = max(since, frozen_since[s, 0]) if not np.isnan(since) and not np.isnan(frozen_since[s, 0]) else np.nan
-    return since
-
-
-@njit(cache=True)
-def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p: PairParameters) -> bool:
     """Update the pair with the newest frame of a that b's frames surround in time; return whether there was one.
 
     One step of the online calibration of two sensors: joints of b are interpolated at the capture time of the frame of
@@ -211,6 +122,7 @@ def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p
         pair: state, updated in place.
         a, b: the body's newest frames in both sensors.
         mirror: (joints,) index of each joint's counterpart on the other side, of the topology.
+        turned: (joints,) whether sensors turn the joint towards themselves, see `pair_memory.turned_joints`.
         p: the settings.
     """
     S, body, half = pair.scalars, pair.body, p.velocity_window_s
@@ -241,7 +153,7 @@ def take_newest(pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, p
             a.times[a.held[0] : i + 1], a.points[a.held[0] : i + 1], a.weights[a.held[0] : i + 1], a.held
         )
         _learn_clock(body, pair.T_a_b, a_frames, frames, t - half, offset, half, mirror)
-    _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, p)
+    _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, turned, p)
     return True
 
 
@@ -354,8 +266,8 @@ def _choose_labels(
 
 
 @njit(cache=True)
-def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: Int64, settings: PairParameters) -> float:
-    """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
+def _moves(v: Float64, w: Float64, labels: Int64, full_speed: float) -> float:
+    """Return how far a body walks, from 0 in place to 1 at the full speed."""
     speed_sq, used = 0.0, 0
     for j in range(len(w)):
         used += w[j] > 0.0
@@ -365,7 +277,13 @@ def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: In
             if w[j] > 0.0:
                 u += v[labels[j], k]
         speed_sq += (u / max(used, 1)) ** 2
-    moves = min(1.0, np.sqrt(speed_sq) / settings.full_speed_m_s)
+    moves: float = min(1.0, np.sqrt(speed_sq) / full_speed)
+    return moves
+
+
+@njit(cache=True)
+def _time_of_motion(body: Float64, dt: float, moves: float, settings: PairParameters) -> float:
+    """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
     stands = settings.still_fraction * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
     body[STOOD] += dt * (1.0 - moves)
     counts: float = dt * max(stands, moves)
@@ -375,7 +293,7 @@ def _time_of_motion(body: Float64, dt: float, v: Float64, w: Float64, labels: In
 @njit(cache=True)
 def _step(
     pair: PairArrays, t: float, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
-    settings: PairParameters,
+    turned: Bools, settings: PairParameters,
 ) -> None:  # fmt: skip
     """Update the estimate by one pair of frames.
 
@@ -385,7 +303,7 @@ def _step(
         p: (joints, 3) joints in a [m].
         q, v: (joints, 3) joints in b at that time, and their velocities [m], [m/s].
         w, w_mirrored: (joints,) weights with b's labels, and with mirrored ones; written over.
-        mirror: (joints,) of the topology.
+        mirror, turned: (joints,) of the topology.
         settings: the settings.
     """
     M, B, T, S, clock, body = pair.moments, pair.scatter, pair.T_a_b, pair.scalars, pair.clock, pair.body
@@ -394,7 +312,8 @@ def _step(
     dt = min(max(t - body[STEP_AT], 0.0), LONGEST_STEP) if body[STEP_AT] > -1e300 else 0.0
     body[STEP_AT] = t
     labels = _choose_labels(pair, p, q, v, w, w_mirrored, mirror, settings.label_hysteresis_m, r)
-    counts = _time_of_motion(body, dt, v, w, labels, settings)
+    moves = _moves(v, w, labels, settings.full_speed_m_s)
+    counts = _time_of_motion(body, dt, moves, settings)
     if not started:
         counts = 0.03 * settings.still_fraction
     mean = residuals(T, offset, p, q, v, labels, w, r) if started else 0.0
@@ -423,6 +342,8 @@ def _step(
     scale, floor = settings.mirrored_weight if body[MIRRORED] > 0.0 else 1.0, settings.residual_floor_m
     for j in range(joints):
         w[j] *= counts * scale / (max(r[j], floor) if started else floor)
+        if turned[j]:
+            w[j] *= moves + (1.0 - moves) * settings.turned_weight
     if started:
         _gradient(body, T, offset, p, q, v, labels, w)
         _close_block(B, S, clock, body, centre, settings.independent_after_m)

@@ -10,6 +10,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.model.topology import Topology
+
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
@@ -125,6 +127,20 @@ class PairParameters(NamedTuple):
     moved_factor: float
     moved_least_m: float
     every_s: float
+    turned_weight: float
+
+
+def turned_joints(topology: Topology) -> NDArray[np.bool_]:
+    """Return which joints (joints,) depth sensors turn towards themselves: shoulders, elbows and hips.
+
+    Those are the paired joints next to the spine, and the next ones of the arms.
+    """
+    paired = [mirror != joint for joint, mirror in enumerate(topology.mirror)]
+    turned = np.zeros(len(topology), dtype=np.bool_)
+    shoulders = {topology.parts.get("shoulder_left"), topology.parts.get("shoulder_right")}
+    for parent, child in topology.bones:
+        turned[child] = paired[child] and (not paired[parent] or child in shoulders or parent in shoulders)
+    return turned
 
 
 def new_body(*, mirrored: bool = False) -> Float64:
@@ -284,6 +300,6 @@ class SensorTracks:
 @cache
 def _kernels() -> Any:
     """Import the compiled kernels, and with them numba, on first use."""
-    from mocapella.calibration import pair_kernels
+    from mocapella.calibration import body_track_kernels
 
-    return pair_kernels
+    return body_track_kernels

@@ -10,18 +10,17 @@ refined with one person, in turn; one uncalibrated pair is tried; and a few time
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.cold_start import ColdStart, unwalked
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, NOT_ONE_BODY, PairCalibration, estimates
-from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.pair_memory import SensorTracks, turned_joints
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
@@ -36,7 +35,9 @@ from mocapella.calibration.sensor_pair import (
     Pair,
     PairOfSensors,
     agree_elsewhere,
+    best_pairs,
     covariance_of,
+    used_pairs,
 )
 from mocapella.calibration.shared_people import nearest_bodies, same_people
 from mocapella.conventions import NS_PER_S
@@ -88,6 +89,7 @@ class PeopleCalibration:
         self._floors: dict[str, FloorFromFeet] = {}
         self._poses: dict[str, SensorPose] = {}
         self._mirror = np.zeros(0, dtype=np.int64)
+        self._turned = np.zeros(0, dtype=np.bool_)
         self._pairs: dict[Pair, PairOfSensors] = {}
         self._refined: dict[str, tuple[Pair, ...]] = {}
         self._tried: dict[str, tuple[Pair, ...]] = {}
@@ -132,6 +134,7 @@ class PeopleCalibration:
         if joins:
             self._join(sensor, len(bodies.topology))
             self._mirror = np.array(bodies.topology.mirror, dtype=np.int64)
+            self._turned = turned_joints(bodies.topology)
         elif now < self._newest[sensor] - JUMPED_BACK_S:
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
@@ -157,15 +160,15 @@ class PeopleCalibration:
         """Names of the sensors whose poses observations of people have confirmed."""
         return frozenset(
             name
-            for key, pair in self._pairs.items()
-            if pair.trusted and not pair.told
+            for key in used_pairs(self._pairs)
+            if not self._pairs[key].told
             for name in key
             if self.state.sensors[name].trusted
         )
 
     def layout_now(self) -> SensorLayout:
         """Return the layout of the `tied` sensors, for `sensor_layout.save_layout`."""
-        tied = self.tied
+        tied, used = self.tied, used_pairs(self._pairs)
         sensors = {
             name: LayoutSensor(
                 sensor.T_world_sensor.tolist(),
@@ -178,7 +181,7 @@ class PeopleCalibration:
         pairs = [
             layout_pair(a, b, pair_quality(a, b, pair.estimate), pair.calibration)
             for (a, b), pair in sorted(self._pairs.items())
-            if pair.calibration is not None and pair.estimate is not None and pair.trusted and {a, b} <= tied
+            if pair.calibration is not None and pair.estimate is not None and (a, b) in used and {a, b} <= tied
         ]
         return SensorLayout(VERSION, self.state.floor_known, sensors, pairs)
 
@@ -250,7 +253,7 @@ class PeopleCalibration:
         for _ in range(min(len(bodies), MOST_TURNS)):
             ids = bodies[pair.turn % len(bodies)]
             pair.turn += 1
-            if pair.calibration.update(ids, a[ids[0]], b[ids[1]], self._mirror):
+            if pair.calibration.update(ids, a[ids[0]], b[ids[1]], self._mirror, self._turned):
                 pair.due = now + self.settings.pair.every_s
                 return
 
@@ -262,7 +265,7 @@ class PeopleCalibration:
         if not self._both_see(key):
             return
         a, b = (self._tracks[sensor].bodies for sensor in key)
-        pair.cold.update(a, b, self._mirror)
+        pair.cold.update(a, b, self._mirror, self._turned)
 
     def _refresh(self, now: float, people: Identities | None) -> None:
         paused = now - self._refreshed > self.settings.gone_after_s
@@ -290,14 +293,15 @@ class PeopleCalibration:
         found = [(key, pair.cold.likeliest()) for key, pair in (tried[first:] + tried[:first])[:MOST_JUDGED]]
         likeliest = [(key, one) for key, one in found if one is not None]
         for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
-            pair, estimate = self._pairs[key], one.judged(raw)
+            pair, (a, b) = self._pairs[key], (self._tracks[sensor].bodies for sensor in key)
+            # One posture does not tell people apart, who resemble each other.
+            estimate = one.judged(raw, wary=pair.wary or max(len(a), len(b)) > 1)
             if estimate.trusted:
                 self._believe(key, one.pair, now)
                 continue
             if pair.calibration is None:
                 pair.estimate = estimate
             if pair.calibration is None or pair.unproven:
-                a, b = (self._tracks[sensor].bodies for sensor in key)
                 agreed = pair.cold.agreed(a, b, pair.calibration)
                 if agreed is not pair.calibration:
                     pair.calibration, pair.judged_steps, pair.agreed_at = agreed, -1.0, now
@@ -312,7 +316,9 @@ class PeopleCalibration:
                 for body in calibration.bodies.values():  # a frozen stream disagrees, but the sensor was not moved
                     body[at.DISAGREES_SINCE] = np.nan
         news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
-        for (key, pair, calibration), estimate in zip(news, estimates([one[2] for one in news]), strict=True):
+        for (key, pair, calibration), raw in zip(news, estimates([one[2] for one in news]), strict=True):
+            doubted = (pair.unproven or pair.told) and not calibration.walked
+            estimate = unwalked(raw) if doubted else raw
             pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
             if pair.unproven and estimate.problem in (NOT_ONE_BODY, MIRRORED_STREAM):
                 pair.calibration, pair.matched, pair.owners = None, (), NO_OWNERS
@@ -350,7 +356,7 @@ class PeopleCalibration:
     def _believe(self, key: Pair, found: PairCalibration, now: float) -> None:
         """Accept a hypothesis. If it replaces a confirmed estimate, a sensor was moved."""
         pair = self._pairs[key]
-        if pair.calibration is not None and not pair.told and not pair.unproven:
+        if pair.walked and not pair.told and not pair.unproven:
             self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
         pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
         pair.shown, pair.judged_steps, pair.agreed_at = True, -1.0, now
@@ -366,7 +372,10 @@ class PeopleCalibration:
         ]
         if not disagreeing:
             return
-        moved = moved_sensors(disagreeing, self._agreeing(now), sorted(self._tracks))
+        walked = [key for key in disagreeing if self._pairs[key].walked or self._pairs[key].told]
+        for key in set(disagreeing) - set(walked):  # the estimate from single postures was wrong
+            self._pairs[key] = PairOfSensors(None, ColdStart(self.settings.pair), wary=True)
+        moved = moved_sensors(walked, self._agreeing(now), sorted(self._tracks))
         self._note_moved(moved, now)
         for key in self._pairs:
             if set(key) & set(moved):
@@ -381,8 +390,9 @@ class PeopleCalibration:
 
     def _place(self) -> None:
         names = sorted(self._tracks)
+        used = used_pairs(self._pairs)
         edges = [
-            SensorPair(*key, pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, pair.trusted)
+            SensorPair(*key, pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, key in used)
             for key, pair in self._pairs.items()
             if pair.estimate is not None and pair.told != "others" and np.isfinite(pair.estimate.T_a_b).all()
         ]
@@ -390,7 +400,7 @@ class PeopleCalibration:
         for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
         self._begin_from_others(placed)
-        self._choose_pairs(self._partners(placed, edges))
+        self._choose_pairs(best_pairs(placed, edges, self.settings.partners))
         tried = {key for keys in self._tried.values() for key in keys}
         for key, pair in self._pairs.items():
             if key not in tried:
@@ -478,20 +488,3 @@ class PeopleCalibration:
         )
         pairs = {key: pair for key, pair in self._pairs.items() if name in key}
         return faults.condition or pose_condition(name, pairs, placed)
-
-    def _partners(self, placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair]) -> frozenset[Pair] | None:
-        """Choose the pairs to refine: None (all) with few sensors, else the best ``partners`` of each sensor."""
-        if len(placed) <= self.settings.partners + 1:
-            return None
-        kept = {
-            (a, b)
-            for a, b in combinations(sorted(placed), 2)
-            if not (placed[a].trusted and placed[b].trusted and placed[a].root == placed[b].root)
-        }
-        count = dict.fromkeys(placed, 0)
-        for edge in sorted((edge for edge in edges if edge.trusted), key=lambda edge: edge.variance):
-            if min(count[edge.a], count[edge.b]) < self.settings.partners:
-                kept.add((edge.a, edge.b))
-                count[edge.a] += 1
-                count[edge.b] += 1
-        return frozenset(kept)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
+from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -47,6 +49,7 @@ class PairOfSensors:
         seen_since: capture time since when both sensors see bodies without a break [s].
         estimate: result of the last refresh with new data.
         judged_steps: number of steps that ``estimate`` includes.
+        wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
     """
 
     calibration: PairCalibration | None
@@ -62,11 +65,17 @@ class PairOfSensors:
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
     judged_steps: float = -1.0
+    wary: bool = False
 
     @property
     def unproven(self) -> bool:
         """Whether the estimate is a hypothesis with much agreement, which is refined but not used yet."""
         return self.calibration is not None and not self.shown and not self.told
+
+    @property
+    def walked(self) -> bool:
+        """Whether there is an estimate that does not rest on single postures."""
+        return self.calibration is not None and self.calibration.walked
 
     @property
     def trusted(self) -> bool:
@@ -87,6 +96,23 @@ def covariance_of(pair: PairOfSensors) -> Float64:
     return _GIVEN if pair.told == BY_LAYOUT and not pair.estimate.trusted else pair.estimate.covariance
 
 
+def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
+    """Return the pairs whose relative pose is used.
+
+    One from single postures may match two people. It is used only for sensors that nothing better connects.
+    """
+    used, groups = set[Pair](), dict[str, set[str]]()
+    trusted = [key for key, pair in pairs.items() if pair.trusted]
+    surer = {key for key in trusted if pairs[key].walked or pairs[key].told == BY_LAYOUT}
+    for one, other in sorted(surer):
+        joined = groups.get(one, {one}) | groups.get(other, {other})
+        groups.update(dict.fromkeys(joined, joined))
+    for key in trusted:
+        if key in surer or key[1] not in groups.get(key[0], ()):
+            used.add(key)
+    return frozenset(used)
+
+
 def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
     """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people.
 
@@ -95,3 +121,23 @@ def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
         agreeing: the pairs whose sensors see a body at the same position.
     """
     return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
+
+
+def best_pairs(
+    placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair], partners: int
+) -> frozenset[Pair] | None:
+    """Choose the pairs to refine: None (all) with few sensors, else the best ``partners`` of each sensor."""
+    if len(placed) <= partners + 1:
+        return None
+    kept = {
+        (a, b)
+        for a, b in combinations(sorted(placed), 2)
+        if not (placed[a].trusted and placed[b].trusted and placed[a].root == placed[b].root)
+    }
+    count = dict.fromkeys(placed, 0)
+    for edge in sorted((edge for edge in edges if edge.trusted), key=lambda edge: edge.variance):
+        if min(count[edge.a], count[edge.b]) < partners:
+            kept.add((edge.a, edge.b))
+            count[edge.a] += 1
+            count[edge.b] += 1
+    return frozenset(kept)

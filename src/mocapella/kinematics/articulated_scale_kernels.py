@@ -66,7 +66,7 @@ def follow_scale(model: BodyArrays, row: Float64, dt: float, measured: Float64, 
     if largest == 0.0:
         return 1.0
     fade = math.exp(-dt / parameters.scale_s)
-    scale = predicted_scale(row, dt, parameters.scale_s)
+    scale: float = predicted_scale(row, dt, parameters.scale_s)
     variance = fade * fade * min(row[at.SCALE_VARIANCE], largest) + (1.0 - fade * fade) * largest
     total, squares, mean, spread, bones = 0.0, 0.0, 0.0, 0.0, 0
     for j in range(model.layout.joints):

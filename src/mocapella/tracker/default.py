@@ -208,6 +208,11 @@ class DefaultTracker:
         )
 
     @property
+    def calibrated_sensors(self) -> Mapping[str, CalibratedSensor]:
+        """Poses of the sensors with covariances, by name, as calibrated from people."""
+        return self._calibration.state.sensors
+
+    @property
     def report(self) -> TrackerReport:
         """Counts of all frames so far; calibrations and restarts are not counted and always 0."""
         return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)

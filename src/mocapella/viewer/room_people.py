@@ -33,8 +33,8 @@ _OVER_HEAD: Final = np.array([0.0, 0.22, 0.0])
 def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> PartDrawing:
     """Draw people in a perspective: fused skeletons, views, faces and labels. This is a `DrawPart.draw`.
 
-    A person who cannot be placed in the perspective is not drawn, but named in the drawing's ``unseen``. Joints with a
-    large standard deviation are smaller and get a halo.
+    A person who cannot be placed in the perspective is not drawn, but named in the drawing's ``unseen``; one without a
+    known joint is named in ``jointless``. Joints with a large standard deviation are smaller and get a halo.
     """
     states: list[NDArray[np.uint8]] = []
     positions, sds, radii = [], [], []
@@ -42,7 +42,7 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     fused_colours: list[NDArray[np.uint8]] = []
     fused: list[int] = []
     tags: list[Tag] = []
-    unseen = []
+    unseen, jointless = [], []
     views_from: dict[str, Float64] = {}
     T_stage = room.T_stage_perspective
     for person in people:
@@ -50,6 +50,8 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
         if T is None:
             unseen.append(called(person))
             continue
+        if not (np.isfinite(person.positions).all(axis=-1) & (person.states != JointState.NOT_TRACKED)).any():
+            jointless.append(called(person))
         views = person.views
         fused.append(len(states))
         positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
@@ -84,7 +86,9 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     forward = facings(p[fused], scene.topology)
     forward[s[fused][:, head] == JointState.NOT_TRACKED] = np.nan
     joints = join([joints, face_strokes(p[fused][:, head], forward, HEAD_RADIUS_M, each[:, head])])
-    return PartDrawing(bones, joints, halos, tuple(tags), unseen=tuple(unseen), sensors=views_from)
+    return PartDrawing(
+        bones, joints, halos, tuple(tags), unseen=tuple(unseen), jointless=tuple(jointless), sensors=views_from
+    )
 
 
 def called(person: Person) -> str:

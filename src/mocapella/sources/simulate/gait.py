@@ -2,7 +2,8 @@
 
 Each step plants a foot where the body will be half way through that foot's stance; it stays there until its next step.
 The pelvis is as high as both legs reach, knees follow from the two bone lengths (law of cosines), and arms swing with
-the opposite leg. The constants are ours, chosen to look like a strolling person.
+the opposite leg. A person who stays in place may assume a posture (`postures`). The constants are ours, chosen to look
+like a strolling person.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
+from mocapella.sources.simulate.postures import RISE_S, WAVE, WAVE_PERIOD_S, BodyPosture
 from mocapella.sources.simulate.route import STEP_S, Leg
 
 Float64 = NDArray[np.float64]
@@ -25,12 +27,13 @@ STANCE_HALF_WIDTH = 0.055
 """Half the distance of the feet, in fractions of stature."""
 ANKLE_HEIGHT = 0.039
 STEP_HEIGHT_M = 0.07
-ARM_RISE_S = 0.8
 REACH = 0.995
 """Greatest extension of a leg, as a fraction of its length: knees are never locked."""
 PELVIS_SMOOTHING = 11
 """Number of poses over which the height of the pelvis is smoothed."""
 UP = np.array([0.0, 1.0, 0.0])
+_DEVIATIONS = ("sink", "back", "lean", "reach", "lap", "across", "wave")
+"""The fields of a posture in the order of `GaitTracks.postures`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +47,14 @@ class GaitTracks:
         ankles: (poses, 2, 3) positions of the ankles in the world [m].
         yaws: (poses, 2) headings of the feet [rad].
         swings: (poses, 2) phase of a foot's swing, from 0 to below 1; 0 on the floor.
-        across: (poses,) position of the right arm, from 0 (swings at the side) to 1 (held in front of the chest).
+        postures: (poses, 7) deviations from standing, the fields of `postures.BodyPosture` from ``sink`` on.
     """
 
     spots: Float64
     ankles: Float64
     yaws: Float64
     swings: Float64
-    across: Float64
+    postures: Float64
 
 
 def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator) -> Motion:
@@ -69,11 +72,14 @@ def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Ge
     lead = np.einsum("ni,ni->n", tracks.ankles[:, 1] - tracks.ankles[:, 0], _ahead(tracks.spots[:, 2])) / 0.5
     lead = np.clip(lead, -1, 1)
     pelvis_yaw, chest_yaw = tracks.spots[:, 2] + 0.08 * lead, tracks.spots[:, 2] - 0.1 * lead
+    sink, back, lean, *arms = tracks.postures.T
     root = _root(tracks, sway, pelvis_yaw, lengths, stature)
+    root[:, 1] -= sink * (lengths[JOINT["KneeLeft"]] + lengths[JOINT["AnkleLeft"]])
+    root -= (back * stature)[:, None] * _ahead(pelvis_yaw)
     _legs(direction, root, pelvis_yaw, tracks, lengths)
-    _trunk(direction, chest_yaw, pelvis_yaw, _speed_ahead(tracks.spots), sway)
+    _trunk(direction, chest_yaw, pelvis_yaw, 0.05 * _speed_ahead(tracks.spots) + lean, sway)
     for side, name in enumerate(SIDES):
-        _arm(direction, name, chest_yaw, lead * (1 - 2 * side), tracks.across * side)
+        _arm(direction, name, chest_yaw, lead * (1 - 2 * side), _held(chest_yaw, name, arms))
     return Motion(root, direction, lengths, body_template().radii * stature)
 
 
@@ -81,18 +87,28 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     counts = [round(leg.seconds * POSE_HZ) for leg in legs]
     spots = np.concatenate([leg.at(np.arange(n) / n) for leg, n in zip(legs, counts, strict=True)])
     poses = len(spots)
-    tracks = GaitTracks(spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros(poses))
+    tracks = GaitTracks(
+        spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros((poses, len(_DEVIATIONS)))
+    )
     for side in (0, 1):
         tracks.ankles[:, side], tracks.yaws[:, side] = _planted(spots[:1], side, stature)[0], spots[0, 2]
     first = 0
     for leg, count in zip(legs, counts, strict=True):
         for step in range(leg.steps):
             _step(tracks, leg, step, first, stature)
-        rise = np.minimum(np.arange(count), count - np.arange(count)) / POSE_HZ / ARM_RISE_S
-        tracks.across[first : first + count] = smooth_step(rise) * leg.arm_across
+        tracks.postures[first : first + count] = _deviation(leg.posture, count)
         first += count
     tracks.ankles[..., 1] += STEP_HEIGHT_M * np.sin(np.pi * tracks.swings) ** 2
     return tracks
+
+
+def _deviation(posture: BodyPosture, poses: int) -> Float64:
+    """Deviations from standing (poses, 7) over a leg in which the posture is assumed, perhaps repeatedly, and left."""
+    at_s = np.arange(poses) / POSE_HZ
+    weight = smooth_step(np.minimum(at_s, poses / POSE_HZ - at_s) / RISE_S)
+    if posture.period_s > 0:
+        weight = weight * (0.5 - 0.5 * np.cos(2 * np.pi * at_s / posture.period_s))
+    return np.asarray(weight[:, None] * [getattr(posture, name) for name in _DEVIATIONS])
 
 
 def _step(tracks: GaitTracks, leg: Leg, step: int, first: int, stature: float) -> None:
@@ -182,8 +198,9 @@ def _two_bones(reach: Float64, first: float, second: float, bend: Float64) -> tu
     return middle / first, (distance[:, None] * towards - middle) / second
 
 
-def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, speed: Float64, sway: _Sway) -> None:
-    lean = np.pi / 2 - 0.05 * speed - 0.004 * sway.ahead
+def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, forward: Float64, sway: _Sway) -> None:
+    """Write the trunk's directions; it leans ``forward`` by an angle [rad]."""
+    lean = np.pi / 2 - forward - 0.004 * sway.ahead
     direction[:, JOINT["SpineMid"]] = _pitched(_ahead(pelvis_yaw), lean)
     direction[:, JOINT["SpineShoulder"]] = _pitched(_ahead(chest_yaw), lean + 0.004 * sway.breath)
     direction[:, JOINT["Neck"]] = _pitched(_ahead(chest_yaw), lean - 0.05)
@@ -193,21 +210,49 @@ def _trunk(direction: Float64, chest_yaw: Float64, pelvis_yaw: Float64, speed: F
         direction[:, JOINT[f"Shoulder{name}"]] = normalised((1 - 2 * side) * _aside(chest_yaw) + rise)
 
 
-def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, across: Float64) -> None:
-    """Write an arm's directions: hanging, with a swing from −1 to 1, or in front of the chest, ``across`` 0 to 1."""
+@dataclass(frozen=True, eq=False)
+class _HeldArm:
+    """A held arm: its weight (poses,), and directions (poses, 3) of the upper arm, the forearm and the thumb."""
+
+    weight: Float64
+    upper: Float64
+    fore: Float64
+    thumb: Float64
+
+
+def _held(yaw: Float64, side: str, weights: list[Float64]) -> list[_HeldArm]:
+    """The postures of an arm, by the weights of both arms' ones: reach, lap, across and wave."""
+    ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
+    up, right = np.broadcast_to(UP, ahead.shape), float(side == "Right")
+    reach, lap, across, wave = weights
+    angle = WAVE * np.sin(2 * np.pi * np.arange(len(yaw)) / POSE_HZ / WAVE_PERIOD_S)[:, None]
+    # From hanging to up, the forearm passes in front.
+    waving = np.cos(angle) * UP + np.sin(angle) * out + 2 * (1 - wave)[:, None] * ahead
+    return [
+        _HeldArm(reach, 0.97 * ahead + 0.1 * out - 0.2 * UP, 0.98 * ahead - 0.1 * UP, up),
+        _HeldArm(lap, 0.45 * ahead + 0.15 * out - 0.88 * UP, 0.88 * ahead - 0.1 * out - 0.45 * UP, up),
+        _HeldArm(across * right, 0.85 * ahead - 0.42 * out - 0.3 * UP, 0.95 * ahead - 0.1 * out, up),
+        _HeldArm(wave * right, 0.85 * out + 0.3 * ahead + 0.1 * UP, waving, ahead),
+    ]
+
+
+def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, held: list[_HeldArm]) -> None:
+    """Write an arm's directions: hanging, with a swing from −1 to 1, or as ``held``."""
     ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
     angle, bend = 0.35 * swing, 0.15 + 0.2 * np.maximum(swing, 0.0)
     upper = _pitched(ahead, angle - np.pi / 2) + 0.12 * out
     fore = _pitched(ahead, angle + bend - np.pi / 2) + 0.05 * out
-    held_upper = 0.85 * ahead - 0.42 * out - 0.3 * UP
-    held_fore = 0.95 * ahead - 0.1 * out
-    w = across[:, None]
-    upper, fore = normalised((1 - w) * upper + w * held_upper), normalised((1 - w) * fore + w * held_fore)
+    hangs = 1 - np.sum([arm.weight for arm in held], axis=0)[:, None]
+    upper, fore, thumb = hangs * upper, hangs * fore, hangs * ahead
+    for arm in held:
+        w = arm.weight[:, None]
+        upper, fore, thumb = upper + w * arm.upper, fore + w * arm.fore, thumb + w * arm.thumb
+    upper, fore = normalised(upper), normalised(fore)
     direction[:, JOINT[f"Elbow{side}"]] = upper
     for joint in ("Wrist", "Hand", "HandTip"):
         direction[:, JOINT[f"{joint}{side}"]] = fore
     # The thumb points ahead on a hanging arm, and up on an arm that points ahead.
-    direction[:, JOINT[f"Thumb{side}"]] = normalised(fore + 0.66 * ((1 - w) * ahead + w * UP))
+    direction[:, JOINT[f"Thumb{side}"]] = normalised(fore + 0.66 * thumb)
 
 
 def _speed_ahead(spots: Float64) -> Float64:

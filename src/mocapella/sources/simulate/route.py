@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.sources.simulate.postures import STANDING, BodyPosture
+
 Float64 = NDArray[np.float64]
 Point = tuple[float, float]
 
@@ -42,7 +44,7 @@ class Leg:
         steps: number of steps; 0 stands still.
         seconds: duration [s].
         centre: centre of the arc (world x, z) [m]; None without an arc.
-        arm_across: whether the right arm is held in front of the chest.
+        posture: what the person does besides.
     """
 
     start: Spot
@@ -50,7 +52,7 @@ class Leg:
     steps: int
     seconds: float
     centre: Point | None = None
-    arm_across: bool = False
+    posture: BodyPosture = STANDING
 
     def at(self, progress: Float64) -> Float64:
         """Return x, z [m] and heading [rad] (n, 3) at fractions (n,) of the leg's duration, 0 to 1."""
@@ -91,9 +93,9 @@ class Route:
         """Duration of the route so far [s]."""
         return sum(leg.seconds for leg in self.legs)
 
-    def stand(self, seconds: float, *, arm_across: bool = False) -> None:
-        """Stand still for a time [s]; with ``arm_across``, hold the right arm in front of the chest."""
-        self.legs.append(Leg(self.spot, self.spot, 0, seconds, arm_across=arm_across))
+    def stand(self, seconds: float, posture: BodyPosture = STANDING) -> None:
+        """Stay in one place for a time [s]; with a ``posture``, assume it and return to standing at the end."""
+        self.legs.append(Leg(self.spot, self.spot, 0, seconds, posture=posture))
 
     def stand_until(self, seconds: float) -> None:
         """Stand still until the route has this duration [s], so that two people can begin the next leg together.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.sources.simulate.postures import POSTURES, posture
 from mocapella.sources.simulate.route import HALF_TURN_S, Point, Route, Spot
 
 STILL_S = 6.6
@@ -33,7 +34,10 @@ class Cue:
 
 WRITTEN = "route"
 """Name of the scenario for a route given in the settings."""
-_STEPS = ("stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES")
+_STEPS = (
+    "stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES",
+    *(f"{name} SECONDS" for name in POSTURES),
+)  # fmt: skip
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -69,7 +73,8 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
     Args:
         start: initial position (world x, z) [m].
         words: ``stand SECONDS``, ``go X Z`` (turn there first), ``shift X Z`` (without turning), ``turn DEGREES`` (0
-            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point).
+            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point), and
+            ``POSTURE SECONDS`` with a name of `mocapella.sources.simulate.postures.POSTURES`.
 
     Raises:
         SettingsError: there is no step, or one is invalid.
@@ -86,6 +91,8 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
         match verb, numbers:
             case "stand", [seconds] if seconds > 0:
                 route.stand(seconds)
+            case name, [seconds] if name in POSTURES and seconds > 0:
+                route.stand(seconds, POSTURES[name])
             case "go", [x, z]:
                 route.go((x, z))
             case "shift", [x, z]:
@@ -170,10 +177,30 @@ def _exchange(route: Route, cue: Cue) -> None:
         route.stand_until(arrived + HALF_TURN_S + 2.0)
 
 
+def _squats(route: Route, cue: Cue) -> None:
+    route.stand(12.0, posture("squat"))
+    route.stand(1.0)
+
+
+def _sit(route: Route, cue: Cue) -> None:
+    route.stand(12.4, posture("sit"))
+    route.stand(1.0)
+
+
+def _wave(route: Route, cue: Cue) -> None:
+    route.stand(12.4, posture("wave"))
+    route.stand(1.0)
+
+
+def _bend(route: Route, cue: Cue) -> None:
+    route.stand(12.0, posture("bend"))
+    route.stand(1.0)
+
+
 def _self_occlusion(route: Route, cue: Cue) -> None:
     """Turn the back to the main sensor, with the right arm in front of the chest."""
     route.turn(0.0)
-    route.stand(8.0, arm_across=True)
+    route.stand(8.0, posture("arm-across"))
     route.turn(FACING_MAIN)
     route.stand(1.0)
 
@@ -196,6 +223,10 @@ _SCENARIOS: dict[str, Callable[[Route, Cue], None]] = {
     "around": _around,
     "exchange": _exchange,
     "self-occlusion": _self_occlusion,
+    "squats": _squats,
+    "sit": _sit,
+    "wave": _wave,
+    "bend": _bend,
 }
 
 _ABOUT_SOMETHING = {

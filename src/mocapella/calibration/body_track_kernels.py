@@ -1,0 +1,105 @@
+"""Compiled buffers of bodies' newest frames, see `pair_memory.BodyTrack`; importing this module imports numba."""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.pair_memory import FRAMES_KEPT
+from mocapella.compiled import njit
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+TRACKED = 2
+"""Value of `JointState.TRACKED`."""
+
+
+@njit(cache=True)
+def add_frame(
+    times: Float64,
+    points: Float64,
+    weights: Float64,
+    held: Int64,
+    frozen_since: Float64,
+    at: float,
+    positions: Float64,
+    states: NDArray[np.uint8],
+    inferred: float,
+) -> bool:
+    """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`; return False if it is not newer.
+
+    Args:
+        times, points, weights, held, frozen_since: (2·kept,) [s], (2·kept, joints, 3) [m], (2·kept, joints), (2,) and
+            (1,) [s] of `pair_memory.BodyTrack`, updated.
+        at: capture time, on the common clock [s].
+        positions: (joints, 3) in the sensor's camera space [m].
+        states: (joints,) `JointState`.
+        inferred: weight of an inferred joint.
+    """
+    begin, end = held
+    if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
+        return False
+    if end == len(times):
+        for i in range(FRAMES_KEPT):
+            times[i] = times[i + FRAMES_KEPT]
+            for j in range(len(states)):
+                weights[i, j] = weights[i + FRAMES_KEPT, j]
+                for k in range(3):
+                    points[i, j, k] = points[i + FRAMES_KEPT, j, k]
+        begin, end = 0, FRAMES_KEPT
+    times[end] = at
+    seen, same = 0, end > begin
+    for j in range(len(states)):
+        x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
+        good = np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and (x != 0.0 or y != 0.0 or z != 0.0)
+        if good and states[j] > 0:
+            weights[end, j] = 1.0 if states[j] == TRACKED else inferred
+            seen += 1
+        else:
+            x, y, z, weights[end, j] = 0.0, 0.0, 0.0, 0.0
+        points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
+        for k in range(3):
+            same = same and points[end, j, k] == points[end - 1, j, k]
+    if not (same and seen > 0):
+        frozen_since[0] = np.nan
+    elif np.isnan(frozen_since[0]):
+        frozen_since[0] = at
+    held[0], held[1] = max(0, end + 1 - FRAMES_KEPT), end + 1
+    return True
+
+
+@njit(cache=True)
+def add_bodies(
+    times: Float64,
+    points: Float64,
+    weights: Float64,
+    held: Int64,
+    frozen_since: Float64,
+    slots: Int64,
+    at: float,
+    positions: Float64,
+    states: NDArray[np.uint8],
+    inferred: float,
+) -> float:
+    """Append a frame's bodies to their slots.
+
+    Args:
+        times, points, weights, held, frozen_since: the arrays of `pair_memory.BodyTrack` with a leading axis (slots,),
+            updated.
+        slots: (bodies,) slot of each body.
+        at: capture time, on the common clock [s].
+        positions: (bodies, joints, 3) in the sensor's camera space [m].
+        states: (bodies, joints) `JointState`.
+        inferred: weight of an inferred joint.
+
+    Returns:
+        The time since when all of the bodies have not changed at all [s]; NaN if one moves.
+    """
+    since = -np.inf if len(slots) else np.nan
+    for i in range(len(slots)):
+        s = slots[i]
+        add_frame(times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred)
+        since = max(since, frozen_since[s, 0]) if not np.isnan(since) and not np.isnan(frozen_since[s, 0]) else np.nan
+    return since
