@@ -11,6 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.facing_bodies import ACROSS_X, KINECT, MIRROR, Frames, frames_of
+from support.kinematic_bodies import standing
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
@@ -166,6 +167,29 @@ def test_the_facing_does_not_depend_on_the_labels_and_the_repaired_ones_hardly(s
         clear = np.isfinite(one.reported) & (np.abs((rows * off).sum(axis=1) - 0.5) > here.settings.swap_alone - 0.5)
         np.testing.assert_allclose(wrap(other.reported - one.reported)[clear], 0, atol=1e-7)
         assert (other.mirrored != one.mirrored)[clear].all()
+
+
+@pytest.mark.parametrize("degrees", [-50.0, 0.0, 35.0])
+def test_a_body_unlike_the_training_data_faces_as_its_labels_say(degrees: float) -> None:
+    """A Kinect v2 that reports 35° sees somebody who faces farther away; another sensor may mean what it reports."""
+    classifier = shipped_model().classifier
+    assert classifier is not None
+    body, yaw = standing(yaw=np.radians(degrees)), np.radians(degrees)
+    far = body.copy()
+    far[[KINECT.index(f"{name}{side}") for name in ("Knee", "Foot") for side in ("Left", "Right")]] += 0.6 * np.array(
+        (np.sin(yaw), 0.0, np.cos(yaw))
+    )
+    found = []
+    for positions, unlike in ((body, 0.0), (far, 1.0)):
+        assert classifier.unlike(view_of(positions, np.zeros(()), KINECT).features) == unlike
+        facing = FacingFilter(KINECT)
+        for k in range(60):
+            now = facing.update("front", [1], positions[None], np.zeros(1), k / 30, np.full((1, 3), np.nan))
+        assert now.unlike[0] == pytest.approx(unlike)
+        assert not now.mirrored[0]
+        found.append(abs(np.degrees(wrap(now.yaw[0]))))
+    assert found[1] == pytest.approx(abs(degrees), abs=3)
+    assert degrees == 0.0 or found[0] > abs(degrees) + 10
 
 
 @given(seeds, st.floats(0, 3), st.floats(0, 3))

@@ -53,12 +53,14 @@ class View:
         self.toward, self.reported, self.turn = np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 2))
         self.offsets = np.zeros((1, 1, 5, 3))
 
-    def face(self, joints: np.ndarray, yaw: float, sd: float = 0.3, mirrored: bool = False, speed: float = 0.0) -> None:
+    def face(  # noqa: PLR0917 - the results have as many parts
+        self, joints: np.ndarray, yaw: float, sd: float = 0.3, mirrored: bool = False, speed: float = 0.0,
+        unlike: float = 0.0,
+    ) -> None:  # fmt: skip
         reported = np.arctan2(-(joints[1] - joints[2])[2], (joints[1] - joints[2])[0]) + np.pi * mirrored
         facing = FacingResults(
-            joints[None], np.array([yaw]), np.array([sd]), np.array([mirrored]), np.array([reported]), np.zeros(1),
-            np.zeros(1),
-            np.array([[speed, 0.0, 0.0]]),
+            joints[None], np.array([yaw]), np.array([sd]), np.array([mirrored]), np.array([reported]),
+            np.array([unlike]), np.zeros(1), np.array([[speed, 0.0, 0.0]]),
         )  # fmt: skip
         kernels.turn_views(
             np.arange(1), 0, np.full(1, DT), PARAMETERS, LINES, facing, self.yaw, view_arrays(**vars(self))
@@ -91,6 +93,15 @@ def test_a_facing_that_is_not_sure_turns_nobody_and_changes_no_labels() -> None:
     view.face(body(0.5, 0.2), 1.5, sd=1.2, mirrored=True)
     assert not view.turn.any()
     assert not view.mirrored.any()
+
+
+def test_a_view_unlike_the_training_data_is_not_turned() -> None:
+    view, half, like = View(), View(), View()
+    view.face(body(0.5, 0.2), 1.0, unlike=1.0)
+    assert not view.turn.any()
+    half.face(body(0.5, 0.2), 1.0, unlike=0.5)
+    like.face(body(0.5, 0.2), 1.0)
+    np.testing.assert_allclose(2 * half.turn, like.turn)
 
 
 @pytest.mark.parametrize(("speed", "glides"), [(0.0, True), (0.09, True), (0.5, False)])
