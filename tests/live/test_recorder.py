@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from support.take_making import SECOND, frame, info, scene_bytes
 
+from mocapella.errors import RecordingError
 from mocapella.live import recorder as recorders
 from mocapella.live.record_path import ON_THE_WAY_S, RecordPath, _Contact, hear_answer
 from mocapella.live.recorder import Recorder
@@ -141,3 +142,19 @@ def test_a_node_is_asked_no_second_time_while_a_request_is_under_way(tmp_path: P
     path._ask(FRONT)
     assert link.asked == 1
     recorder.close()
+
+
+def test_an_error_as_the_take_is_closed_is_its_problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    writer = TakeWriter.create(tmp_path / "walk.mcap", info=info(), reserve_bytes=0)
+    recorder = Recorder(writer, said.append)
+    recorder.frame(FRONT, encoded(0), SECOND, 0)
+    closes = writer.close
+
+    def fails(*, interrupted: bool) -> None:
+        closes(interrupted=interrupted)
+        raise RecordingError("the disk failed")
+
+    monkeypatch.setattr(writer, "close", fails)
+    assert recorder.close().problem == "the disk failed"
+    assert said == ["RECORDING STOPPED: the disk failed"]

@@ -182,3 +182,21 @@ def test_a_packed_file_that_unpacks_to_far_more_than_a_recording_is_refused(tmp_
             file.write(((line[1] + "\n") * 1000).encode())
     with pytest.raises(InputError, match="unpacks to more than 20 times its size"):
         read_body_csv(tmp_path / "bomb.csv.gz")
+
+
+def test_rows_that_end_with_a_separator_are_read(tmp_path: Path) -> None:
+    text = azure_text(azure_rows())
+    one = read_body_csv(saved(tmp_path, text))
+    other = read_body_csv(saved(tmp_path, text.rstrip("\n").replace("\n", ";\n") + ";\n", "other.csv"))
+    np.testing.assert_array_equal(other.positions, one.positions)
+
+
+def test_rows_that_nothing_is_wrong_with_and_that_cannot_be_read_are_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_args: object, **_options: object) -> None:
+        raise ValueError
+
+    monkeypatch.setattr(np, "loadtxt", fails)
+    with pytest.raises(InputError, match="the rows cannot be read"):
+        read_body_csv(saved(tmp_path, azure_text(azure_rows())))

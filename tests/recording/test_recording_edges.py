@@ -347,3 +347,13 @@ def test_a_take_remembers_only_so_much_of_what_it_leaves_out(tmp_path: Path, mon
     take.skips = True
     assert list(take.frames()) == []
     assert len(take.skipped) == 1
+
+
+def test_a_frame_that_can_never_be_stored_counts_as_lost_also_before_the_first_number_is_agreed() -> None:
+    ledger = NodeLedger()
+    assert ledger.give_up(7)
+    assert (ledger.first, ledger.heard, ledger.lost) == (7, 8, 1)
+    ledger.receive(8)
+    assert not ledger.give_up(8)
+    ledger.commit()
+    assert (ledger.first, ledger.heard, ledger.lost) == (7, 9, 1)

@@ -83,7 +83,7 @@ class ArticulatedSettings:
     length_memory_s: float = 20.0
     scale_sd: float = 0.05
     scale_s: float = 1.0
-    stand_diffusion: float = 3e-5
+    stand_diffusion: float = 1e-5
     stand_speed: float = 0.4
     least_joints: int = 6
     lost_m: float = 0.06
