@@ -270,13 +270,6 @@ def test_knees_bend_as_far_as_a_sensor_says_whose_skeletons_change_their_size_wi
     assert errors[0] < 0.6 * errors[1]
 
 
-def test_a_sensor_that_is_quieter_than_it_states_is_followed_more_closely() -> None:
-    at_s, bodies, flexion = squatting(240)
-    seen, stated = bodies + np.random.default_rng(5).normal(0, 0.001, bodies.shape), np.full(25, 0.03**2)
-    body = ArticulatedBody(KINECT)
-    assert knee_error([body.update(x, stated, t) for t, x in zip(at_s, seen, strict=True)], flexion) < 5
-
-
 def test_bones_that_change_one_by_one_do_not_change_the_size_of_the_body() -> None:
     rng, body = np.random.default_rng(4), ArticulatedBody(KINECT)
     seen = standing() + rng.normal(0, 0.02, (90, 25, 3))

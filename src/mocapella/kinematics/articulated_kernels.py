@@ -38,10 +38,6 @@ CONTACT_HZ = 60.0
 """A foot's distance from where it stood counts as this many times itself a second, at any rate of frames [Hz]."""
 MOST_SURPRISE = 1.0
 """Largest share of one joint in the surprise."""
-QUIET = 6.0
-"""A stated variance of more than so many learnt ones is lowered to that."""
-MOST_QUIET = 4.0
-"""Largest factor by which a stated variance is lowered: a joint that a sensor guesses stays uncertain."""
 MEAN_DISTANCE = 1.6
 """Mean distance of a point with normal noise from its mean, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
@@ -250,10 +246,7 @@ def _weigh(
         s += frame.residuals[j, k] ** 2
     if step == 0 and known:
         _learn_noise(row, jumps, frame.residuals, j, -math.expm1(-dt / model.parameters.noise_s))
-    learnt, stated = row[jumps + 3], frame.variances[j] + model.joint_values[j, 11]
-    if known:  # a sensor that is quieter than it states is followed more closely
-        stated = max(min(stated, QUIET * learnt), stated / MOST_QUIET)
-    r = stated + learnt
+    r = frame.variances[j] + model.joint_values[j, 11] + row[jumps + 3]
     if step == 0 or not known:
         # Student's t about the prediction; about the estimate itself while the body is initialised.
         expected, nu = r + (variances[j] if known else FIRST_VARIANCE), model.parameters.degrees_of_freedom
