@@ -266,7 +266,7 @@ def test_knees_bend_as_far_as_a_sensor_says_whose_skeletons_change_their_size_wi
         knee_error(follow(ArticulatedBody(KINECT, ArticulatedSettings(scale_sd=sd)), at_s, seen), flexion)
         for sd in (0.05, 0.0)
     ]
-    assert errors[0] < 3
+    assert errors[0] < 4
     assert errors[0] < 0.6 * errors[1]
 
 
