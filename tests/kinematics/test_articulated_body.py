@@ -271,14 +271,14 @@ def test_knees_bend_as_far_as_a_sensor_says_whose_skeletons_change_their_size_wi
 
 
 def test_bones_that_change_one_by_one_do_not_change_the_size_of_the_body() -> None:
-    rng, body = np.random.default_rng(4), ArticulatedBody(KINECT)
+    rng, body = np.random.default_rng(4), ArticulatedBody(KINECT, ArticulatedSettings(scale_sd=0.05))
     seen = standing() + rng.normal(0, 0.02, (90, 25, 3))
     follow(body, np.arange(90) / 30, seen)
     assert abs(body.memory[0, SCALE] - 1) < 0.03
 
 
 def test_a_size_without_measurements_becomes_that_of_the_learnt_bones() -> None:
-    body = ArticulatedBody(KINECT)
+    body = ArticulatedBody(KINECT, ArticulatedSettings(scale_sd=0.05))
     truth = np.broadcast_to(standing(), (60, 25, 3))
     follow(body, np.arange(60) / 30, resized(truth, np.where(np.arange(60) < 40, 1.0, 1.08)))
     assert body.memory[0, SCALE] > 1.03

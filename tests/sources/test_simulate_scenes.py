@@ -13,6 +13,7 @@ from mocapella.sources.simulate import SimulatedSensor, build_room, load_scene, 
 
 def test_the_scenes_of_the_study_and_of_the_demo_are_there() -> None:
     wanted = {"stand", "steps", "walk", "obstacle", "around", "front-back", "exchange", "self-occlusion", "crowd"}
+    wanted |= {"squats", "sit", "wave", "bend"}
     assert set(scene_names()) == wanted
 
 

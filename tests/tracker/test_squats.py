@@ -64,5 +64,5 @@ def test_the_vertical_is_known_from_where_the_body_is_in_balance(squats: Squats,
 def test_the_knees_are_bent_as_far_as_the_sensor_sees(squats: Squats, tracked: Tracked) -> None:
     for side in ("Left", "Right"):
         seen, found = knee_flexion(squats.positions[tracked.frames], side), knee_flexion(tracked.positions, side)
-        assert np.sqrt(np.mean((found - seen) ** 2)) < 8
+        assert np.sqrt(np.mean((found - seen) ** 2)) < 10
         assert np.corrcoef(found, seen)[0, 1] > 0.95

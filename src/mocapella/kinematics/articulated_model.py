@@ -75,13 +75,13 @@ class ArticulatedSettings:
     hand_turn: float = 800.0
     velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
-    full_surprise: float = 0.25
+    full_surprise: float = 0.1
     calm: float = 1e-3
-    noise_s: float = 0.15
+    noise_s: float = 0.3
     rest_sd: float = 1.0
     degrees_of_freedom: float = 5.0
     length_memory_s: float = 20.0
-    scale_sd: float = 0.05
+    scale_sd: float = 0.0
     scale_s: float = 1.0
     stand_diffusion: float = 1e-5
     stand_speed: float = 0.4
