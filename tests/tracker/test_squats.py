@@ -12,6 +12,8 @@ from support.azure_squats import Squats, knee_flexion, read_squats
 from mocapella.geometry.rigid import inverse
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default_settings import DefaultSettings
+from mocapella.tracker.people import PeopleSettings
 
 
 class Tracked(NamedTuple):
@@ -30,7 +32,11 @@ def squats(azure_and_vicon: Path) -> Squats:
 
 @pytest.fixture(scope="module")
 def tracked(squats: Squats) -> Tracked:
-    tracker, frames, positions, swapped = DefaultTracker(), list[int](), [], 0
+    return track(squats, DefaultSettings())
+
+
+def track(squats: Squats, settings: DefaultSettings) -> Tracked:
+    tracker, frames, positions, swapped = DefaultTracker(settings), list[int](), [], 0
     for k, at_s in enumerate(squats.at_s):
         at_ns = 10**9 + round(1e9 * at_s)
         frame = body_frame(
@@ -62,7 +68,16 @@ def test_the_vertical_is_known_from_where_the_body_is_in_balance(squats: Squats,
 
 
 def test_the_knees_are_bent_as_far_as_the_sensor_sees(squats: Squats, tracked: Tracked) -> None:
+    check_knees(squats, tracked, most_deg=10)
+
+
+def test_without_a_body_model_the_knees_are_those_of_the_sensor(squats: Squats) -> None:
+    settings = DefaultSettings(people=PeopleSettings(smoothing="kalman"))
+    check_knees(squats, track(squats, settings), most_deg=3)
+
+
+def check_knees(squats: Squats, tracked: Tracked, most_deg: float) -> None:
     for side in ("Left", "Right"):
         seen, found = knee_flexion(squats.positions[tracked.frames], side), knee_flexion(tracked.positions, side)
-        assert np.sqrt(np.mean((found - seen) ** 2)) < 10
+        assert np.sqrt(np.mean((found - seen) ** 2)) < most_deg
         assert np.corrcoef(found, seen)[0, 1] > 0.95
