@@ -104,9 +104,7 @@ def demo(
     if what is What.SILHOUETTES:
         from mocapella.cli.silhouettes_demo import run_demo
 
-        for option, given in (("--record", record), ("--port", wanted_port), ("--method", named_method)):
-            if given is not None:
-                raise SettingsError(f"{option}: demo silhouettes has no bus and one method; leave it out")
+        _refuse_bus_options({"--record": record, "--port": wanted_port, "--method": named_method})
         run_demo(
             scene, seed, keys.corrupt, seconds=seconds, steady=keys.steadiness, view=view, view_port=wanted_view_port,
             no_browser=no_browser, json=json,
@@ -142,6 +140,12 @@ def demo(
             summary = finish(session.server)
         write_json(json, summary)
     exit_by(summary["recording"])
+
+
+def _refuse_bus_options(given: Mapping[str, object]) -> None:
+    for option, value in given.items():
+        if value is not None:
+            raise SettingsError(f"{option}: demo silhouettes has no bus and one method; leave it out")
 
 
 @dataclass(frozen=True)

@@ -114,14 +114,10 @@ class DefaultTracker:
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
-        self._arrivals.reset()
-        self._jumps.reset()
-        self._tracks.reset()
-        self._arms.reset()
-        self._bodies.reset()
+        for part in (self._arrivals, self._jumps, self._tracks, self._arms, self._bodies, self._calibration):
+            part.reset()
         self._shown_bodies: tuple[TrackedBody, ...] = ()
         self._shown_arms: tuple[TrackedArm, ...] = ()
-        self._calibration.reset()
         self._root = ""
         self._T_root_sensor: dict[str, Float64] = {}
         self._T_world_root = np.eye(4)
