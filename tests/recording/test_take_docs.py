@@ -16,7 +16,8 @@ PAGE = (ROOT / "docs" / "takes.md").read_text(encoding="utf-8")
 
 def test_the_table_names_every_channel_and_its_encoding() -> None:
     rows = dict(re.findall(r"^\| `(/[a-z]+)(?:/<sensor>)?` \| (\w+)", PAGE, re.MULTILINE))
-    topics = [take.FRAMES, take.SCENES, take.TRUTH, take.COMMANDS, take.STATUS, take.CLOCK, take.NODES, take.RUNS]
+    topics = [take.FRAMES, take.SCENES, take.TRUTH, take.COMMANDS, take.STATUS, take.CLOCK, take.NODES, take.EARLIER]
+    topics.append(take.RUNS)
     assert rows == {
         topic.rstrip("/"): {"json": "JSON"}.get(e := channel_format(topic, frame_bytes("front", 0)).encoding, e)
         for topic in topics

@@ -7,11 +7,12 @@ the last number that is known.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated
 
 import msgspec
 
+from mocapella.errors import InputError
 from mocapella.recording.sequences import SequenceRanges
 
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**62)]
@@ -63,6 +64,32 @@ class NodeLedger:
         self.stored = self.acknowledged = 0
         self._received = SequenceRanges()
         self._settled: SequenceRanges = self._received
+
+    @classmethod
+    def restored(cls, row: LedgerRow, agreed: bool, received: Iterable[tuple[int, int]]) -> NodeLedger:
+        """Make a ledger from its row and the ranges of received frames, all of which are on the disk.
+
+        Args:
+            row: the ledger's row.
+            agreed: whether node and server had agreed on the row's ``first``.
+            received: first and last sequence number of each range.
+
+        Raises:
+            InputError: the ranges overlap, touch, or are not in ascending order.
+        """
+        ledger = cls()
+        try:
+            ledger._received = ledger._settled = SequenceRanges.of(received)
+        except ValueError as error:
+            raise InputError(f"cannot be used: {error}", field=f"received frames of {row.sensor}") from error
+        ledger.read(row)
+        ledger.agreed = agreed
+        ledger.commit()
+        return ledger
+
+    def received(self) -> list[tuple[int, int]]:
+        """Return the first and last sequence number of each range of received frames, in ascending order."""
+        return self._received.ranges
 
     def __len__(self) -> int:
         """Number of received frames, whether on the disk or not."""

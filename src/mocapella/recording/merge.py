@@ -233,7 +233,7 @@ def _entries(parts: Sequence[Path]) -> Iterator[_Entry]:
                         file=part,
                         fix="the parts are kept as they are, and are read as one take",
                     )
-                if isinstance(event, MessageRead):
+                if isinstance(event, MessageRead) and event.topic != take.EARLIER:
                     yield _Entry(event.topic, event.data, event.log_ns, event.publish_ns, event.sequence)
                 elif isinstance(event, MetadataRead) and event.name != take.MERGED_METADATA:
                     yield _Entry(event.name, b"", values=event.values)

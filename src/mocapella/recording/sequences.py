@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 
 class SequenceRanges:
@@ -44,6 +44,27 @@ class SequenceRanges:
         copied = SequenceRanges()
         copied._firsts, copied._lasts, copied._count = [*self._firsts], [*self._lasts], self._count
         return copied
+
+    @classmethod
+    def of(cls, ranges: Iterable[tuple[int, int]]) -> SequenceRanges:
+        """Make a set from the first and last number of each range.
+
+        Raises:
+            ValueError: the ranges overlap, touch, or are not in ascending order.
+        """
+        made = cls()
+        for first, last in ranges:
+            if last < first or (made._lasts and first <= made._lasts[-1] + 1):
+                raise ValueError(f"the range from {first} to {last} is not after those before it")
+            made._firsts.append(first)
+            made._lasts.append(last)
+            made._count += last + 1 - first
+        return made
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """First and last number of each range, in ascending order."""
+        return list(zip(self._firsts, self._lasts, strict=True))
 
     def __contains__(self, number: int) -> bool:
         i = bisect_right(self._firsts, number)

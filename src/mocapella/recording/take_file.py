@@ -75,5 +75,6 @@ def channel_format(topic: str, data: bytes) -> MessageFormat:
         take.STATUS: "SessionStatus",
         take.CLOCK: "ClockProbes",
         take.NODES: "NodeLedger",
+        take.EARLIER: "TakeSoFar",
     }
     return MessageFormat("json", f"mocapella.{names[topic]}", "jsonschema", b'{"type":"object"}')

@@ -254,13 +254,22 @@ def index_take(parts: Sequence[Path]) -> TakeIndex:
         SchemaVersionError: the take was made with another message schema.
     """
     index = TakeIndex()
-    for number, path in enumerate(parts):
+    add_files(index, parts)
+    index.find_orphans()
+    index.close_accounts()
+    return index
+
+
+def add_files(index: TakeIndex, parts: Sequence[Path], first: int = 0) -> None:
+    """Add files of a take to an index, in the order of its parts; ``first`` is the index of ``parts[0]``, from 0.
+
+    Raises:
+        InputError, DamagedTakeError, SchemaVersionError: as in `index_take`.
+    """
+    for number, path in enumerate(parts, first):
         try:
             index.add_file(path, number)
         except FileNotFoundError:
             raise InputError("there is no such file", file=path, fix="name a take that is there (NAME.mcap)") from None
         except OSError as error:
             raise InputError(f"cannot be read ({error.strerror})", file=path) from error
-    index.find_orphans()
-    index.close_accounts()
-    return index

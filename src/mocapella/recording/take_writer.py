@@ -24,6 +24,7 @@ from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.take import Run, TakeInfo, TakeReport
 from mocapella.recording.take_file import TakeFile
 from mocapella.recording.take_index import TakeIndex, index_take
+from mocapella.recording.take_so_far import TakeSoFar, read_so_far
 
 MAX_ENTRY_BYTES: Final = 256 * 1024 * 1024
 """Size of the largest entry that is stored."""
@@ -54,17 +55,18 @@ class TakeWriter:
         reserve_bytes: int,
         part: int = 1,
         lock_fd: int | None = None,
-        earlier: TakeIndex | None = None,
+        earlier: TakeSoFar | None = None,
     ) -> None:
         self.path = path
         self.report: TakeReport | None = None
         self._part, self._reserve = part, reserve_bytes
-        earlier = earlier or TakeIndex()
-        self.take_id = (earlier.runs[0].info.take_id if earlier.runs else "") or info.take_id
-        self.accounts = Accounts(earlier.nodes)
-        self.scenes, self._pending_scenes = len(earlier.scenes), 0
-        self._first_ns, self._last_ns = earlier.first_ns, earlier.last_ns
-        self._next_run = earlier.runs[-1].number + 1 if earlier.runs else 0
+        so_far = earlier or TakeSoFar()
+        self.take_id = so_far.take_id or info.take_id
+        account = so_far.encode()  # before the ledgers change
+        self.accounts = Accounts(so_far.nodes)
+        self.scenes, self._pending_scenes = so_far.scenes, 0
+        self._first_ns, self._last_ns = so_far.first_ns, so_far.last_ns
+        self._next_run = so_far.next_run
         file = disk.part_path(path, part)
         self._fd = disk.create_new(file)
         self._lock_fd = lock_fd
@@ -73,6 +75,8 @@ class TakeWriter:
         self._file = TakeFile(self._fd)
         try:
             self._begin_run(info)
+            if earlier is not None:
+                self._file.add(take.EARLIER, account, info.started_ns)
             self._file.flush()
             disk.sync_folder(file.parent)
         except OSError as error:
@@ -337,16 +341,16 @@ class TakeWriter:
         return self.report
 
 
-def _earlier_parts(path: Path) -> TakeIndex:
+def _earlier_parts(path: Path) -> TakeSoFar:
     """Read an interrupted recording, and reopen it if need be; raise `TakeExistsError` if it is anything else."""
     if merge.closed(path) and not merge.reopen(path):
         merge.remove_leftovers(path)
         raise disk.name_taken(path)
     with path.open("rb") as file:
         start = file.read(len(MAGIC))
-    index = index_take(disk.parts_of(path))
+    so_far = read_so_far(disk.parts_of(path))
     if not MAGIC.startswith(start):
         raise disk.name_taken(path, "it exists and is no take")
-    if index.first_ns is not None and not index.runs:
+    if so_far.first_ns is not None and not so_far.next_run:
         raise disk.name_taken(path, "it exists and is no take that can be gone on with")
-    return index
+    return so_far
