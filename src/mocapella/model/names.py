@@ -26,10 +26,11 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def as_cell(text: str) -> str:
-    """Return a text as a table cell: with an apostrophe before ``=+-@``, so that no spreadsheet evaluates it."""
+    """Return a text as a table cell: with an apostrophe before if it begins with ``=+-@'``, so that no spreadsheet
+    evaluates it."""
     return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
 
 
 def of_cell(text: str) -> str:
-    """Return the original text of a table cell, without the apostrophe that `as_cell` puts before formulas."""
+    """Return the text from which `as_cell` made a table cell, without the apostrophe."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text
