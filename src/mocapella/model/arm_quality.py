@@ -48,8 +48,8 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         noise_m: (8,) root mean square distance of each of `mocapella.model.arms.ARM_JOINTS` from its mean position,
-            over the last seconds in which an arm was still [m]; NaN before the first.
-        noise_whole_m: (8,) the same over all of the session in which an arm was still [m].
+            over the last seconds when an arm was still [m]; NaN before the first.
+        noise_whole_m: (8,) the same over all still seconds of the session [m].
         still: whether an arm is still now.
         per_minute: misdetections of joints per minute of a seen arm, over the last minute; NaN if seen for under 1 s.
         lately: misdetections of the last minute.

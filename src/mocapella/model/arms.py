@@ -34,7 +34,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         id: constant for as long as the camera's detector tracks the arm.
         left: whether it is a left arm.
-        left_sure: probability that ``left`` is right, from 0.5 (a guess) to 1.
+        left_sure: probability that ``left`` is correct, from 0.5 (a guess) to 1.
         points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.

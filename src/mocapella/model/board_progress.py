@@ -59,7 +59,7 @@ class BoardProgress(msgspec.Struct, frozen=True):
         hints: next actions, the most urgent first.
         problem: why it failed; empty if it did not.
         quality: quality of the calibrated rig; None before it is calibrated.
-        file: name of the file to which the rig was saved, or a free name proposed for it.
+        file: name of the saved rig's file, or before that a free name proposed for it.
         busy: the long operation in progress; empty if there is none.
         saved, used: whether the rig was saved, and whether the server tracks with it.
         has_rig: whether the session's method is one that needs a rig, so that it has one already.

@@ -1,6 +1,6 @@
 """A person's body at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
-The surface is a smooth union of tapered limbs (implicit surface), from which meshes are triangulated.
+The surface is an implicit one, a smooth union of tapered limbs; meshes are triangulated from it.
 
 `mocapella.model.body_meshes` defines the rest pose.
 """

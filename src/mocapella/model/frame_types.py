@@ -48,8 +48,8 @@ class FrameType:
         shown: text of the sensor table where nothing is counted; the name if omitted.
         hint: other uses of such frames, for the message that no method accepts them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
-        resolver: ``module:name`` of a class whose ``resolve`` loads the data to which a frame in a take only refers,
-            such as a video's image; may be empty.
+        resolver: ``module:name`` of a class whose ``resolve`` loads data that a take only references, such as an image
+            in a video file; may be empty.
         pictures: whether a node of this type answers requests for its camera's image.
         depth_images: whether a frame is a depth image: it has ``depth``, ``size_px``, ``unit_m`` and ``lens``, like
             `mocapella.model.depth.DepthFrame`, so that readers of depth images accept it in takes.

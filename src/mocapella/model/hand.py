@@ -65,7 +65,7 @@ class Digit:
     Attributes:
         base: position of its first joint: x over the hand's breadth, y and z over its length.
         bone: direction of the straight digit at angles 0.
-        bends_towards: direction in which the tip moves in flexion; made perpendicular to ``bone``.
+        bends_towards: direction of the tip's motion in flexion; made perpendicular to ``bone``.
         lengths: of its three bones, from the base outwards, over hand length.
         centre_deg: flexion and abduction at the centre of the ellipse that limits the first joint [deg].
         flexion_deg, abduction_deg: least and most of both on that ellipse [deg]; flexion may begin at the centre (half
@@ -75,7 +75,7 @@ class Digit:
         natural_deg: flexion and abduction of the first joint, and flexion of the second, of a hand at rest [deg].
 
     Raises:
-        SettingsError: a value is out of range, or limits are not those of such an ellipse.
+        SettingsError: a value is out of range, or limits do not fit such an ellipse.
     """
 
     base: tuple[float, float, float]
@@ -213,7 +213,7 @@ class HandModel:
         return np.asarray(ok)
 
     def limited(self, angles: Float64) -> Float64:
-        """Return angles clamped to the limits; values that are not finite become those of `natural`.
+        """Return angles clamped to the limits; values that are not finite become `natural`.
 
         A first joint beyond its ellipse moves towards the ellipse's centre. A coupled third joint follows its second.
         ``angles`` is not changed.

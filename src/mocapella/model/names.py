@@ -32,5 +32,5 @@ def as_cell(text: str) -> str:
 
 
 def of_cell(text: str) -> str:
-    """Return the text from which `as_cell` made a table cell, without the apostrophe."""
+    """Invert `as_cell`: return a table cell's text without the apostrophe that `as_cell` puts before it."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text

@@ -17,7 +17,7 @@ UNKNOWN_S: Final = 2.0
 _LONGEST_S: Final = 20.0
 """Longest time without a frame after which a slow sensor is silent [s]."""
 _INTERVALS: Final = 5
-"""Number of intervals of which the usual one is the median."""
+"""Number of the last intervals whose median is the usual one."""
 
 
 class Pace:

@@ -24,7 +24,7 @@ SKELETON: Final = topology("kinect_v2")
 
 
 class JointMapping(NamedTuple):
-    """How a topology's joints determine those of another one, the target.
+    """How a topology's joints determine the joints of another one, the target.
 
     Attributes:
         weights: (targets, joints) weight of each joint in each target; a row sums to 1, or is 0 without contributors.
@@ -38,7 +38,7 @@ class JointMapping(NamedTuple):
 
     @classmethod
     def of(cls, own: Topology, target: Topology, table: Weights) -> JointMapping:
-        """Return the mapping from the joints of ``own`` to those of ``target``, from a table of `Topology.mappings`."""
+        """Return the mapping from the joints of ``own`` to ``target``'s, by a table of `Topology.mappings`."""
         weights = np.zeros((len(target), len(own)))
         for joint, terms in table.items():
             for contributor, weight in terms.items():
