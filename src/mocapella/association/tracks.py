@@ -46,8 +46,8 @@ class TrackSettings:
             ``same_after_s`` [m].
         same_after_s: time for which two tracks must stay within ``same_within_m`` before they are merged [s].
         by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known [s].
-        size_after_s: while a person of known lengths is missing, a new one is reported after this time, or recognised
-            as the missing one of the most similar lengths, if similar enough; larger: lengths are known better [s].
+        size_after_s: while a person of known lengths is missing, a new one is reported after this time: as the missing
+            one with the most similar lengths, if similar enough; larger: the lengths are known better [s].
         fastest_m_s: speed that bounds the distance of a missing person, beyond the gate; larger: people are recognised
             by their lengths farther away [m/s].
         same_size: largest mean squared difference of the lengths, in units of their variances, of a recognised person;

@@ -46,8 +46,8 @@ class FacingSettings:
             facing is corrected sooner, with more false turns [0 to 1].
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
             misjudged [0 to 1].
-        swap: probability that a view's labels are wrong from which they are swapped, if another sensor sees the person
-            too; they are restored below 0.5; larger: labels are swapped later and more rarely [0.5 to 1].
+        swap: probability of wrong labels above which a view's left and right are swapped, if another sensor sees the
+            person too; they are restored below 0.5; larger: labels are swapped later and more rarely [0.5 to 1].
         swap_alone: as ``swap``, for a person whom no other sensor sees; larger: the sensor's own labels stay for longer
             [0.5 to 1].
         mirrors_from_deg: threshold for a view without a yaw: the angle between facing and the direction to the sensor

@@ -23,7 +23,7 @@ ARM_JOINTS: Final = (ELBOW, WRIST, PALM, *TIPS)
 """Indices in `ARM_POINTS` of an arm's eight joints: elbow, wrist, palm, thumb tip … little fingertip."""
 ARM_JOINT_NAMES: Final = tuple(ARM_POINTS[k] for k in ARM_JOINTS)
 ARM_BONES: Final = ((0, 1), (1, 2), *((2, k) for k in range(3, 8)))
-"""Pairs of the eight joints that form bones."""
+"""Bones, as pairs of positions in `ARM_JOINTS`: from elbow to wrist, wrist to palm, palm to each fingertip."""
 
 
 class SeenArm(msgspec.Struct, frozen=True, eq=False):

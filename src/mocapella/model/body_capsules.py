@@ -32,7 +32,7 @@ _TOUCHING: Final = {
     *(frozenset({one, f"{side} {other}"}) for side in ("left", "right")
       for one, other in (("trunk", "upper arm"), ("head", "upper arm"), ("trunk", "thigh"), (f"{side} shank", "foot"))),
 }  # fmt: skip
-"""Pairs of limbs that touch in ordinary poses; like pairs that share a landmark, they are not tested."""
+"""Pairs of limbs whose capsules always overlap; like pairs that share a landmark, they are not tested."""
 
 
 class Capsules(msgspec.Struct, frozen=True, eq=False):

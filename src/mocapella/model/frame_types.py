@@ -10,7 +10,7 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.registry import Table
 
 ENVELOPE_FIELD: Final = 100
-"""The protobuf field of an `OtherFrame`, which carries plug-ins' frames."""
+"""Number of a protobuf field that only ``OtherFrame`` has, the message of plug-ins' frames."""
 HISTORY_FRAMES: Final = 18_000
 """Default number of frames that a node keeps, to send them again to a server that missed them."""
 

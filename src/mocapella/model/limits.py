@@ -36,7 +36,7 @@ def _short(value: float) -> str:
 COORDINATE: Final = Range(-1000.0, 1000.0, "m")
 """Coordinates in frames; there is no skeleton at a distance of a kilometre."""
 SCENE_COORDINATE: Final = Range(-1e6, 1e6, "m")
-"""Coordinates in scenes, which predictions of wrong frames may take far away; readers must still read them."""
+"""Coordinates in scenes; wider, because predictions from wrong frames may be far off, and must still be readable."""
 TILT: Final = Range(-math.pi, math.pi, "rad")
 """Upward tilt of a sensor."""
 FRAME_HEIGHT: Final = Range(-1000.0, 1000.0, "m")

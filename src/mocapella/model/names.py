@@ -7,7 +7,7 @@ from typing import Final
 
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\..*)?", re.IGNORECASE)
 _FORMULA: Final = "=+-@"
-"""First characters of what a spreadsheet evaluates."""
+"""First characters of texts that a spreadsheet evaluates."""
 
 
 def is_device(name: str) -> bool:
@@ -26,8 +26,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def as_cell(text: str) -> str:
-    """Return a text as a table cell: with an apostrophe before if it begins with ``=+-@'``, so that no spreadsheet
-    evaluates it."""
+    """Return a text as a table cell: an apostrophe before an initial ``=+-@'`` keeps spreadsheets from evaluating it."""
     return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
 
 

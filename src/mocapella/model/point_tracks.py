@@ -60,9 +60,9 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
 
 
 def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
-    """Match a file's camera names with a rig's: equal ones, or ones that differ only in what names of a file add.
+    """Match a file's camera names with a rig's: equal names, or else names with equal short forms.
 
-    Ignored are case, punctuation, the ending ``_json``, a prefix ``camera``, ``cam`` or ``port``, and leading zeros.
+    A short form drops case, punctuation, an ending ``_json``, then ``camera``, ``cam`` or ``port``, and leading zeros.
 
     Args:
         seen: the file's names.
