@@ -26,7 +26,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def as_cell(text: str) -> str:
-    """Return a text as a table cell: an apostrophe before an initial ``=+-@'`` keeps spreadsheets from evaluating it."""
+    """Return a text as a table cell: an apostrophe before initial ``=+-@'`` keeps spreadsheets from evaluating it."""
     return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
 
 
