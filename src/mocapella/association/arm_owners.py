@@ -1,4 +1,4 @@
-"""Assign each arm to the person whose elbow, wrist and hand of the same side are nearest, one to one.
+"""Assign each arm that depth cameras track to the person whose elbow, wrist and hand of that side are nearest.
 
 Body sensors swap left and right at times, so the other side is accepted if it is much nearer. An arm stays with its
 person while it is near, unless it is nearer to another one by a margin.
@@ -63,7 +63,7 @@ class ArmOwners:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all owners."""
+        """Forget all assignments."""
         self.limbs: dict[int, tuple[int, bool]] = {}
 
     def update(
@@ -71,8 +71,8 @@ class ArmOwners:
     ) -> list[int]:
         """Assign the arms of one instant to people, each limb to at most one arm.
 
-        An arm whose person is missing from ``people`` gets −1, and is remembered as that person's. An arm that is
-        missing from ``arms`` is forgotten.
+        An arm that is near no free limb gets −1; if its last person is missing from ``people``, it is remembered as
+        that person's, otherwise forgotten. An arm that is missing from ``arms`` is forgotten.
 
         Args:
             arms: ids of the n arms; may be empty.
@@ -83,7 +83,7 @@ class ArmOwners:
             limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN likewise.
 
         Returns:
-            (n,) ids of persons, −1 for none.
+            (n,) id of each arm's person, −1 for none.
         """
         s = self.settings
         if not arms:

@@ -59,8 +59,8 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     Args:
         palms: (n, 3) of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
         sides: (n,) confidence of a left arm, from −1 (right) to 1.
-        known_palms, known_sides: (m, 3) and (m,) the same of the tracked arms, predicted to the camera's time.
-        followed: (n, m) whether the camera's arm has the id that the camera gave to this tracked arm before.
+        known_palms, known_sides: (m, 3) and (m,) palms and sides of the tracked arms, predicted to the frame's time.
+        followed: (n, m) whether the camera's arm has the same camera id as this tracked arm had before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
         settings: gates and penalties; the defaults if None.
 

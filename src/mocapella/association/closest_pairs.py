@@ -19,14 +19,14 @@ Float64 = NDArray[np.float64]
 
 
 class PersonViews(msgspec.Struct, frozen=True, eq=False):
-    """One person of `HeldPairs.update`: the number, and the views in the order of their sensors' names."""
+    """One person of `HeldPairs.update`: the person's number, and the views in the order of their sensors' names."""
 
     person: int
     views: tuple[PotentialSkeleton, ...]
 
 
 def skeleton_distances(positions: Float64, states: NDArray[np.uint8]) -> Float64:
-    """Return the mean distance between each two skeletons, over the joints that both track (not infer).
+    """Return the mean distance between every two skeletons, over the joints that both track (not infer).
 
     Args:
         positions: (n, joints, 3), all in one frame [m].

@@ -38,8 +38,8 @@ class JumpSettings:
             larger: fewer bodies are rejected [m].
         fastest_m_s: highest speed of a person: a body has jumped if it moved farther than ``step_m`` plus this times
             the elapsed time; larger: fewer bodies are rejected [m/s].
-        longest_step_s: largest elapsed time that counts since the last position of a body that has jumped; larger: such
-            a body is accepted again farther away [s].
+        longest_step_s: upper bound of the elapsed time, from the last position of a body that has jumped since; larger:
+            such a body is accepted again farther away [s].
         doubt_s: age at which a position is forgotten; a body whose last position is older is accepted wherever it is,
             so a body that jumped and stays away is accepted after this time [s].
     """
@@ -78,13 +78,13 @@ class KnownBodies(NamedTuple):
 
 
 class SeenBodies(msgspec.Struct, frozen=True, eq=False):
-    """A sensor's last positions of bodies that did not jump. `Jumps.update` changes the arrays in place.
+    """Each body's last position in one sensor before any jump. `Jumps.update` changes the arrays in place.
 
     Attributes:
         ids: (bodies,) tracking ids.
         at_s: (bodies,) capture times of the positions [s]; −inf for a body whose middle was never seen.
-        middle: (bodies, middle joints, 3) in the sensor's camera space [m].
-        jumped: (bodies,) whether the body has jumped since.
+        middle: (bodies, middle joints, 3) joints on the body's middle line, in the sensor's camera space [m].
+        jumped: (bodies,) whether the body has jumped since that time.
     """
 
     ids: UInt64
@@ -136,7 +136,7 @@ class Jumps:
         self.seen: dict[str, SeenBodies] = {}
 
     def update(self, sensor: str, ids: Sequence[int], middles: Float64, at_s: float) -> Bools:
-        """Detect bodies of a frame that are far from all recent positions of the sensor's bodies; store the others.
+        """Detect bodies that are too far from all recent positions of the sensor's bodies; store the others' positions.
 
         Args:
             sensor: name of the sensor; the first frame of a sensor has new bodies only.

@@ -27,9 +27,9 @@ LENGTHS: Final = (
 )
 """Pairs of joints whose distances describe a body; for limbs, the mean of both sides."""
 SD_M: Final[Float64] = np.array([0.030, 0.026, 0.020, 0.022, 0.018, 0.012])
-"""(lengths,) standard deviations over one second, rounded from the same logs [m]."""
+"""(lengths,) standard deviation of each length measured over one second, rounded from the same logs [m]."""
 MOST: Final = 3.0
-"""Largest deviation of a measured length from the running mean that is learnt, in standard deviations."""
+"""Limit to which a measured length's deviation from the running mean is clipped, in standard deviations."""
 
 
 def sizes(positions: Float64, topology: Topology) -> Float64:
@@ -51,7 +51,7 @@ def sizes(positions: Float64, topology: Topology) -> Float64:
 
 @cache
 def unknown_size() -> Float64:
-    """Return the record (2, lengths) of unmeasured lengths: running mean [m] (NaN), and number of values (0).
+    """Return the initial record (2, lengths) of a body's lengths: running means [m], NaN; numbers of values, 0.
 
     It is one shared array, which must be copied before it is changed.
     """

@@ -19,9 +19,9 @@ from mocapella.model.scene import Person
 def reidentified(bodies: Bodies, people: Sequence[Person], within_m: float) -> dict[int, int]:
     """Match a sensor's new bodies with those it has lost.
 
-    A new body is transformed to the world by each lost body's transform, and compared with that person's fused skeleton
-    by the mean distance of the joints that both track. The closest are matched first, each body and person once. A pair
-    without a common tracked joint is not matched.
+    A new body is transformed to the world by each lost view's ``T_world_sensor``, and compared with that person's fused
+    skeleton by the mean distance of the joints that both track. The closest are matched first, each body and person
+    once. A pair without a common tracked joint is not matched.
 
     Args:
         bodies: bodies of the sensor's new frame, in its camera space.

@@ -131,9 +131,9 @@ def known_size(size: Float64) -> bool:
 def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArrays, result: Assignment) -> int:
     """Compute the cost [m] of assigning each body of a frame to each track, and whether the gates allow it.
 
-    The cost is the mean distance of the joints on the middle line from their prediction, less a bonus for the track
-    that the sensor last assigned to this tracking id, plus half of the gate's widening. The gate grows with the time
-    that a track is unseen.
+    The cost is the mean distance of the joints on the middle line from their prediction, less a bonus if the track's
+    last body in this sensor had the same tracking id, plus half of the gate's widening. The gate widens with the time
+    that a track is unseen. A body without a visible middle joint may only keep the track of its id.
 
     Args:
         frame, gates, tracks: the frame's bodies, the gating settings, and the tracks.
@@ -195,7 +195,7 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
     Returns:
         The sum of events: two tracks may be one person (`MAY_BE_ONE`), a new track is due for confirmation
-        (`MAY_BE_KNOWN`), another sensor's view of a person expired (`FORGOTTEN`).
+        (`MAY_BE_KNOWN`), another sensor's view of a person is older than `RECENT_S` and was dropped (`FORGOTTEN`).
     """
     at_s, column, ids, middles, lengths = frame.at_s, frame.column, frame.ids, frame.middles, frame.lengths
     since_s, seen_s, confirmed, middle = tracks.since_s, tracks.seen_s, tracks.confirmed, tracks.middle
@@ -238,7 +238,7 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
 @njit(cache=True)
 def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
-    """Return the track (bodies,) that each of a sensor's bodies was last assigned to; −1 for none.
+    """Return the row of the track of each of a sensor's bodies (bodies,), as last assigned; −1 for none.
 
     Args:
         ids: (bodies,) tracking ids.
@@ -264,7 +264,7 @@ def index_of(number: int, ids: UInt64) -> int:
 
 @njit(cache=True)
 def stay(at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: KnownBodies, there: Bools) -> bool:
-    """Compute which bodies are near a recent position of any body of the same sensor.
+    """Compute which bodies have not jumped: are near enough to a recent position of any body of the same sensor.
 
     Args:
         at_s: capture time [s].

@@ -39,20 +39,20 @@ class TrackSettings:
         speed_m_s: growth of the gate while the person is unseen; larger: people are found again farther away, and
             confused more easily [m/s].
         widest_gate_m: upper bound of the gate [m].
-        confirm_after_s: a new person is reported after this time; larger: fewer phantoms, whose lives are shorter, but
-            later reports [s].
-        forget_after_s: a person unseen for longer is dropped, and becomes a new one on return [s].
+        confirm_after_s: a new person is reported after this time; larger: fewer short-lived false people, but later
+            reports of true ones [s].
+        forget_after_s: a person unseen for longer is dropped, and gets a new number on return [s].
         same_within_m: two tracks are merged if no sensor sees them together and they stay within this distance for
             ``same_after_s`` [m].
         same_after_s: time for which two tracks must stay within ``same_within_m`` before they are merged [s].
         by_place_s: a person unseen for longer is not recognised by position alone, if the body's lengths are known [s].
-        size_after_s: while a known person is missing, a new one is reported after this time, and is then recognised as
-            the missing one with the most similar lengths, if similar enough; larger: the lengths are known better [s].
+        size_after_s: while a person of known lengths is missing, a new one is reported after this time: as the missing
+            one with the most similar lengths, if similar enough; larger: the lengths are known better [s].
         fastest_m_s: speed that bounds the distance of a missing person, beyond the gate; larger: people are recognised
             by their lengths farther away [m/s].
         same_size: largest mean squared difference of the lengths, in units of their variances, of a recognised person;
-            twice as much if the position fits. On the KinectMultiTrack logs 93 % of the people are nearer to themselves
-            in the same session, and so are 38 % of others (``told_apart_by_lengths``) [ratio].
+            twice as much if the position fits. On the KinectMultiTrack logs, it accepts 93 % of comparisons of a person
+            with the same one in one session, and 38 % with another person (``told_apart_by_lengths``) [ratio].
     """
 
     gate_m: float = 0.6
@@ -146,10 +146,10 @@ class TrackMemory(msgspec.Struct, eq=False):
     Attributes:
         person: (tracks,) number of the person; never reused.
         since_s, seen_s: (tracks,) capture times of the first and last view, on the common clock [s].
-        confirmed: (tracks,) whether the person is reported.
+        confirmed: (tracks,) whether the track is reported as a person, not only a candidate.
         middle: (tracks, middle joints, 3) last seen position of each joint, world [m]; NaN where never seen.
         size: (tracks, 2, lengths) record of the body's lengths, see `mocapella.association.proportions.unknown_size`.
-        body: (tracks, sensors) each sensor's last tracking id of the person.
+        body: (tracks, sensors) tracking id of the person's last body in each sensor.
         body_s: (tracks, sensors) capture time of that id's last view [s]; −inf where the sensor does not see the
             person.
     """
@@ -202,7 +202,7 @@ class TrackMemory(msgspec.Struct, eq=False):
 
 
 RECENT_S: Final = 0.25
-"""Time since the last view after which a sensor does not see a person any more [s]."""
+"""Time since a sensor's last view of a person after which it counts as not seeing the person [s]."""
 
 
 def distances(bodies: Float64, people: Float64) -> Float64:
@@ -274,7 +274,7 @@ class Tracks:
         return list(self.memory.person.tolist())
 
     def owners(self, sensor: str) -> Mapping[int, int]:
-        """Return the person's number of each body that the sensor sees, by tracking id; empty for an unknown sensor.
+        """Return the number of the person of each body that the sensor sees, by tracking id; empty if it is unknown.
 
         Unconfirmed people are included. The same object is returned until an assignment changes.
         """
@@ -394,7 +394,7 @@ class Tracks:
         return rows, unplaced, outcome != _kernels().COMPLETE
 
     def _know_again(self, at_s: float) -> None:
-        """Confirm tracks that are old enough, or recognise them as missing people."""
+        """Confirm tracks that are old enough, or merge them into those of missing people with similar lengths."""
         s, m = self.settings, self.memory
         present = m.present
         missing = np.flatnonzero(m.confirmed & ~present & (at_s - m.seen_s > RECENT_S)).tolist()

@@ -24,7 +24,7 @@ COLUMNS: Final = (
 
 
 def handedness(arm: SeenArm) -> str:
-    """Return ``left`` or ``right``, or ``unknown`` if the detector's probability for the side is at most 0.5."""
+    """Return ``left`` or ``right``, or ``unknown`` if `SeenArm.left_sure` is at most 0.5."""
     return "unknown" if arm.left_sure <= 0.5 else "left" if arm.left else "right"
 
 
@@ -38,7 +38,7 @@ def frame_row(file: str, at_s: float, found: SeenArms, lens: Float64, *, all_poi
     Args:
         file: the image's file.
         at_s: time of the image, written as given [s].
-        found: the detected arms; its reason says why there is none, or warns about the image.
+        found: the detected arms, and the reason to write.
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
     """

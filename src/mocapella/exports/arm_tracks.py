@@ -27,7 +27,7 @@ class ArmTracksReport(msgspec.Struct, frozen=True):
 
     Attributes:
         scenes: number of scenes read, including scenes that ``every`` leaves out.
-        with_arms: number of written scenes with an arm.
+        with_arms: number of written scenes that have an arm.
         rows: number of rows in the file, without the header.
         arms: number of different arm ids in the file.
     """

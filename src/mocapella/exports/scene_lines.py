@@ -31,11 +31,10 @@ class SceneLinesReport(msgspec.Struct, frozen=True):
 
 
 def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, every: int = 1) -> SceneLinesReport:
-    """Write a line of JSON for each scene, as `scene_line` makes. The file appears complete or not at all.
+    """Write the `scene_line` of each scene to a file of JSON lines. The file appears complete or not at all.
 
     Args:
-        scenes: (run, log_ns, scene) in their order: the run's number, the time at which the server stored the scene, on
-            its monotonic clock, and the scene.
+        scenes: (run, log_ns, scene) in their order, the arguments of `scene_line`.
         path: the file; an existing one is replaced.
         every: write each n-th scene, from the first; at least 1.
 
@@ -71,7 +70,7 @@ def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
     in bytes.
 
     Args:
-        run: number of the run that made the scene.
+        run: number of the tracker's run that made the scene; a take may have several.
         log_ns: time at which the server stored the scene, on its monotonic clock.
         scene: the scene.
     """

@@ -20,7 +20,9 @@ Float64 = NDArray[np.float64]
 COLUMNS: Final = ("frame", "time_s", "point", "x_m", "y_m", "z_m", "sd_m", "views", "residual_px")
 """Columns of the CSV; ``views`` and ``residual_px`` are explained at `SpaceTracks`."""
 UP: Final = {"y": (0, 1, 2), "z": (1, 2, 0), "-y": (0, 1, 2)}
-"""Indices of the world axes that become X, Y and Z of a TRC, whose Y is up, by the world's upward axis."""
+"""Indices of the world axes that become X, Y and Z of a TRC, whose Y is up, by the world's upward axis.
+
+For ``-y``, Y and Z also change their signs."""
 
 
 def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: float | None = None) -> None:
@@ -29,13 +31,13 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
     Args:
         tracks: the points. A CSV has rows for known points only; a TRC has empty values for unknown ones.
         path: the file, ending with .csv or .trc; an existing one is replaced.
-        up: the world's upward axis: y or z, or -y if the world is a camera frame with y down. It rotates a TRC, whose
-            Y is up; a CSV keeps the world's axes.
+        up: the world's upward axis: y or z, or -y if the world is a camera frame with y down. The points of a TRC are
+            rotated so that Y is up; a CSV keeps the world's axes.
         hz: frame rate to compute times from; None for the times of the tracks [Hz].
 
     Raises:
         SettingsError: the suffix or axis is unknown, the rate is not above 0, or the file cannot be written.
-        InputError: a TRC is to be written, and the tracks have no times and no rate is given.
+        InputError: a TRC is to be written, and there is no frame, or ``hz`` is None and a frame's time is unknown.
     """
     writers: dict[str, Callable[[], str]] = {
         ".csv": lambda: as_csv(tracks, hz),
@@ -130,6 +132,6 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:
     """Return the times (frames,) of the frames [s].
 
-    They are frame number / ``hz``; without a rate, they are the array ``tracks.at_s`` itself, with NaN where unknown.
+    They are frame number / ``hz``; if that is None, the array ``tracks.at_s`` itself, with NaN where unknown.
     """
     return tracks.frames / hz if hz is not None else tracks.at_s

@@ -53,10 +53,10 @@ class FusedPoints(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         points: (n, 3) in the views' common frame [m]; NaN where no view has the point.
-        states: (n,) the best `JointState` of the views that have the point; not tracked if none has it.
+        states: (n,) the highest `JointState` of the views that have the point; not tracked if none has it.
         sd: (n,) standard deviation of a coordinate [m]; NaN where no view has the point.
         weights: (views, n) information 1/sd² of the fused views [1/m²]; 0 for the others.
-        disputed: (views, n) whether a measured point was left out because it contradicts the fused views.
+        disputed: (views, n) whether a view's measured point was left out because it contradicts the fused views.
     """
 
     points: Float64
@@ -112,12 +112,12 @@ def fuse_points(
 
 
 def fuse_angles(angles: Float64, weights: Float64) -> Float64:
-    """Return the weighted mean of the views' hand angles; a view's weight is that of its points of the digit.
+    """Return the weighted mean of the views' hand angles, by the sum of each view's weights of the angle's digit.
 
     Args:
         angles: (views, 21) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
         weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks. If no point of a
-            digit was used, its angles are plain means of the views.
+            digit was used, its angles are unweighted means of the views.
 
     Returns:
         (21,) angles [rad]; NaN where no view knows the angle.

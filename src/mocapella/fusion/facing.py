@@ -1,14 +1,14 @@
 """Estimate which way people face, which views are mirrored, and how reliable a view is.
 
-    p        ← turned on(p, Δt)                                         process model: turns at a constant rate
+    p        ← turned on(p, Δt)                                         process model: random turns, see `facing_grid`
     log p   += w_yaw·yaw(α, β) + w_shape·shape(α, score)                α = facing − direction to the sensor
     log p   += w_motion·motion(speed, facing − heading)
 
 Each update processes one sensor's frame. The weights are far below 1 because successive frames repeat the same
 evidence; evidence of a source is weighted by the time since its last use, so that fast sensors do not count more. The
-facing of a person is estimated, not that of a view. A view's labels are mirrored if it is likely enough that the yaw
-which they imply is more than 90° off. Bodies unlike the training data give little evidence, so that their labels stay.
-See docs/methods/facing.md.
+facing of a person is estimated, not that of a view. A view is *mirrored*, its left and right labels exchanged, if it
+is likely enough that the yaw which they imply is more than 90° off. Bodies unlike the training data give evidence by
+their labels only, and little between front and back, so that their labels stay. See docs/methods/facing.md.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class FacingSettings:
             facing is corrected sooner, with more false turns [0 to 1].
         motion_weight: weight of the log-likelihood of the motion; if it is larger, people who walk backwards are
             misjudged [0 to 1].
-        swap: probability that a view's labels are wrong from which they are swapped, if another sensor sees the person
-            too; they are restored below 0.5; larger: labels are swapped later and more rarely [0.5 to 1].
+        swap: probability of wrong labels above which a view's left and right are swapped, if another sensor sees the
+            person too; they are restored below 0.5; larger: labels are swapped later and more rarely [0.5 to 1].
         swap_alone: as ``swap``, for a person whom no other sensor sees; larger: the sensor's own labels stay for longer
             [0.5 to 1].
         mirrors_from_deg: threshold for a view without a yaw: the angle between facing and the direction to the sensor
@@ -94,13 +94,13 @@ class FacingTables(NamedTuple):
     """A `FacingModel` for one topology, for the kernels.
 
     Attributes:
-        tables: (rows, BINS) log-likelihoods of yaw, shape and motion, and the waves of the turning; see
+        tables: (rows, BINS) log-likelihoods of yaw, shape and motion, and the Fourier series of the process model; see
             `mocapella.fusion.facing_kernels.TABLE_ROWS`.
         across: (pairs, 2) indices of left and right joints that give the yaw, in the order of preference.
-        joints: (1 + terms, 2) indices of head and SpineBase; then indices of feature and joint of each term of the
-            features' sums.
-        weights: (terms,) weights of the joints in the sums; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 1,) mean, spread, linear and squared weights of the features, and the constant.
+        joints: (1 + terms, 2) indices of head and SpineBase; then of the feature and the joint of each term, one for
+            each joint with a weight in a shape feature (`FEATURES`).
+        weights: (terms,) these weights; empty if the model has no shapes for the topology.
+        classifier: (4 · features + 1,) of the features: means, spreads, linear weights, weights of squares; constant.
     """
 
     tables: Float64
@@ -116,7 +116,7 @@ class FacingWeights(NamedTuple):
     Attributes:
         yaw, shape, motion: weights of the log-likelihoods.
         hysteresis, mirrors_from: thresholds of mirroring of views without a yaw [rad].
-        swap, swap_alone: probabilities of wrong labels from which they are swapped.
+        swap, swap_alone: least probabilities of wrong labels for them to be swapped.
     """
 
     yaw: float
@@ -154,7 +154,7 @@ class FacingMemory(msgspec.Struct, eq=False):
 
 
 class Repair(msgspec.Struct, frozen=True):
-    """A change of the label correction of one sensor's view of a person (``person`` is an id, ``sensor`` a name).
+    """A change in whether one sensor's labels of a person are swapped (``person`` is an id, ``sensor`` a name).
 
     From the capture time ``at_s`` on [s], the left and right labels are swapped if ``mirrored``, else used unchanged.
     """
@@ -171,8 +171,9 @@ class Facings(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         yaw: (people,) world, 0 along +z, π/2 along +x [rad].
         sd: (people,) circular standard deviation [rad].
-        mirrored: (people,) whether this view's left and right must be swapped.
-        reported: (people,) the yaw that this view's repaired labels imply, world [rad]; NaN without shoulders and hips.
+        mirrored: (people,) whether this view's left and right labels must be swapped.
+        reported: (people,) yaw that this view's labels imply, swapped if necessary, world [rad]; NaN if too few joints
+            of shoulders and hips are seen.
         repairs: changes of ``mirrored`` in this frame.
         unlike: (people,) how unlike the training data this sensor's views have been lately, 0 to 1.
     """
@@ -204,7 +205,7 @@ class FacingFilter:
         model: learnt model; `shipped_model` if None. Shapes learnt on other joints are ignored.
 
     Attributes:
-        memory: its whole state. It is updated in place: keep a deep copy, and assign one to restore it.
+        memory: its whole state, updated in place. As a snapshot keep a deep copy; assign one to restore it.
     """
 
     def __init__(

@@ -1,4 +1,6 @@
-"""Probabilities of a direction on a circle of bins: process model, rotation, and statistics.
+"""Probabilities of a person's facing on a circle of bins: process model, rotation, and statistics.
+
+The process model: a person makes random turns, on average one per `STEP_S`, by at most two bins with few exceptions.
 
 A direction is a yaw: 0 along +z, π/2 along +x, y up [rad]. Bin i of `BINS` is the yaw i · `BIN`.
 
@@ -22,7 +24,7 @@ BIN: Final = 2 * np.pi / BINS
 YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
 """(BINS,) yaw of each bin [rad]."""
 STEP_S: Final = 1 / 29
-"""Mean time between a person's turns by up to two bins [s]."""
+"""Mean time between a person's random turns in the process model [s]."""
 
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
@@ -33,8 +35,7 @@ LEAST: Final = 1e-12
 def _turn_rates() -> Float64:
     """Return the decay rate of each frequency on the circle (BINS // 2 + 1,), per `STEP_S`: 1 − λ of one turn.
 
-    A turn goes to the same bin or one of ±1 and ±2 with probability 0.2 each, to any other with 1e-6; on average there
-    is one per `STEP_S`.
+    λ is the turn's eigenvalue. A turn goes by 0, ±1 or ±2 bins with probability 0.2 each, to any other bin with 1e-6.
     """
     kernel = np.full(BINS, 1e-6)
     kernel[[0, 1, 2, -1, -2]] = 0.2
@@ -42,7 +43,7 @@ def _turn_rates() -> Float64:
 
 
 TURN_RATES: Final = _turn_rates()
-"""(BINS // 2 + 1,) see `_turn_rates`."""
+"""(BINS // 2 + 1,) decay rate of each frequency on the circle under random turns, per `STEP_S`."""
 
 
 def unknown() -> Float64:
@@ -51,7 +52,7 @@ def unknown() -> Float64:
 
 
 def turned_on(p: Float64, steps: Any) -> Float64:
-    """Predict the probabilities of the facing after some time in which people may have turned.
+    """Predict the probabilities of the facing after some time of random turns.
 
     Two successive predictions equal one over the total time, so the frame rate does not matter.
 
@@ -89,7 +90,7 @@ def turned(values: Float64, by: Any) -> Float64:
 
 
 def most_likely(p: Float64) -> Float64:
-    """Return the mean yaw of the most likely quarter turn.
+    """Return the mean yaw of the seven bins (52.5°) around the five most likely neighbouring ones.
 
     A person may face one way or the opposite, but hardly between, so the mean over the circle is not used.
 

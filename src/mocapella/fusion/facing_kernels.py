@@ -1,10 +1,10 @@
 """Compiled steps of `mocapella.fusion.facing`; importing this module imports numba.
 
-A histogram (Bayes) filter over a person's facing: prediction by a constant turning rate, and update by log-likelihoods
-of yaw, body shape and walking direction.
+A histogram (Bayes) filter over a person's facing: prediction by random turns (`facing_grid`), and update by
+log-likelihoods of yaw, body shape and walking direction.
 
-`mocapella.fusion.facing_training` computes the same in numpy for many frames at once, and tests compare the two. The
-learnt model comes as `mocapella.fusion.facing.FacingTables`; angles are radians.
+For bodies like the training data, `mocapella.fusion.facing_training` computes the same in numpy for many frames at
+once, and tests compare the two. The learnt model comes as `mocapella.fusion.facing.FacingTables`; angles are radians.
 """
 
 # ruff: noqa: PLR0917 - compiled: arrays come by position
@@ -45,13 +45,13 @@ one row; the cosine and the sine of each bin.
 """
 
 ALONE_S = 0.5
-"""Without evidence from another sensor for this long, a sensor is the only witness [s]."""
+"""Time without evidence from another sensor after which a sensor counts as the only one that sees a person [s]."""
 UNLIKE_S = 5.0
-"""Time constant over which a view counts as unlike the training data [s]."""
+"""Time constant of the smoothing of how unlike the training data a view is [s]."""
 REPORTED_SD = 0.35
-"""Standard deviation of the yaw that a sensor unlike the trained one reports [rad]."""
+"""Standard deviation of the yaw that a sensor unlike the training data's reports [rad]."""
 LABELS_TRUE = 0.6
-"""Probability that such a sensor does not exchange left and right."""
+"""Probability that a sensor unlike the training data's does not exchange left and right."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -64,7 +64,7 @@ def wrap(angle: float) -> float:
 
 @njit(cache=True)
 def view_worth(yaw: float, toward: float, reported: float) -> float:
-    """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN.
+    """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN, or β is beyond ±90°.
 
     A sensor that looks along the shoulders only guesses the far one. α is the angle between the person's ``yaw`` and
     the yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels. All are in one
@@ -137,10 +137,7 @@ def add_turned(total: Float64, first: Float64, second: Float64, part: float, fac
 
 @njit(cache=True)
 def most_likely(p: Float64) -> float:
-    """Return the mean yaw of the most likely quarter turn of p (BINS,) [rad], from the first bin, in [−π, π).
-
-    See `mocapella.fusion.facing_grid.most_likely`.
-    """
+    """Return `mocapella.fusion.facing_grid.most_likely` of p (BINS,): a yaw from the first bin, in [−π, π) [rad]."""
     best, most = 0, -1.0
     for i in range(BINS):
         five = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
@@ -170,7 +167,7 @@ def probability_away(p: Float64, yaw: float, tables: Float64) -> float:
 
 @njit(cache=True)
 def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
-    """Whether no other sensor has told anything of a person for `ALONE_S`.
+    """Return whether no other sensor has given evidence of a person's facing for `ALONE_S`.
 
     ``told_s`` (1 + sensors,) are times of the last evidence from the motion and from each sensor [s].
     """
@@ -218,12 +215,12 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
     """Compare a body's shape with the training data.
 
     Returns:
-        The log-odds that it faces the sensor, the visible fraction of its features, 0 to 1, and how unlike the training
+        The log-odds that it faces the sensor, the usable fraction of its features, 0 to 1, and how unlike the training
         data it is, 0 to 1. Without a plausible distance of head and SpineBase, or without a model, the last two are 0.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
-        yaw: horizontal direction along which features are measured [rad].
+        yaw: direction of the shoulders' normal on the sensor's side, along which features are measured [rad].
         model: the facing model's tables.
     """
     if len(model.weights) == 0:
@@ -274,7 +271,7 @@ def add_view(
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
-        seen: yaw that the labels imply, from the direction to the sensor, folded into [−π/2, π/2) [rad].
+        seen: yaw that the labels imply, relative to the direction to the sensor, folded into [−π/2, π/2) [rad].
         score: of `shape_score`.
         by: yaw from the person to the sensor, from the first bin [rad].
         weight, shape_weight: weights of the yaw and of the shape.
@@ -295,7 +292,9 @@ def add_view(
 
 @njit(cache=True)
 def add_labels(evidence: Float64, reported: float, weight: float, tables: Float64) -> None:
-    """Add the weighted log-likelihoods of a yaw that is reported as it is, front and back nearly alike, in place.
+    """Add the weighted log-likelihoods of a yaw reported by a view unlike the training data, in place.
+
+    The facing is near the yaw with the probability `LABELS_TRUE`, and near its opposite otherwise.
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.

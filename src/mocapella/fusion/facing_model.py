@@ -5,7 +5,7 @@ heading of the motion); each is symmetric in α with mirrored observations:
 
     yaw       (BINS, YAW_BINS)       of the folded yaw that a sensor reports: it is compressed, saturates and mirrors
     shape     (BINS, SHAPE_BINS)     of the score of the body's shape, if it was learnt
-    motion    (SPEEDS, BINS)         of α from the heading, at each speed: a step backwards is not unlikely
+    motion    (SPEEDS, BINS)         of the facing from the heading, at each speed: walking backwards is not ruled out
 
 The shipped tables are learnt (`mocapella.fusion.facing_training`); `untrained` needs no training.
 """
@@ -32,7 +32,7 @@ from mocapella.geometry.angles import wrap
 Float64 = NDArray[np.float64]
 
 YAW_BINS: Final = BINS // 2
-"""Bin j is the folded yaw (j − YAW_BINS / 2) · `BIN`."""
+"""Number of bins of the folded yaw, half a circle: bin j is the yaw (j − YAW_BINS / 2) · `BIN`."""
 SHAPE_BINS: Final = 13
 """Number of bins of the shape classifier's scores, which are evenly spaced from −`MOST_SCORE` to `MOST_SCORE`."""
 SPEEDS: Final = (0.4, 0.7, 1.0)
@@ -66,7 +66,7 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
     trained_on: Mapping[str, Any] = {}
 
     def yaw_evidence(self, seen: Float64) -> Float64:
-        """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
+        """Return the yaw's log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
 
         ``seen`` (...,) is the yaw of a view's labels relative to that direction, folded into [−π/2, π/2) as in
         `mocapella.fusion.facing_shape.View` [rad]; where it is NaN, they are 0.
@@ -76,7 +76,7 @@ class FacingModel(msgspec.Struct, frozen=True, eq=False):
         return np.asarray(_column(self.yaw, place, wraps=True) * known[..., None])
 
     def shape_evidence(self, features: Float64) -> Float64 | None:
-        """Return log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
+        """Return the shape's log-likelihoods (..., BINS) over α, the facing from the direction towards the sensor.
 
         ``features`` (..., `FEATURES`) are the body's shape in `mocapella.fusion.facing_shape.View`; with missing ones
         (NaN) the likelihoods are flatter. None if no shapes were learnt.
@@ -114,7 +114,7 @@ def neighbours(place: Float64, count: int, wraps: bool) -> tuple[NDArray[np.intp
     Args:
         place: (...,) fractional index.
         count: number of bins.
-        wraps: whether the first bin follows the last; otherwise the index must be within the bins.
+        wraps: whether the first bin follows the last; otherwise bins beyond the ends are replaced by the end's.
     """
     first = np.floor(place).astype(np.intp)
     part = place - first
@@ -133,8 +133,9 @@ def _column(table: Float64, place: Float64, wraps: bool) -> Float64:
 def untrained() -> FacingModel:
     """Return a model of Kinect-class sensors without training; shapes are ignored.
 
-    A sensor reports 34° as 16°, 64° as 40° and 94° as 53°, saturates there, and mirrors: still unmirrored are 63 % at
-    124° and 13 % at 154° (measured on the KinectMultiTrack study of 2015). In motion, people mostly face ahead.
+    A sensor reports a facing of 34° from the direction towards it as 16°, 64° as 40° and 94° as 53°, and no more
+    beyond. It mirrors turned backs: 37 % of the views at 124° and 87 % at 154° (measured on the KinectMultiTrack study
+    of 2015). In motion, people mostly face ahead.
     """
     alpha, seen = wrap(YAWS), (np.arange(YAW_BINS) - YAW_BINS / 2) * BIN
     turn = np.degrees(np.abs(alpha))
@@ -164,7 +165,7 @@ def log_rows(counts: Float64, floor: float) -> Float64:
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    """The file: a `FacingModel` with the tables' halves that symmetry does not give."""
+    """Layout of the file: a `FacingModel` with half of each table; the other half follows by symmetry."""
 
     trained_on: dict[str, Any]
     topology: str

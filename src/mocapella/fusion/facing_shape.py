@@ -31,18 +31,20 @@ FEATURES: Final[dict[str, dict[str, float]]] = {
     "ankles before the knees": {"Ankle": 1, "Knee": -1},
     "feet before the ankles": {"Foot": 1, "Ankle": -1},
 }
-"""A feature → the weights of joints' positions; joints of both sides are averaged."""
+"""Features of a body's shape by name: weights of joints' coordinates towards the sensor, averaged over both sides.
+
+One joint is *before* another if it is nearer to the sensor.
+"""
 MOST_SPREADS: Final = 1.5
-"""Upper bound of a standardised feature: a joint farther off is an error."""
+"""Bound ± to which a standardised feature is clipped: larger values are errors of joints."""
 UNLIKE_FROM: Final = 12.0
 UNLIKE_TO: Final = 16.0
-"""Mean square of the standardised features from which a body is unlike the training data, and beyond which it fully is.
-
-In the training data it is 1 on average, and below the first in every view.
+"""A body's mean square of the standardised features: up to the first it is like the training data, from the second on
+fully unlike them. In the training data it is 1 on average, and below the first in every view.
 """
 FADES_FROM: Final = 3.0
 FADES_TO: Final = 5.0
-"""Standardised value from which a feature of an unlike body fades as evidence, and beyond which it is none."""
+"""Absolute standardised feature of an unlike body: up to the first it has its full weight, from the second on none."""
 LENGTHS_M: Final = (0.2, 1.5)
 """Plausible distances of head and SpineBase [m]."""
 NARROWEST_M: Final = 1e-6
@@ -50,14 +52,14 @@ NARROWEST_M: Final = 1e-6
 
 
 class View(msgspec.Struct, frozen=True, eq=False):
-    """Observations in views of a person; (...,) are the leading axes.
+    """Observations of a person's facing in views; (...,) are the leading axes.
 
     Attributes:
-        reported: (...,) yaw of the sensor's own labels, world [rad]; NaN if none of `pairs_across` is seen.
-        seen: (...,) that yaw relative to the direction towards the sensor, folded into [−π/2, π/2), so that it does not
-            depend on the labels [rad].
-        features: (..., `FEATURES`) how far joints are before others towards the sensor, in units of the length
-            head–SpineBase; NaN where a joint is missing.
+        reported: (...,) yaw that the sensor's own labels imply, world [rad]; NaN if none of `pairs_across` is seen.
+        seen: (...,) that yaw relative to the direction towards the sensor, folded into [−π/2, π/2), so that exchanged
+            labels do not change it [rad].
+        features: (..., `FEATURES`) how much nearer to the sensor joints are than others, along the shoulders' normal,
+            in units of the distance of head and SpineBase; NaN where a joint is missing.
     """
 
     reported: Float64
@@ -125,7 +127,7 @@ def _sums_by_name(joints: tuple[str, ...]) -> Float64 | None:
 
 
 def feature_sums(topology: Topology) -> Float64 | None:
-    """Return each joint's weight in each shape feature (`FEATURES`, joints); None if a joint is lacking."""
+    """Return each joint's weight in each shape feature (`FEATURES`, joints); None if the topology lacks a joint."""
     return _sums_by_name(topology.joints)
 
 
@@ -142,15 +144,15 @@ class ShapeClassifier(msgspec.Struct, frozen=True, eq=False):
     weights: Float64
 
     def score(self, features: Float64) -> tuple[Float64, Float64]:
-        """Return the log-odds of facing the sensor (...,), and the visible fraction of the shape (...,), 0 to 1.
+        """Return the log-odds of facing the sensor (...,), and the usable fraction of the features (...,), 0 to 1.
 
-        ``features`` (..., `FEATURES`): see `View`. A missing feature counts as its mean.
+        ``features`` (..., `FEATURES`): see `View`. A missing feature (NaN) contributes nothing.
         """
         design, seen = design_matrix(features, self.mean, self.spread)
         return np.asarray(design @ self.weights), seen
 
     def unlike(self, features: Float64) -> Float64:
-        """Return how unlike the training data bodies (..., `FEATURES`) are: (...,) from 0 to 1; see `UNLIKE_FROM`."""
+        """Return how unlike the training data bodies with these features are: (...,) from 0 to 1; see `UNLIKE_FROM`."""
         return _unlike((features - self.mean) / self.spread)
 
 
@@ -162,10 +164,10 @@ def _unlike(z: Float64) -> Float64:
 
 
 def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Float64, Float64]:
-    """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and their known fraction (...,).
+    """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and their usable fraction (...,).
 
-    ``mean`` and ``spread`` (`FEATURES`,) standardise the features, which are limited to ±`MOST_SPREADS`. The regressors
-    of a missing feature (NaN) are 0.
+    ``mean`` and ``spread`` (`FEATURES`,) standardise the features, which are clipped to ±`MOST_SPREADS`. The regressors
+    of a missing feature (NaN) are 0; large ones of an unlike body fade, see `FADES_FROM`.
     """
     z = (features - mean) / spread
     known = np.isfinite(z)

@@ -64,7 +64,7 @@ class TrainingSettings:
 
     Attributes:
         known_within_deg: standard deviation of a known facing [deg].
-        yaw_rounds, shape_rounds: number of iterations of steps 1 and 3.
+        yaw_rounds, shape_rounds: number of iterations of the module's steps 1 and 3.
         front_deg, back_deg, sure: a view shows a front (back) if the facing α relative to the sensor is within
             ±front_deg (beyond ±back_deg) with a probability above ``sure``.
         penalty: ridge penalty of the classifier's weights.
@@ -96,7 +96,7 @@ class TrainingSettings:
 def evidence(
     view: View, toward_sensor: Float64, model: FacingModel, settings: FacingSettings, scale: Float64
 ) -> Float64:
-    """Return log-likelihoods (..., BINS) over the person's yaw in the world, for each view; 0 for missing observations.
+    """Return each view's log-likelihoods (..., BINS) over the person's yaw in the world; 0 for missing observations.
 
     Args:
         view: observations with leading axes (...,).
@@ -132,7 +132,8 @@ def posteriors(
 
     Args:
         sequences: observations of any people; at least one sequence.
-        model, settings: as in `mocapella.fusion.facing.FacingFilter`, whose results equal these without ``smooth``.
+        model, settings: as in `mocapella.fusion.facing.FacingFilter`; for bodies like the training data, its results
+            equal these without ``smooth``.
         smooth: whether to use later frames as well.
         known_within_deg: standard deviation of known facings [deg]; None does not use them.
 

@@ -57,9 +57,9 @@ class BiasInputs(NamedTuple):
     """State of the tracked people that the bias depends on, for the kernel.
 
     Attributes:
-        positions, velocities: (people, joints, 3) in the space of the people [m], [m/s].
+        positions, velocities: (people, joints, 3) in the tracker's frame, which all sensors share [m], [m/s].
         view_at: (people, sensors) capture time of each view on the common clock [s]; −inf where there is no view.
-        view_positions: (people, sensors, joints, 3) in the space of the people, with the sensor's labels [m].
+        view_positions: (people, sensors, joints, 3) in the same frame, with the sensor's labels [m].
         view_swapped: (people, sensors) whether left and right are to be swapped so that the sensors agree.
     """
 
@@ -93,12 +93,12 @@ def terms(alpha: Float64, distance_m: Float64, ahead_m_s: Float64, left_m_s: Flo
 
 
 def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Float64, Float64]:
-    """Return `terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to the sensor's.
+    """Return `terms` (..., TERMS) of views, and the rotations (..., 3, 3) from the body's axes to ``position``'s.
 
     Args:
         facing: (...,) the facing from the direction towards the sensor [rad].
         position: (..., 3) of the person in the sensor's space, rotated to y up [m].
-        velocity: (..., 3) of the person in the same space [m/s].
+        velocity: (..., 3) of the person along the same axes [m/s].
     """
     yaw = facing + np.arctan2(-position[..., 0], -position[..., 2])
     sine, cosine = np.sin(yaw), np.cos(yaw)
@@ -108,9 +108,9 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
 
 
 def mirrored(weights: Float64, mirror: Sequence[int]) -> Float64:
-    """Return the weights (TERMS, joints, 3) of the mirrored body; a symmetric body's weights equal their mirror image.
+    """Return the weights of the bias of the mirrored body; a symmetric body's weights equal their mirror image.
 
-    ``mirror`` (joints,) has the index of each joint's counterpart on the other side.
+    ``weights`` and the result are (TERMS, joints, 3); ``mirror`` (joints,) has each joint's counterpart's index.
     """
     return np.asarray(PARITY[:, None, None] * MIRRORED_AXES * weights[:, list(mirror)])
 
@@ -178,7 +178,7 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    """The file: a `JointBiasModel` with the left and middle joints only."""
+    """Layout of the file: a `JointBiasModel` with the left and middle joints only."""
 
     trained_on: dict[str, Any]
     topology: str

@@ -103,14 +103,14 @@ def corrections(
             and for a person whose position, velocity or facing is unknown.
         column: column of the sensor in the arrays of ``people``.
         weights: (TERMS, joints · 3) of `JointBiasModel.flat`.
-        T: (4, 4) from the sensor's space to that of the people.
-        R_level: (3, 3) from the space of the people to one with y up.
+        T: (4, 4) from the sensor's space to the frame of ``people``.
+        R_level: (3, 3) rotation from the frame of ``people`` to one with y up.
         now_s, view_age_s: present time on the common clock, and oldest age of a used view [s].
         mirror: (joints,) index of each joint's counterpart on the other side of the body.
         lines: (lines, 2) indices of left and right joints that give the facing.
         root: index of the root joint.
         people: state of the tracked people.
-        out: (bodies, joints, 3) in the sensor's space, with its labels [m]; written.
+        out: (bodies, joints, 3) written: corrections in the sensor's space, with its labels [m].
     """
     out[:] = 0.0
     positions, velocities, view_swapped = people.positions, people.velocities, people.view_swapped

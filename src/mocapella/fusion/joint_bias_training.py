@@ -1,7 +1,7 @@
 """Learn the joint bias of sensors from two views of one person, without ground truth.
 
-The difference d = (view 1 − b₁) − (view 2 − b₂) of each frame, in the reference sensor's space, is minimised in length,
-not in its square, by iteratively reweighted least squares with a ridge (Hastie, Tibshirani, Friedman, 2009, sections
+The length, not its square, of each frame's difference (view 1 − b₁) − (view 2 − b₂) in the reference sensor's space is
+minimised by iteratively reweighted least squares with a ridge (Hastie, Tibshirani, Friedman, 2009, sections
 3.4.1; Huber 1981, 7.8). The second sensor's pose is known only from these joints, so its rigid motion is fitted to the
 corrected views, alternating with the bias.
 """
@@ -29,9 +29,10 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
     """Two sensors' views of one person in one session.
 
     Attributes:
-        positions: (frames, 2, joints, 3) each in its own sensor's space, with agreeing labels [m]; NaN where missing.
+        positions: (frames, 2, joints, 3) each in its own sensor's space, rotated to y up, with labels that agree [m];
+            NaN where missing.
         facing: (frames, 2) of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
-        position, velocity: (frames, 2, 3) of the fused person in each sensor's space [m, m/s].
+        position, velocity: (frames, 2, 3) of the fused person in each sensor's space, likewise [m, m/s].
         weight: (frames,) weight of each frame in the fit.
     """
 
@@ -47,10 +48,10 @@ class BiasTrainingSettings:
     """Parameters of the training. Chosen by cross-validation over people.
 
     Attributes:
-        ridge: penalty of the weights, for a mean weight of 1 of the frames.
+        ridge: factor λ of the ridge penalty λ·Σ weights², beside the reweighted mean of the squared residuals.
         rounds: number of alternating fits of rigid motions and bias.
         steps: number of reweightings.
-        least_m: lower bound of the differences of two views, which bounds the weights of the reweighting [m].
+        least_m: least residual in the reweighting by 1/residual, which bounds a frame's weight [m].
     """
 
     ridge: float = 0.03
@@ -148,7 +149,7 @@ def _solve(apart: Float64, design: Float64, weight: Float64, tree: Topology, set
 def _robust_ridge(A: Float64, d: Float64, weight: Float64, settings: BiasTrainingSettings) -> Float64:
     """Return x that minimises Σ w |d − A x| / mean |d| + ridge |x|², without rows where d is not finite.
 
-    The first factor makes the penalty equally strong for joints with large and small differences.
+    The division by mean |d| makes the penalty equally strong for joints with large and small differences.
     """
     seen = np.isfinite(d).all(axis=1)
     A, d, weight = A[seen], d[seen], weight[seen]

@@ -1,7 +1,7 @@
 """Track markers in space with cameras that are not synchronised and have rolling shutters.
 
 A camera's pixel of a marker is an observation at its own time: the frame's time plus the readout time of its row, on
-the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white acceleration:
+the rig's clock. Every marker has an extended Kalman filter of its position and velocity (white-noise acceleration:
 Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, sections 6.2.2 and 10.3),
 which takes the pixels of all cameras in order of time. So nothing is triangulated from observations at different
 times, and a marker that one camera has lost is still tracked along the other's ray, with growing uncertainty.
@@ -27,16 +27,16 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 MEMORY = 16
-"""Most observations stored per marker."""
+"""Largest number of a marker's stored observations, which are filtered again when a late one comes."""
 
 
 class RayState(IntEnum):
     """State of a marker's 3D point: seen, predicted, or unknown."""
 
     TRACKED = 0
-    """Seen by two or more cameras recently."""
+    """Seen by two or more cameras in the last ``alone_s``."""
     INFERRED = 1
-    """Seen by at most one; predicted by its motion."""
+    """Seen by at most one camera in that time; predicted by its motion."""
     LOST = 2
     """Unknown: NaN."""
 
@@ -55,8 +55,8 @@ class MarkerRaysSettings:
         keep_s: an observation that is older than the marker's newest one by more than this is dropped; larger: later
             cameras count, at more work [s].
         together_s: largest time between the observations of two cameras that initialise a marker [s].
-        image_speed_px: assumed speed of a marker in an image; the standard deviation of the older of these observations
-            grows by it with time [px/s].
+        image_speed_px: assumed speed of a marker in an image; in initialising, the standard deviation of an older
+            observation grows by it with time [px/s].
         least_angle_rad: least angle between the rays of two cameras that initialise a marker; smaller: markers are
             found farther away, at less certain depths [rad].
         alone_s: a marker that only one camera has seen for this long is inferred [s].
@@ -188,9 +188,9 @@ class RayReport(msgspec.Struct, frozen=True):
 
     Attributes:
         received: number of observations with a pixel, a standard deviation and a time.
-        used, refused, late: number used by the filters, rejected by the gate, and older than the stored ones.
-        begun, forgotten: number of initialised and of lost markers.
-        frames_late: frames of a camera older than its newest one.
+        used, refused, late: number used by the filters, rejected by the gate, and too old to be inserted.
+        begun, forgotten: how often a marker was initialised, and lost.
+        frames_late: number of frames not later than an earlier received one of the same camera.
     """
 
     received: int
@@ -205,8 +205,8 @@ class RayReport(msgspec.Struct, frozen=True):
 class MarkerRays:
     """Tracker of a fixed set of markers with a rig's cameras: a Kalman filter for each marker.
 
-    The state, with a row for each marker, is ``_states`` (position, velocity) and ``_covariances`` (6, 6) at the time
-    ``_begins`` (NaN if unknown), the later observations in order of time, and when each camera's pixel was last used.
+    A filter's stored state is somewhat old: the observations since then are stored, too, in order of time, and filtered
+    again for each result. `RayMemory` describes all arrays.
 
     Args:
         rig: the cameras' lenses, poses, clock offsets and readout times.

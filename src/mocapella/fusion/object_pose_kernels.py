@@ -67,10 +67,10 @@ def add_pixels(
         A, g: updated; the parameters are position [m], rotation from the left [rad], velocity [m/s] and angular
             velocity [rad/s].
         J: (2, 12) workspace.
-        cost: a cost to which that of the pixels' residuals is added.
+        cost: cost so far.
 
     Returns:
-        The sum: the squared residuals have the weight 1/sd². Infinite if a marker cannot be projected.
+        ``cost`` plus the squared residuals over their variance; infinite if a marker cannot be projected.
     """
     for m in range(len(seen.places)):
         if not seen.chosen[m]:

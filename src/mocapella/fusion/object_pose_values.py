@@ -19,12 +19,12 @@ class ObjectPose(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         at_s: the time, on the rig's clock [s].
         T_world_object: (4, 4); None where lost.
-        twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world; NaN where lost.
+        twist: (6,) velocity of the object's origin [m/s] and angular velocity [rad/s], world; NaN where lost.
         covariance: (6, 6) of the position in the world [m] and a small rotation about the world's axes [rad]; NaN where
             lost.
         state: TRACKED if recently seen with four markers in one camera, or by two cameras, and its standard deviations
-            are small; INFERRED if only predicted or uncertain; LOST.
-        ambiguous: whether another pose fits the pixels as well.
+            are small; INFERRED if only predicted, uncertain or ambiguous; LOST.
+        ambiguous: whether another pose fits the pixels nearly as well.
         unseen_s: time since the last used frame [s]; infinite where lost.
     """
 
@@ -43,8 +43,8 @@ class ObjectReport(msgspec.Struct, frozen=True):
     Attributes:
         received: number of frames with a marker of the object.
         used, refused, late: number used by the filter, rejected by the gate, and older than the stored ones.
-        outliers: number of markers left out of used frames.
-        found, lost: how often the object was initialised and lost.
+        outliers: number of visible markers left out of used frames.
+        found, lost: how often the object was initialised, and lost.
     """
 
     received: int = 0
@@ -62,10 +62,10 @@ class Hypothesis(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         at_s: the time, on the rig's clock [s].
         T: (4, 4) from the object's frame to the world.
-        twist: (6,) velocity [m/s] and angular velocity [rad/s] in the world.
+        twist: (6,) velocity of the object's origin [m/s] and angular velocity [rad/s], world.
         covariance: (12, 12) of position [m], small rotation about the world's axes [rad], velocity [m/s] and angular
             velocity [rad/s].
-        cost: sum of the least costs of its frames, less that of the best hypothesis.
+        cost: sum over its frames of the least cost [χ²], less the sum of the best hypothesis.
     """
 
     at_s: float
@@ -82,7 +82,7 @@ class MarkerPixels(NamedTuple):
         camera: index of the camera.
         places: (points, 3) markers in the object's frame [m].
         pixels, sd_px: (points, 2), (points,) pixels, and standard deviation of a coordinate [px].
-        later_s: (points,) capture time of each pixel's row, less the time of the prediction [s].
+        later_s: (points,) capture time of each pixel's row, minus the time of the prediction [s].
         chosen: (points,) which markers to use.
     """
 
@@ -99,7 +99,7 @@ class PosePrediction(NamedTuple):
 
     Attributes:
         R: (3, 3) rotation from the object's frame to the world.
-        x: (9,) position [m], velocity [m/s] and angular velocity [rad/s] in the world.
+        x: (9,) position and velocity of the object's origin [m], [m/s], and angular velocity [rad/s], world.
         information: (12, 12) inverse covariance of position, rotation from the left, velocity, angular velocity.
     """
 

@@ -4,7 +4,7 @@
     tracker.update("left", pixels, sd_px, at_s)
     pose = tracker.at(at_s)
 
-The state is the pose and its twist: position, rotation, velocity and angular velocity, all in the world, with white
+The state is position, rotation, velocity and angular velocity of the object, all in the world, with white-noise
 acceleration (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, section
 6.2.2). A camera's frame corrects the prediction to its time by Gauss–Newton over all its pixels, with later times of
 lower rows for rolling shutters: the iterated extended Kalman filter (B. Bell, F. Cathey, IEEE Trans. Automatic Control
@@ -128,8 +128,8 @@ class ObjectPoseSettings:
 class ObjectPoses:
     """Tracker of one object with the cameras of a rig: call `update` with each frame, and `at` for the pose.
 
-    The state is the hypotheses, the latest frames with the hypotheses before each, and each camera's last used frame
-    with its number of markers.
+    Its state is the present hypotheses of the pose, the latest frames with the hypotheses before each, and the time and
+    number of markers of each camera's last used frame.
 
     Args:
         rig: the cameras' lenses, poses, clock offsets and readout times.
@@ -298,11 +298,10 @@ class ObjectPoses:
         return tuple(kept), used
 
     def _correct(self, h: Hypothesis, seen: SeenFrame, spare: bool) -> tuple[Hypothesis, int]:
-        """Correct a hypothesis by all markers, if necessary with more process noise, else without the worst; 0 used =
-        rejected.
+        """Correct a hypothesis by a frame; return it, and the number of used markers, 0 if the frame is rejected.
 
-        A marker that is left out costs as much as one at the gate, so that the pose with the fewest inliers is not
-        preferred.
+        All markers are used, if necessary with more process noise; otherwise the worst are left out. A marker that is
+        left out costs as much as one at the gate, so that the pose with the fewest inliers is not preferred.
         """
         s, there = self.settings, np.isfinite(seen.pixels[:, 0])
         count = int(there.sum())

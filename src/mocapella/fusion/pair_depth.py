@@ -36,7 +36,7 @@ class PairDepthSettings:
         k_cm: factor of the depth for ``parallel-fitted``, see `PowerLaw` [cm].
         z: exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
         sd_px: standard deviation of a pixel's coordinate [px].
-        gate_sd: largest disagreement of the cameras about a point, in standard deviations; beyond, there is no point.
+        gate_sd: largest disagreement of the two pixels of a point, in standard deviations; beyond, the point is NaN.
     """
 
     method: str = "rays"
@@ -60,10 +60,10 @@ class PairDepth:
     Args:
         rig: a rig of two cameras or more.
         settings: method and its parameters; the defaults if None.
-        left, right: names of the two cameras; the rig's first and second if None.
+        left, right: names of the two cameras, as for a person who faces them; the rig's first and second if None.
 
     Attributes:
-        pair: baseline and focal length of the two cameras as exactly parallel ones.
+        pair: an exactly parallel pair with the baseline and the mean focal length of the two cameras.
 
     Raises:
         SettingsError: there are no two such cameras, or they stand in one place or one before the other.
@@ -120,8 +120,7 @@ class PairDepth:
     def swapped(self, pixels: Any) -> bool:
         """Return whether most finite disparities are negative: the cameras ``left`` and ``right`` are swapped.
 
-        It is False without a finite disparity. Left and right are as for a person who faces the cameras. ``pixels`` as
-        in `disparity`.
+        It is False without a finite disparity. ``pixels`` as in `disparity`.
         """
         return swapped(self.disparity(pixels))
 

@@ -42,7 +42,7 @@ class TracksSettings:
         gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see
             `TriangulationSettings`.
         least_confidence: only detections with a higher confidence are used.
-        largest_error_px: for the two linear methods: largest reprojection error, see `WeightedLinearSettings` [px].
+        largest_error_px: for the two linear methods: largest mean error, see `WeightedLinearSettings` [px].
     """
 
     method: str = "robust"
@@ -79,7 +79,7 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
     """One camera's contribution.
 
     Attributes:
-        seen: number of confident detections of triangulated points.
+        seen: number of confident detections (above ``least_confidence``) of points that were triangulated.
         rejected_share: fraction of these detections that were rejected as outliers, 0 to 1; 0 without any.
         residual_px: root mean square of the reprojection errors of the used ones; 0 without any [px].
     """

@@ -119,7 +119,7 @@ def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) ->
 
 @njit(cache=True, error_model="numpy")
 def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) -> bool:
-    """Initialise point j by triangulating the newest observations of two or more cameras; return whether it worked.
+    """Initialise point j by triangulating each camera's newest observation, of two or more; return whether it worked.
 
     The observations must lie within ``together_s``. The point begins at rest there, at the time of its oldest stored
     observation, with wide priors.
@@ -157,7 +157,7 @@ def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) 
 def observe(frame: CameraPixels, memory: RayMemory, views: Float64, report: Int64, parameters: RayParameters) -> None:
     """Insert a camera's pixels into the markers' observations, in order of time, and count the outcomes.
 
-    An unknown marker is initialised if possible. One with `REFUSED_IN_A_ROW` rejected observations is reset.
+    A lost marker is initialised if possible. One with `REFUSED_IN_A_ROW` rejected observations is reset, so lost.
 
     Args:
         frame: the pixels.

@@ -117,9 +117,9 @@ def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float)
 
     Args:
         offsets: (views, joints, 3) updated [m].
-        views: (views, joints, 3) not corrected [m]; where NaN, the offset stays. A joint's only view fades to offset 0.
+        views: (views, joints, 3) not corrected [m]; where NaN, the offset stays. The offset of an only view fades to 0.
         mean: (joints, 3) of the uncorrected views [m].
-        step: learning rate: fraction of its remaining difference that is added to an offset, 0 to 1.
+        step: learning rate, 0 to 1: fraction of the way from an offset to its present value.
     """
     count, joints = offsets.shape[:2]
     for j in range(joints):

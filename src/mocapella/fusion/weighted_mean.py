@@ -5,8 +5,8 @@ predicted joint counts less, by the weight of a Student-t distribution (Lange, L
 Modeling Using the t Distribution, 1989), so that one wrong sensor does not displace the person.
 
 Sensors disagree by several centimetres, more so from opposite directions: a joint would jump whenever one of them loses
-it. So each view is brought to the common mean by its own slowly changing offset, which persists and fades while other
-views are missing.
+it. So each view is brought to the common mean by its own slowly changing offset of each joint, which stays while the
+view is missing, and fades while it is the only one.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def centred_products(M: Float64, offset: float = 0.0) -> Float64:
 
 
 def _rotation(S: Float64) -> Float64:
-    """The rotation of q's axes to p's, of S = Σ w (q − q̄)(p − p̄)ᵀ, (..., 3, 3)."""
+    """Return R_p_q (..., 3, 3) that best maps q to p, from S = Σ w (q − q̄)(p − p̄)ᵀ (..., 3, 3)."""
     finite = np.asarray(np.isfinite(S).all(axis=(-1, -2)))
     S = np.where(finite[..., None, None], S, 0.0)
     N = np.empty((*S.shape[:-2], 4, 4))
@@ -226,7 +226,7 @@ def _trace(matrices: Float64) -> Float64:
 
 
 def _axial(outer: Float64) -> Float64:
-    """Σ a × b of Σ a bᵀ."""
+    """Return Σ a × b (..., 3), given Σ a bᵀ (..., 3, 3)."""
     skew = outer - np.swapaxes(outer, -1, -2)
     return np.stack([skew[..., 1, 2], skew[..., 2, 0], skew[..., 0, 1]], axis=-1)
 

@@ -39,7 +39,7 @@ def homography(plane: Float64, picture: Float64) -> Float64:
 
 
 def _centred(points: Float64) -> Float64:
-    """The similarity that brings points to mean 0 and mean square distance 2 (Hartley 1997)."""
+    """Return the similarity (3, 3) that brings points to mean 0 and mean square distance 2 (Hartley 1997)."""
     centre = points.mean(axis=0)
     scale = np.sqrt(2.0 / ((points - centre) ** 2).sum(axis=1).mean())
     return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1]])

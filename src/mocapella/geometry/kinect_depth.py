@@ -21,7 +21,7 @@ NOTHING: Final = 2047
 """Raw disparity that the sensor sends where it measured nothing."""
 NEAREST_M: Final = 0.4
 FARTHEST_M: Final = 8.0
-"""With `NEAREST_M`, the range of depths that Microsoft's own interface passes on, near mode included [m]."""
+"""Largest depth that Microsoft's own interface delivers [m]; `NEAREST_M` is the smallest, that of its near mode."""
 UNIT_M: Final = 0.000125
 """Unit of the depths of `kinect_units` [m]; 8 m are 64000."""
 

@@ -139,7 +139,7 @@ def undistort_points(lens: Float64, farthest_r2: float, pixels: Float64, out: Fl
 
     Args:
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
-        farthest_r2: squared radius x² + y² up to which the lens model is monotonic; 0 for no limit.
+        farthest_r2: squared radius of the lens model, see `lens.farthest_r2`; 0 for no limit.
         pixels: (n, 2) [px].
         out: (n, 2) written: x/z and y/z; NaN outside the range of the distortion model.
     """

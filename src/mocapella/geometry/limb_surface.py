@@ -27,8 +27,8 @@ def polygonise(
         within: (groups,) blending distance between limbs of a group [m].
         between: blending distance between groups [m].
         nodes: (a, b, c, 3) nodes of a grid, which may be warped and extends beyond the limbs on all sides [m].
-        mirrored: make the surface symmetric in x, triangles included. The limbs must be symmetric; nodes are given
-            for x > 0 only, and a layer of cells joins the first of them to their mirror images.
+        mirrored: make the surface symmetric in x, triangles included. Nodes are given for x > 0 only, and so may be
+            limbs; only limbs that reach x = 0 must be symmetric. A layer of cells joins the two halves.
 
     Raises:
         AssertionError: the surface touches itself at this resolution of the grid.

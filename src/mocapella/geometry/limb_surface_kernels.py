@@ -91,7 +91,7 @@ def sample(limbs: Float64, within: Float64, between: float, nodes: Float64, out:
 def separate(values: Float64) -> bool:
     """Change signs until no cell face has inside and outside at alternating corners; return whether that succeeded.
 
-    At such a face the surface would touch itself along an edge. The corner nearest to the surface is moved outside.
+    At such a face the surface would touch itself along an edge. Its inner corner nearest the surface is moved outside.
 
     Args:
         values: (a, b, c) signed distances at the nodes of a grid [m], negative inside; in and out.

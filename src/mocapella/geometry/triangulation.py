@@ -32,7 +32,7 @@ class PointState(IntEnum):
     SEEN = 0
     """Two cameras or more agree."""
     ONE_VIEW = 1
-    """Seen by one camera only, or by none, within its lens model."""
+    """Fewer than two cameras see the point within their lens models."""
     PARALLEL = 2
     """The rays are so nearly parallel that the depth would be a guess."""
     BEHIND = 3
@@ -48,7 +48,7 @@ class TriangulationSettings:
     Attributes:
         gate_sd: a view is rejected if its reprojection error is above this number of its standard deviations; at 4, one
             in 3,000 correct views with Gaussian errors is rejected. Infinity uses every camera.
-        least_angle_rad: least angle between any two rays; a point whose rays are closer to parallel is rejected [rad].
+        least_angle_rad: a point is rejected unless at least two of its rays meet at this angle or a larger one [rad].
     """
 
     gate_sd: float = 4.0
@@ -60,7 +60,7 @@ class TriangulationSettings:
 
 
 EVERY_CAMERA: Final = TriangulationSettings(gate_sd=math.inf, least_angle_rad=0.0)
-"""Reject no camera and no angle."""
+"""Settings that reject no camera and no angle."""
 
 
 class Views(msgspec.Struct, frozen=True, eq=False):
@@ -83,8 +83,8 @@ class Triangulated(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         points: (..., 3) in the world [m]; NaN where the state is not `PointState.SEEN`.
         covariances: (..., 3, 3) [m²], propagated from the ``sd_px`` of `triangulate`; NaN where the point is.
-        residuals_px: (..., views) reprojection errors, also of rejected cameras [px]; infinite where the point is not
-            in front of the camera, NaN where the camera does not see it.
+        residuals_px: (..., views) reprojection errors, also of rejected cameras [px]; infinite where the point cannot
+            be projected into the camera, NaN where the camera does not see it, or the point is NaN.
         used: (..., views) whether the camera is an inlier.
         states: (...,) a `PointState`.
     """

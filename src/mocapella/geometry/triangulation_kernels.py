@@ -201,7 +201,7 @@ def keep_ray(views: Float64, n: int, x: float, y: float, rays: Float64) -> None:
 
 @njit(**INLINED)
 def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, least_sin2: float) -> bool:
-    """Return whether the rays of any two used views meet in the point (X, Y, Z) at a sufficient angle.
+    """Return whether the rays of at least two used views meet in the point (X, Y, Z) at a sufficient angle.
 
     Args:
         views: (views, 25), see the module.
@@ -228,7 +228,7 @@ def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, leas
 def meeting(
     views: Float64, rays: Float64, weights: Float64, m: int, n: int, gate2: float, least_sin2: float
 ) -> tuple[int, float, float, float]:
-    """Intersect the rays of views m and n, weighted by the standard deviation of each at its distance.
+    """Intersect the rays of views m and n: the mean of their nearest points, by inverse variance at each one's depth.
 
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
 
@@ -273,7 +273,7 @@ def truncated(
     views: Float64, pixels: Float64, at: int, weights: Float64, X: float, Y: float, Z: float, gate2: float,
     best: float, kept: Float64,
 ) -> float:  # fmt: skip
-    """Return the sum over views of a point's squared reprojection errors [sd²], truncated at the gate.
+    """Return the sum over views of a point's squared reprojection errors [sd²], each truncated at the gate.
 
     Args:
         views: (views, 25), see the module.
@@ -317,10 +317,10 @@ def consensus(
     views: Float64, pixels: Float64, at: int, rays: Float64, weights: Float64, gate2: float, least_sin2: float,
     kept: Float64, tried: Float64,
 ) -> tuple[int, float, float, float, float, float, float, float, float, float]:  # fmt: skip
-    """Return the point with the least truncated error among those of all pairs of views, refitted on its inliers.
+    """Triangulate a point with rejection of outlier views: refit the pair of views with the least `truncated` error.
 
-    All pairs are tried, so nothing is random. The best is refitted while its error falls: Chum, Matas, Kittler: Locally
-    Optimized RANSAC (DAGM 2003), section 2.
+    All pairs are tried, so nothing is random. The best pair's point is refitted on its inliers while the error falls:
+    Chum, Matas, Kittler: Locally Optimized RANSAC (DAGM 2003), section 2.
 
     Args:
         views: (views, 25), see the module.
@@ -592,7 +592,7 @@ def triangulate(
 def nothing(
     i: int, state: int, points: Float64, covariances: Float64, residuals: Float64, used: Bool, states: UInt8
 ) -> None:
-    """Write a failure into row i of the results of `triangulate`: NaN, no used view, and the reason.
+    """Write a failure into row i of the results of `triangulate`: NaN, no used view, and the reason as state.
 
     Args:
         i: index of the point.

@@ -26,7 +26,7 @@ A literal 0 has another type, for which numba compiles once more.
 def turned(B: Float64, b: int, x: float, y: float, z: float, out: Float64) -> None:
     """Write the rotation B[b : b + 9]·exp(x, y, z) into out (9,), row by row.
 
-    The exponential of the rotation vector (x, y, z) [rad] is Rodrigues' formula; its axes are the rotated ones.
+    The exponential of the rotation vector (x, y, z) [rad] is Rodrigues' formula; the vector is in B's rotated axes.
 
     Args:
         B: rotations, nine numbers each, row by row.

@@ -30,8 +30,8 @@ class WeightedLinearSettings:
     Attributes:
         least_confidence: detections with a confidence above this are used.
         largest_error_px: largest mean reprojection error of the cameras used [px].
-        drop_cameras: whether cameras are dropped if the error is larger; otherwise the point is NaN. With large
-            detection errors, two cameras agree by chance more often than all but one are correct.
+        drop_cameras: whether cameras are dropped if the error is larger; otherwise the point is NaN. Turn it off where
+            detection errors are large: two remaining cameras then mostly agree by chance.
     """
 
     least_confidence: float = 0.3

@@ -17,7 +17,7 @@ LEAST_SEEN_S: Final = 1.0
 
 
 class Misdetections(msgspec.Struct, frozen=True):
-    """Counts of implausible changes between frames.
+    """Counts of implausible changes of arms between successive frames.
 
     Attributes:
         jumped: number of joints that moved farther than an arm can.
@@ -47,12 +47,12 @@ class ArmQuality(msgspec.Struct, frozen=True, eq=False):
     """The quality measured so far.
 
     Attributes:
-        noise_m: (8,) root mean square motion of each of `mocapella.model.arms.ARM_JOINTS` about its mean while the arm
-            was still, recently [m]; NaN if it was never still.
-        noise_whole_m: (8,) that noise over the whole session [m].
+        noise_m: (8,) root mean square distance of each of `mocapella.model.arms.ARM_JOINTS` from its mean position,
+            over the last seconds when an arm was still [m]; NaN before the first.
+        noise_whole_m: (8,) the same over all still seconds of the session [m].
         still: whether an arm is still now.
-        per_minute: misdetections of joints per minute, recently; NaN if arms were seen too briefly.
-        lately: the recent misdetections.
+        per_minute: misdetections of joints per minute of a seen arm, over the last minute; NaN if seen for under 1 s.
+        lately: misdetections of the last minute.
         whole: misdetections over the whole session.
         seen_s: time for which arms were seen, summed over arms [s].
         still_s: part of that time for which they were still [s].

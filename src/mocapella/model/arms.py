@@ -23,7 +23,7 @@ ARM_JOINTS: Final = (ELBOW, WRIST, PALM, *TIPS)
 """Indices in `ARM_POINTS` of an arm's eight joints: elbow, wrist, palm, thumb tip … little fingertip."""
 ARM_JOINT_NAMES: Final = tuple(ARM_POINTS[k] for k in ARM_JOINTS)
 ARM_BONES: Final = ((0, 1), (1, 2), *((2, k) for k in range(3, 8)))
-"""Pairs of the eight joints that form bones."""
+"""Bones, as pairs of positions in `ARM_JOINTS`: from elbow to wrist, wrist to palm, palm to each fingertip."""
 
 
 class SeenArm(msgspec.Struct, frozen=True, eq=False):
@@ -34,7 +34,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         id: constant for as long as the camera's detector tracks the arm.
         left: whether it is a left arm.
-        left_sure: certainty of the side, from 0.5 (a guess) to 1.
+        left_sure: probability that ``left`` is correct, from 0.5 (a guess) to 1.
         points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
@@ -89,7 +89,7 @@ class ArmFrame(SensorFrame, frozen=True, eq=False):
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         method: name of the detector.
         arms: the arms, in the order of their ids.
-        reason: why no arm was detected; empty otherwise.
+        reason: why no arm was detected, or a warning about the image; empty if there is neither.
     """
 
     size_px: tuple[int, int]

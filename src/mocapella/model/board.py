@@ -24,7 +24,7 @@ DICTIONARIES: Final = (
     "DICT_ARUCO_ORIGINAL",
     *(f"DICT_APRILTAG_{name}" for name in ("16H5", "25H9", "36H10", "36H11")),
 )
-"""Dictionaries of ArUco markers."""
+"""OpenCV's names of its predefined dictionaries of ArUco markers."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class BoardView(msgspec.Struct, frozen=True, eq=False):
         camera: name of the camera.
         frame: number of the image in its video, from 0.
         size_px: (width, height) of the image.
-        ids: (n,) ids of the detected corners, ascending.
-        corners_px: (n, 2) [px], refined; (0, 0) is the centre of the first pixel.
+        ids: (n,) ids of the detected corners, ascending: their rows in `Board.corners_m`.
+        corners_px: (n, 2) x, y, refined to fractions of a pixel [px]; (0, 0) is the centre of the first pixel.
         edge_px: median width of the edges at the corners [px]: large if the image is blurred; NaN
             where that was not measured.
     """
@@ -117,7 +117,7 @@ def load_board(path: Path | str) -> Board:
 
 
 def parse_board(text: bytes | str, path: Path | str = "board") -> Board:
-    """Decode a board's TOML text; errors name ``path``.
+    """Decode the TOML text of a file that `load_board` reads; errors name ``path``.
 
     Raises:
         InputError: it is no TOML, or a value is invalid; names valid ones.

@@ -10,15 +10,15 @@ BoardPhase = Literal["idle", "filming", "calibrating", "done"]
 
 
 class CameraProgress(msgspec.Struct, frozen=True):
-    """One camera's progress.
+    """One camera's progress in filming the board.
 
     Attributes:
         name: name of the camera.
-        views: number of kept views of the board.
+        views: number of images with the board that the calibration will use.
         fields: (rows, columns) number of corners detected so far in each cell of a grid over the image.
         size_px: (width, height) of its image; None before the first.
         corners_px: (n, 2) x, y of the board's corners in its newest image [px].
-        problem: why it does not see the board, if known.
+        problem: why the board is not detected in the newest image; empty if it is, or if the reason is unknown.
     """
 
     name: str
@@ -48,20 +48,21 @@ class RigQuality(msgspec.Struct, frozen=True):
 
 
 class BoardProgress(msgspec.Struct, frozen=True):
-    """The state of a calibration.
+    """The state of the calibration of cameras with a board.
 
     Attributes:
-        phase: ``idle`` before the first run and after a cancelled one.
+        phase: ``idle`` before the first run and after a cancelled one, then ``filming`` the board, ``calibrating``
+            (computation), and ``done``.
         board: description of the board.
         cameras: progress of the cameras that take part.
         shared: number of instants at which two or more cameras saw the board.
         hints: next actions, the most urgent first.
         problem: why it failed; empty if it did not.
         quality: quality of the calibrated rig; None before it is calibrated.
-        file: name of the rig's file.
+        file: name of the saved rig's file, or before that a free name proposed for it.
         busy: the long operation in progress; empty if there is none.
         saved, used: whether the rig was saved, and whether the server tracks with it.
-        has_rig: whether the session's method tracks with a rig already.
+        has_rig: whether the session's method is one that needs a rig, so that it has one already.
     """
 
     phase: BoardPhase = "idle"

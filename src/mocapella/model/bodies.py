@@ -14,7 +14,7 @@ BodyKey = tuple[str, int]
 
 
 def body_name(tracking_id: int) -> str:
-    """Return a short label of a body: its id, or the last three digits of a long one, such as a Kinect's 17 digits."""
+    """Return a label: ``body 7``, or of a longer id, such as a Kinect's of 17 digits, the last three: ``body …123``."""
     return f"body {tracking_id}" if tracking_id < 1000 else f"body …{tracking_id % 1000:03d}"
 
 

@@ -26,7 +26,7 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         model: one of `MODELS`, or the name of a mesh file.
         height_m: subject height, if given [m].
-        proportions: measured lengths of segments [m], and the girth relative to the average, by name.
+        proportions: fields of `BodyProportions` by name: known lengths [m] and girth; None for a mesh file.
         sha256: hash of the mesh file, in hexadecimal digits; empty for one of `MODELS`.
     """
 
@@ -37,10 +37,10 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def mesh_of_build(build: str) -> RiggedMesh:
-    """Rebuild the mesh that a body was fitted with, from `TrackedBody.build`; equal texts give equal meshes.
+    """Rebuild the mesh that was fitted to a person, from the JSON `TrackedBody.build`; equal texts give equal meshes.
 
     Raises:
-        SettingsError: the text is no build, its values are impossible, or its mesh is a file's.
+        SettingsError: the text is no build, its values are impossible, or its mesh comes from a file.
     """
     try:
         told = decode_json(build, BodyBuild)
@@ -54,10 +54,10 @@ def mesh_of_build(build: str) -> RiggedMesh:
 
 
 def built_mesh(model: str, height_m: float | None, proportions: BodyProportions) -> RiggedMesh:
-    """Return the mesh of one of `MODELS` for a subject height [m], if known, and proportions.
+    """Return the mesh of one of `MODELS` for a subject height [m], None if unknown, and proportions.
 
-    A ``male`` or ``female`` body has 29 degrees of freedom: its neck moves and its waist turns. A name that is none of
-    `MODELS` counts as ``male``.
+    A ``male`` or ``female`` body has 29 degrees of freedom: its neck moves and its waist turns. The ``legs`` are a
+    man's. A name that is none of `MODELS` counts as ``male``.
 
     Raises:
         SettingsError: implausible height or proportions.

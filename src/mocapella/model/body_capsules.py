@@ -32,7 +32,7 @@ _TOUCHING: Final = {
     *(frozenset({one, f"{side} {other}"}) for side in ("left", "right")
       for one, other in (("trunk", "upper arm"), ("head", "upper arm"), ("trunk", "thigh"), (f"{side} shank", "foot"))),
 }  # fmt: skip
-"""Pairs that always overlap, besides pairs that share a landmark."""
+"""Pairs of limbs whose capsules always overlap; like pairs that share a landmark, they are not tested."""
 
 
 class Capsules(msgspec.Struct, frozen=True, eq=False):
@@ -54,9 +54,9 @@ class Capsules(msgspec.Struct, frozen=True, eq=False):
 
 
 def capsules_of(mesh: RiggedMesh) -> Capsules:
-    """Return a capsule for each limb of a mesh whose two landmarks it has, by name; none for a mesh that is not a body.
+    """Return a capsule for each limb between two landmarks that the mesh has, with the names of `body_mesh`.
 
-    Radii are fitted to the mesh at rest.
+    Without such landmarks, there are no capsules. Radii are fitted to the mesh at rest.
     """
     marks = list(mesh.landmarks)
     there = {name: both for name, both in _LIMBS.items() if mesh.landmarks.keys() >= set(both)}

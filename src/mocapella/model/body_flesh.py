@@ -1,6 +1,6 @@
 """A person's body at rest, as tapered limbs for `mocapella.geometry.limb_surface`.
 
-The surface is a smooth union of tapered limbs (implicit surface), from which meshes are triangulated.
+The surface is an implicit one, a smooth union of tapered limbs; meshes are triangulated from it.
 
 `mocapella.model.body_meshes` defines the rest pose.
 """
@@ -18,12 +18,12 @@ from mocapella.model.body_proportions import HEEL, TOE, Flesh, Lengths
 Float64 = NDArray[np.float64]
 
 TRUNK, ARM, LEG = range(3)
-"""Groups of limbs; only the left arm and leg. The right ones are mirrored."""
+"""Groups of limbs: trunk and head, left arm, left leg. The right arm and leg are mirror images."""
 WITHIN: Final = (0.010, 0.003, 0.004)
 BETWEEN: Final = 0.030
 """Blending radii between limbs of a group, and between groups, relative to the height."""
 APART: Final = 0.014
-"""Gap between each thigh and the middle, relative to the height: legs that touch at rest cannot be separated."""
+"""Gap between each leg and the plane x = 0, relative to the height: legs that touch at rest cannot be separated."""
 ARM_DOWN: Final = float(np.sqrt(0.5))
 
 

@@ -68,9 +68,9 @@ _JOINTS: Final[dict[str, tuple[tuple[str, float, float], ...]]] = {
     "neck": (("nod", -45, 45), ("tilt to the left", -45, 45)),
 }
 """Each joint's rotations, with names and limits [degrees], by the American Academy of Orthopaedic Surgeons,
-*Joint motion: method of measuring and recording* (1965), except the shoulder. Its raise has 180° from a hanging arm,
-which is 45° below the rest pose, and 40° more to cross the trunk. Its turn depends on the other angles; it has 90° both
-ways."""
+*Joint motion: method of measuring and recording* (1965), except the shoulder. Its raise goes from a hanging arm, 45°
+below the rest pose, 180° up and 40° inwards across the trunk. Its real range of turning depends on the other angles;
+here it is ±90°."""
 _TURN_OF_WAIST: Final = ("turn to the left", -45.0, 45.0)
 _HEAD: Final = "head"
 """The additional part of a supple body; its parent is the torso."""
@@ -86,13 +86,13 @@ def body_mesh(
     *,
     supple: bool = False,
 ) -> RiggedMesh:
-    """Return the mesh of a person; it is deterministic. The newest sizes are cached, so do not change its arrays.
+    """Return the mesh of a person; equal arguments give equal meshes. Results are cached: do not change their arrays.
 
     Args:
         sex: selects the table of average widths, girths and proportions.
-        height_m: from the ground to the top of the head [m]; None: from the known segments, or the average.
-        proportions: lengths of the known segments.
-        detail: factor of the number of vertices along a line; 0.8 to 4.
+        height_m: from the ground to the top of the head [m]; None: estimated from the known segments, or the average.
+        proportions: lengths of the known segments, and girth.
+        detail: resolution: factor of the number of vertices along a line; 0.8 to 4.
         supple: whether the neck moves and the waist turns.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Lengths of a person's segments: average for the height, or measured.
+"""Lengths of a person's segments, average for the height or measured, and breadths of the body's surface.
 
-Widths and girths follow; `mocapella.model.body_meshes` makes a body of them.
+`mocapella.model.body_meshes` makes a mesh of them.
 """
 
 from __future__ import annotations
@@ -75,9 +75,7 @@ SEGMENTS: Final = tuple(field.name for field in dataclasses.fields(Lengths))
 
 @dataclass(frozen=True)
 class BodyProportions:
-    """The known lengths of a person's segments, which have the names and ends of `Lengths` [m]; None if unknown.
-
-    Unknown ones are average for the height.
+    """The known lengths of a person's segments, the fields of `Lengths` [m]; None: unknown, so average for the height.
 
     Attributes:
         girth: breadths, depths and girths, relative to the average for the height.
@@ -116,15 +114,16 @@ AVERAGE: Final = BodyProportions()
 
 @dataclass(frozen=True)
 class Flesh:
-    """Breadths and depths of a body's surface, relative to its height.
+    """Breadths and depths of an average body's surface, relative to its height.
+
+    A cross section's first number is its position along the segment, 0 at the start and 1 at the end.
 
     Attributes:
-        trunk: cross sections from the hips to the shoulders: place along the trunk from 0 to 1, half breadth, half
-            depth, and shift forwards.
-        thigh: cross sections from joint to joint: place from 0 to 1, radius, shift forwards, and additional depth.
-        shank: cross sections: place from 0 to 1, radius, and shift forwards.
-        upper_arm, forearm: cross sections: place from 0 to 1, radius, and shift towards the thumb.
-        neck, jaw, breasts, buttocks: radii there, divided by the height.
+        trunk: cross sections from hips to shoulders: position, half breadth, half depth, and shift forwards.
+        thigh: cross sections: position, half breadth, shift forwards, and half depth minus half breadth.
+        shank: cross sections: position, radius, and shift forwards.
+        upper_arm, forearm: cross sections: position, radius, and shift towards the thumb.
+        neck, jaw, breasts, buttocks: radii.
     """
 
     trunk: tuple[tuple[float, float, float, float], ...]
@@ -145,7 +144,7 @@ class BodyShape:
     Attributes:
         name: name of the table, ``female`` or ``male``.
         height_m: average height [m].
-        lengths, flesh: lengths of segments, and breadths and depths, relative to the height.
+        lengths, flesh: lengths of segments, and breadths and depths of the surface, relative to the height.
     """
 
     name: str

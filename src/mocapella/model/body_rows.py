@@ -1,4 +1,4 @@
-"""The rows of a file with one sensor's bodies."""
+"""Skeletons of one sensor as read from a table in a file, such as a CSV."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from mocapella.model.topology import Topology
 
 
 class BodyRows(msgspec.Struct, frozen=True, eq=False):
-    """The rows of a file, in its order: one body at one instant each.
+    """The rows of a file, in its order: each is one body at one instant.
 
     Attributes:
-        source: the file.
-        topology: of the sensor.
-        first_row: number of the first row in the file, from 1.
+        source: the file's name, for errors.
+        topology: names and order of the joints.
+        first_row: number in the file of the arrays' first row, for errors: 2 after a header, otherwise 1.
         time_ns: (rows,) capture times, on the sensor's clock [ns].
-        ids: (rows,) number of the body.
+        ids: (rows,) tracking id of the body.
         positions: (rows, joints, 3) float32, camera space: x to the sensor's left, y up, z out of the lens [m]; NaN
             where not tracked.
         states: (rows, joints) `JointState`.

@@ -15,9 +15,9 @@ class Camera(msgspec.Struct, frozen=True, eq=False):
     """A camera's image size and lens.
 
     Attributes:
-        name: a sensor's name.
-        size_px: (width, height) of the image that the lens describes.
-        lens: (9,) intrinsics: focal lengths, principal point and distortion, see `mocapella.geometry.lens`.
+        name: the camera's sensor name.
+        size_px: (width, height) of the images for which ``lens`` is valid.
+        lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         readout_s: rolling-shutter time from the first row to the last; 0 for a global shutter [s].
     """
 
@@ -35,7 +35,7 @@ class PlacedCamera(msgspec.Struct, frozen=True, eq=False):
         T_camera_world: (4, 4) extrinsics; camera frame: x right, y down, z out of the lens.
         covariance: (6, 6) covariance of a small motion of the camera in its own frame, translation [m] then rotation
             [rad]; NaN if unknown.
-        clock_s: clock offset: the camera's time minus the rig's, for one instant [s].
+        clock_s: clock offset: the camera's time minus the rig's, at the same instant [s].
     """
 
     camera: Camera

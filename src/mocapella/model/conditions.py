@@ -8,7 +8,8 @@ from collections.abc import Collection
 def conditions(reason: str, sensors: Collection[str]) -> list[str]:
     """Turn ``front: with left: walk; left: with front: walk; moved`` into ``["front, left: walk", "moved"]``.
 
-    The pair of sensors with a problem changes several times a second; the remedy does not.
+    The other sensor of a pair is left out, because it changes several times a second, and the display would flicker.
+    A problem of all sensors begins with ``all sensors: ``.
 
     Args:
         reason: text of the tracker's state: parts separated by ``; ``, some of them with the prefix ``SENSOR: ``.

@@ -10,9 +10,9 @@ from mocapella.model.sensor_frame import SensorFrame
 from mocapella.registry import Table
 
 ENVELOPE_FIELD: Final = 100
-"""The protobuf field of an `OtherFrame`, which carries plug-ins' frames."""
+"""Number of a protobuf field that only ``OtherFrame`` has, the message of plug-ins' frames."""
 HISTORY_FRAMES: Final = 18_000
-"""Number of frames that a node keeps for a server that missed them."""
+"""Default number of frames that a node keeps, to send them again to a server that missed them."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class FrameType:
         shown: text of the sensor table where nothing is counted; the name if omitted.
         hint: other uses of such frames, for the message that no method accepts them.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
-        resolver: ``module:name`` of a class whose ``resolve`` loads the data that a frame in a take refers to; may be
-            empty.
+        resolver: ``module:name`` of a class whose ``resolve`` loads data that a take only references, such as an image
+            in a video file; may be empty.
         pictures: whether a node of this type answers requests for its camera's image.
         depth_images: whether a frame is a depth image: it has ``depth``, ``size_px``, ``unit_m`` and ``lens``, like
             `mocapella.model.depth.DepthFrame`, so that readers of depth images accept it in takes.
-        history_frames: number of frames that a node keeps for a server that missed them.
+        history_frames: number of frames that a node keeps, to send them again to a server that missed them.
     """
 
     interface: int

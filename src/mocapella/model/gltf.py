@@ -27,7 +27,7 @@ EXPORT: Final = "export the model anew as glTF 2.0 (.glb)"
 _HEADER: Final = 12
 _MOST_BYTES: Final = 256 << 20
 _DEEPEST: Final = 256
-"""Largest number of nodes above another."""
+"""Largest number of ancestors of a node."""
 _MOST_ITEMS: Final = 4096
 """Largest number of nodes, meshes, accessors and so on."""
 _TYPES: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -101,7 +101,7 @@ class Gltf:
         return items[index]
 
     def array(self, index: Any, field: str, *kinds: str) -> NDArray[Any]:
-        """Return an accessor's numbers: (n,), (n, 2 to 4) or (n, 4, 4) by columns, integers or float64.
+        """Return an accessor's numbers, int64 or float64: (n,), (n, 2 to 4), or (n, 4, 4) transposed matrices.
 
         Normalised integers are converted to the floats that they represent.
 
@@ -111,7 +111,7 @@ class Gltf:
             kinds: allowed glTF types, such as ``VEC3``.
 
         Raises:
-            InputError: it is missing, of another type, sparse, or beyond its buffer.
+            InputError: it is missing, of another type, sparse, beyond its buffer, or has numbers that are not finite.
         """
         accessor = self.item("accessors", index)
         where = f"{field} (accessors[{index}])"

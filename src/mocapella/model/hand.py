@@ -1,8 +1,9 @@
 """Hand models: landmarks, joints with their limits, one person's bones, and a measured hand.
 
 Landmarks are in the order of MediaPipe's hand: the wrist, then of the thumb CMC, MCP, IP and tip, then of index,
-middle, ring and little finger MCP, PIP, DIP and tip. `hands/human.toml` defines the hand, the palm's frame and
-the sources of its numbers.
+middle, ring and little finger MCP, PIP, DIP and tip. The palm's frame of a right hand has its origin at the wrist, x to
+the thumb's side, y out of the back of the hand, and z towards the knuckle of the middle finger; a left hand is its
+mirror image in x. `hands/human.toml` has the hand's numbers and their sources.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ DIGITS: Final = ("thumb", "index", "middle", "ring", "little")
 WRIST: Final = 0
 TIPS: Final = (4, 8, 12, 16, 20)
 BASES: Final = (1, 5, 9, 13, 17)
-"""The digits' first joints: the thumb's CMC, the fingers' MCP."""
+"""Landmarks of the digits' first joints: the thumb's CMC, the fingers' MCP."""
 LANDMARKS: Final = (
     "wrist",
     *(f"thumb {joint}" for joint in ("CMC", "MCP", "IP", "tip")),
     *(f"{finger} {joint}" for finger in DIGITS[1:] for joint in ("MCP", "PIP", "DIP", "tip")),
 )
 PARENTS: Final = (-1, *(0 if i % 4 == 0 else i for i in range(20)))
-"""The landmark at which each landmark's bone starts."""
+"""Index of the landmark at the other, proximal end of each landmark's bone; −1 for the wrist."""
 ANGLES: Final = (
     *("thumb CMC flexion", "thumb CMC abduction", "thumb MCP flexion", "thumb MCP abduction", "thumb IP flexion"),
     *(
@@ -62,18 +63,19 @@ class Digit:
     """A digit's proportions and limits, as in ``hands/human.toml``; positions and directions are in the palm's frame.
 
     Attributes:
-        base: position of its first joint: across over hand breadth, towards the back and along over hand length.
+        base: position of its first joint: x over the hand's breadth, y and z over its length.
         bone: direction of the straight digit at angles 0.
-        bends_towards: direction of its flexion; made perpendicular to ``bone``.
+        bends_towards: direction of the tip's motion in flexion; made perpendicular to ``bone``.
         lengths: of its three bones, from the base outwards, over hand length.
-        centre_deg: flexion and abduction at the centre of the first joint's limits, an ellipse [deg].
-        flexion_deg, abduction_deg: least and most of both on that ellipse; abduction is positive to the thumb's side.
+        centre_deg: flexion and abduction at the centre of the ellipse that limits the first joint [deg].
+        flexion_deg, abduction_deg: least and most of both on that ellipse [deg]; flexion may begin at the centre (half
+            an ellipse). Abduction is positive to the thumb's side.
         middle_deg, last_deg: least and most flexion of the second and third joint [deg].
-        coupling_thirds: third joint's flexion in a relaxed hand, over a third of the second's.
-        natural_deg: flexion, abduction and second joint's flexion of a hand at rest [deg].
+        coupling_thirds: third joint's flexion in a relaxed hand, as a multiple of a third of the second's.
+        natural_deg: flexion and abduction of the first joint, and flexion of the second, of a hand at rest [deg].
 
     Raises:
-        SettingsError: a value is out of range, or limits are not symmetric about their centre.
+        SettingsError: a value is out of range, or limits do not fit such an ellipse.
     """
 
     base: tuple[float, float, float]
@@ -134,17 +136,17 @@ class HandModel:
 
     @property
     def coupled(self) -> tuple[bool, ...]:
-        """(5,) whether a digit's third joint strictly follows its second."""
+        """(5,) whether the flexion of a digit's third joint is always `coupling` times that of its second."""
         return (False, *[self.constraints == "thesis"] * 4)
 
     @property
     def coupling(self) -> Float64:
-        """(5,) ratio of the flexions of third and second joint, in a relaxed hand."""
+        """(5,) flexion of each digit's third joint over that of its second, in a relaxed hand."""
         return np.array([digit.coupling_thirds / 3 for digit in self.digits])
 
     @cached_property
     def frames(self) -> Float64:
-        """(5, 3, 3) ``R_palm_digit`` at angles 0: z along the bone, -y in the direction of flexion, x its axis."""
+        """(5, 3, 3) ``R_palm_digit`` at angles 0: z along the bone, -y where flexion moves the tip, x its axis."""
         frames = np.empty((5, 3, 3))
         for frame, digit in zip(frames, self.digits, strict=True):
             z = np.array(digit.bone) / np.linalg.norm(digit.bone)
@@ -155,7 +157,10 @@ class HandModel:
 
     @cached_property
     def cones(self) -> Float64:
-        """(5, 5) of the digits' bases [rad]: centre of flexion and abduction, half axes of both, least flexion."""
+        """(5, 5) elliptical limits of the digits' first joints, a row for each digit [rad].
+
+        The columns are the ellipse's centre, flexion then abduction, its half axes likewise, and the least flexion.
+        """
         rows = []
         for i, digit in enumerate(self.digits):
             abduction = digit.abduction_deg[1] - digit.centre_deg[1]
@@ -167,7 +172,7 @@ class HandModel:
 
     @cached_property
     def limits(self) -> Float64:
-        """(21, 2) least and most value of each angle [rad]; a base's two angles are limited together, by `cones`."""
+        """(21, 2) least and most of each angle [rad]; `cones` limit a first joint's two angles further, together."""
         out = np.zeros((len(ANGLES), 2))
         for row, digit, (f0, a0, F, A, least) in zip(DIGIT_ANGLES, self.digits, self.cones, strict=True):
             out[row[0]] = least, f0 + F
@@ -208,9 +213,10 @@ class HandModel:
         return np.asarray(ok)
 
     def limited(self, angles: Float64) -> Float64:
-        """Return angles clamped to the limits, towards the cones' centres; values that are not finite become natural.
+        """Return angles clamped to the limits; values that are not finite become `natural`.
 
-        A coupled third joint follows its second. ``angles`` is not changed.
+        A first joint beyond its ellipse moves towards the ellipse's centre. A coupled third joint follows its second.
+        ``angles`` is not changed.
 
         Args:
             angles: (..., 21) in the order of `ANGLES` [rad].
@@ -267,10 +273,11 @@ class HandModel:
         return replace(self, constraints=constraints)
 
     def stretched(self, extension_deg: float, abduction_deg: float, apart: float = 1.0) -> HandModel:
-        """Return the same hand with wider limits of extension and abduction; the thumb's are half as wide again.
+        """Return the same hand with other limits of the fingers' first joints; the thumb's become 1.5 times as wide.
 
         Args:
-            extension_deg, abduction_deg: limits of the fingers' extension and abduction, both positive [deg].
+            extension_deg: how far the fingers extend beyond straight, 0 or more [deg].
+            abduction_deg: how far they abduct to either side [deg].
             apart: factor of the standard deviations of the differences between neighbouring fingers' flexions.
 
         Raises:

@@ -41,7 +41,7 @@ FINGER_RADII_MM: Final = (
 Breadths of index finger and thumb are from T. Greiner,
 *Hand anthropometry of U.S. Army personnel* (1991), the others in proportion."""
 THENAR, CORE, GROUPS = 5, 6, 7
-"""Groups of limbs after the digits: limbs moving with the thumb, and the rest."""
+"""Groups of limbs after the five digits: thenar (moves with the thumb), and the rest; number of all groups."""
 WITHIN_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
 BETWEEN_M: Final = 0.006
 """Blending radii between limbs of a group, and between groups, for any size of hand [m]."""

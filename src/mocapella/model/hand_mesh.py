@@ -96,7 +96,7 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
 
 
 def hand_mesh_angles(mesh: RiggedMesh, angles: Float64) -> Float64:
-    """Convert angles of a hand (..., 21), in the order of `mocapella.model.hand.ANGLES`, to those of a mesh [rad].
+    """Convert a hand's angles (..., 21), in the order of `mocapella.model.hand.ANGLES`, to a mesh's angles [rad].
 
     A mesh of `hand_mesh` has another order, and angles relative to `REST_ANGLES`. Limits are not applied.
     """

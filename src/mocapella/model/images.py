@@ -78,4 +78,4 @@ def image_frame(
 
 
 REMEMBERED: Final[tuple[type[msgspec.Struct], ...]] = (ImageFrame,)
-"""Types in the snapshots of objects that keep images."""
+"""Argument ``kinds`` of `mocapella.model.memory.pack` for snapshots of objects that keep image frames."""

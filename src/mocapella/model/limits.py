@@ -36,7 +36,7 @@ def _short(value: float) -> str:
 COORDINATE: Final = Range(-1000.0, 1000.0, "m")
 """Coordinates in frames; there is no skeleton at a distance of a kilometre."""
 SCENE_COORDINATE: Final = Range(-1e6, 1e6, "m")
-"""Coordinates in scenes, which predictions of wrong frames may take far away; readers must still read them."""
+"""Coordinates in scenes; wider, because predictions from wrong frames may be far off, and must still be readable."""
 TILT: Final = Range(-math.pi, math.pi, "rad")
 """Upward tilt of a sensor."""
 FRAME_HEIGHT: Final = Range(-1000.0, 1000.0, "m")
@@ -52,13 +52,13 @@ PARTICIPANT: Final = Range(-(2**31), 2**31 - 1)
 """Number of a participant; any that a study log and a take can store."""
 
 MOST_UNPROVEN: Final = 16
-"""Largest number of sensors that have not sent a valid frame yet; messages of further ones are dropped."""
+"""Largest number of sensors that have not sent a valid frame yet; further ones are refused."""
 UNPROVEN_S: Final = 10.0
 """A sensor without a valid frame and without a connection is forgotten after this time [s]."""
 STRANGERS_WAITING: Final = 16
-"""Largest number of waiting messages of all sensors that are not registered yet; older ones are dropped."""
+"""Largest number of waiting messages from all sensors that are not registered yet; the oldest ones are dropped."""
 STRANGERS_A_SECOND: Final = 200
-"""Largest number of messages of sensors that are not registered yet to examine in a second."""
+"""Largest rate at which messages from sensors that are not registered yet are decoded [messages/s]."""
 MOST_REFUSED_NODES: Final = 256
 """Largest number of refused nodes to remember, so that each is reported once."""
 
@@ -70,7 +70,7 @@ MAX_COMMAND_BYTES: Final = 1024 * 1024
 """Largest size of a command's encoded arguments [bytes]."""
 
 NOTICES_A_SECOND: Final = 5
-"""Largest mean number of notices about other programs to show in a second; further ones are counted."""
+"""Largest mean rate at which notices about other programs are shown; others are only counted [notices/s]."""
 NOTICES_AT_ONCE: Final = 20
 """Largest number of notices about other programs to show at once."""
 LONGEST_NOTICE: Final = 500

@@ -28,7 +28,7 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
         areas_px: (markers,) number of the marker's pixels; 0 where not seen.
         confidences: (markers,) from 0 to 1.
         elongations: (markers,) long axis over short axis of the marker's region, NaN where not seen. Like
-            ``candidates``, it is not sent by a node.
+            ``candidates``, it is not part of a message, so None in a frame from a node or a take.
         candidates: (markers,) number of the image's regions that could be the marker; at most 255.
     """
 

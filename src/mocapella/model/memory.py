@@ -63,17 +63,17 @@ def unpack(data: bytes, kinds: Sequence[type]) -> Any:
 
 
 def set_memory(part: object, memory: Mapping[str, Any], names: Collection[str] | None = None) -> None:
-    """Set attributes of a stateful object, in place, such as from a snapshot; attributes without a value stay.
+    """Set attributes of a stateful object, in place, such as from a snapshot; attributes not in ``memory`` stay.
 
     Args:
         part: the object.
         memory: values of its attributes, by name.
-        names: the attributes that a snapshot has; None for all. Without this, a damaged snapshot could replace what
-            neither a reset nor a later snapshot sets again.
+        names: the existing attributes that may be set; None for all. Otherwise a damaged snapshot could replace an
+            attribute that neither a reset nor a later snapshot restores.
 
     Raises:
-        ValueError: a name is a method's or of an attribute that no snapshot has, or the value of settings or of a
-            stateful part has another type.
+        ValueError: a name is a method's or an existing attribute's not in ``names``, or the type of ``settings`` or of
+            an attribute with a method ``reset`` would change.
     """
     if names is not None and (others := vars(part).keys() & memory.keys() - set(names)):
         raise ValueError(f"{min(others)} is in no snapshot")
@@ -88,8 +88,8 @@ def set_memory(part: object, memory: Mapping[str, Any], names: Collection[str] |
 def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
     """Decorate a tracker's ``restore(self, data)``: an invalid snapshot resets the tracker and raises `WireError`.
 
-    Without it, the tracker would be left with a part of the snapshot's state. Our own errors, such as those of
-    `unpack`, pass unchanged and reset nothing.
+    Without the decorator, the tracker would keep a part of the snapshot's state. A `MocapellaError`, such as from
+    `unpack`, passes unchanged and resets nothing.
     """
 
     @functools.wraps(restore)

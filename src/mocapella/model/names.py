@@ -7,7 +7,7 @@ from typing import Final
 
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\..*)?", re.IGNORECASE)
 _FORMULA: Final = "=+-@"
-"""First characters of what a spreadsheet evaluates."""
+"""First characters of texts that a spreadsheet evaluates."""
 
 
 def is_device(name: str) -> bool:
@@ -26,10 +26,10 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def as_cell(text: str) -> str:
-    """Return a text as a table cell: with an apostrophe before ``=+-@``, so that no spreadsheet evaluates it."""
+    """Return a text as a table cell: an apostrophe before initial ``=+-@'`` keeps spreadsheets from evaluating it."""
     return "'" + text if text[:1] and text[0] in _FORMULA + "'" else text
 
 
 def of_cell(text: str) -> str:
-    """Return the original text of a table cell, without the apostrophe that `as_cell` puts before formulas."""
+    """Invert `as_cell`: return a table cell's text without the apostrophe that `as_cell` puts before it."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text

@@ -9,7 +9,7 @@ from typing import Final
 from mocapella.conventions import NS_PER_S
 
 SILENT_AFTER_S: Final = 0.8
-"""Time without a frame after which a sensor is silent at the earliest; it is looked for every 0.2 s [s]."""
+"""Shortest time without a frame after which a sensor of known interval is silent; checked every 0.2 s [s]."""
 SILENT_INTERVALS: Final = 3
 """Number of usual intervals without a frame after which a slow sensor is silent."""
 UNKNOWN_S: Final = 2.0
@@ -17,7 +17,7 @@ UNKNOWN_S: Final = 2.0
 _LONGEST_S: Final = 20.0
 """Longest time without a frame after which a slow sensor is silent [s]."""
 _INTERVALS: Final = 5
-"""Number of intervals of which the usual one is the median."""
+"""Number of the last intervals whose median is the usual one."""
 
 
 class Pace:
@@ -39,7 +39,7 @@ class Pace:
         self.heard_ns = self._since_ns = at_ns
 
     def awake(self, at_ns: int) -> None:
-        """Count the silence from now on, because the receiver stood still before; once for each silence [ns]."""
+        """Restart the present silence at ``at_ns`` [ns], as the receiver was suspended; once until the next frame."""
         if self._since_ns == self.heard_ns and self.heard_ns is not None:
             self._since_ns = at_ns
 
@@ -59,6 +59,6 @@ class Pace:
     def silent(self, now_ns: int) -> bool:
         """Whether no frame has come for longer than `silent_after_s`; False before the first.
 
-        ``now_ns`` is the present time on the same clock [ns]. See `awake`, too.
+        ``now_ns`` is the present time on the same clock [ns]. After `awake`, the silence counts from its time.
         """
         return self._since_ns is not None and now_ns - self._since_ns > self.silent_after_s * NS_PER_S

@@ -60,7 +60,9 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
 
 
 def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
-    """Match a file's camera names with a rig's, ignoring case, ``_json``, ``cam`` and leading zeros.
+    """Match a file's camera names with a rig's: equal names, or else names with equal short forms.
+
+    A short form drops case, punctuation, an ending ``_json``, then ``camera``, ``cam`` or ``port``, and leading zeros.
 
     Args:
         seen: the file's names.
@@ -71,7 +73,7 @@ def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = Non
         The rig's name for each of ``seen``.
 
     Raises:
-        InputError: a camera has no match, or two have the same.
+        InputError: a camera has no match or several, or two have the same.
     """
     names = list(rig)
     short: dict[str, list[str]] = {}

@@ -43,7 +43,7 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
         joint_names: one for each angle of the tree, all different.
         vertices: (n, 3) at rest [m].
         faces: (m, 3) indices of each triangle's vertices, counter-clockwise as seen from outside.
-        bones: (n, most) indices of the parts that move each vertex, by descending weight.
+        bones: (n, most) indices of the parts that move each vertex, by descending weight; ``most`` is any number.
         shares: (n, most) skinning weights of these parts, descending; they add up to 1, and all after a 0 are 0.
         landmarks: named points of the mesh.
 
@@ -100,7 +100,7 @@ class RiggedMesh(msgspec.Struct, frozen=True, eq=False):
 
 
 def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any] | None = None) -> RiggedMesh:
-    """Return a rigid object: a mesh with six degrees of freedom, about the mean of its vertices. Arrays are copied.
+    """Return a mesh of one part without joints; its tree's root is the mean of its vertices. Arrays are copied.
 
     Args:
         name: name of the object and of its only part.

@@ -90,7 +90,7 @@ def decode_rigged_mesh(data: bytes, name: str = "mesh.glb") -> RiggedMesh:
 
     Args:
         data: the content.
-        name: name of the file, which errors name.
+        name: name of the file, for errors, and for the mesh if the file does not name it.
 
     Raises:
         InputError: the content is invalid; states the field, its value and a valid one.
@@ -126,7 +126,7 @@ def save_rigged_mesh(path: Path | str, mesh: RiggedMesh) -> None:
     """Write a mesh atomically: a .glb file, or a .gltf file with embedded numbers.
 
     Raises:
-        InputError: it cannot be written there, or is of another kind.
+        InputError: it cannot be written there, or the suffix is neither .glb nor .gltf.
         SettingsError: pygltflib is not installed.
     """
     path, library = Path(path), pygltflib()
@@ -417,8 +417,8 @@ def _content(library: Any, mesh: RiggedMesh) -> Any:
 
 
 def _pivots(mesh: RiggedMesh) -> Float64:
-    """(parts, 3) of each part a point on the axis of its first joint: that of the landmarks that is nearest to it; of
-    one without joints where the root is."""
+    """Return (parts, 3) a point on the axis of each part's first joint: where the landmark that is nearest to the axis
+    projects to; the root for a part without joints."""
     pivots = np.tile(mesh.tree.root, (len(mesh.part_names), 1))
     v, w = mesh.tree.twists[:, :3], mesh.tree.twists[:, 3:]
     for part in np.unique(mesh.tree.joint_parts):

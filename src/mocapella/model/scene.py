@@ -39,7 +39,7 @@ class TrackerState(msgspec.Struct, frozen=True):
     Attributes:
         phase: the state.
         sensors_missing: number of sensors that it waits for.
-        frames_remaining: number of frames of the slowest sensor that the calibration still needs.
+        frames_remaining: number of frames that the calibration still needs from the sensor that lacks most.
         frames_wanted: number of frames that the calibration needs in total.
         reason: why the calibration restarted, or what to do; empty if there is neither.
     """
@@ -60,8 +60,9 @@ class PotentialSkeleton(msgspec.Struct, frozen=True, eq=False):
         time_ns: capture time, on the sensor's own clock.
         tilt: tilt of the sensor, upwards positive [rad].
         height: height of the sensor above the floor [m].
-        T_world_sensor: (4, 4), from the sensor's camera space to the world of this person.
-        positions: (joints, 3), world [m], with the sensor's own labels; NaN where not tracked.
+        T_world_sensor: (4, 4), from the sensor's camera space to the world; the method ``stand-still`` has a separate
+            world for each person.
+        positions: (joints, 3), world [m], with the sensor's own left and right labels; NaN where not tracked.
         states: (joints,), `JointState`.
         mirrored: whether the method judges its left and right labels as swapped, and corrected them in the person.
     """
@@ -117,8 +118,8 @@ class SensorPlace(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor: name of the sensor.
         T_world_sensor: (4, 4), from the sensor's camera space to the world; None where not known yet.
-        position_sd: standard deviation of a point at people's positions [m]; NaN if unknown.
-        rotation_sd: standard deviation of the rotation [rad]; NaN if unknown.
+        position_sd: standard deviation, by the pose's error, of a point where the people are [m]; NaN if unknown.
+        rotation_sd: standard deviation of the pose's rotation [rad]; NaN if unknown.
         quality: quality of the pose, in words.
         problem: why its views are not used, or what to do; empty if there is no problem.
     """

@@ -57,7 +57,7 @@ class PersonName:
 
 @dataclass(frozen=True)
 class SensorPose:
-    """A sensor's tilt and height, as measured by the user."""
+    """A sensor's tilt and height above the floor, as measured by the user."""
 
     tilt: float = 0.0
     """Upwards positive [rad]."""
@@ -79,7 +79,7 @@ class Setup:
         participant: the participant's number in the study, or −9999.
         placement: key of `PLACEMENTS`, or empty.
         scenario: key of `SCENARIOS`, or empty.
-        sensors: pose by sensor name; overrides the poses in the frames.
+        sensors: tilt and height by sensor name; they override those in the frames.
 
     Raises:
         SettingsError: a value is invalid; states the valid ones. Whether the method exists is not checked.
@@ -113,9 +113,9 @@ class SensorHealth:
     Attributes:
         name, node_id: the sensor, and the process that serves it.
         connected: whether its node is connected to the bus.
-        silent: whether no frame has arrived for longer than the limit (`mocapella.model.pace`), connected or not.
+        silent: whether no frame has arrived yet, or none for longer than the limit (`mocapella.model.pace`).
         local: whether the node runs on the server's machine.
-        bodies: number of items, such as people, in its newest frame.
+        bodies: number of items, such as people, in its newest frame; 0 if it is silent.
         rate_hz: frame rate over the last seconds.
         latency: from publication to result, median of the last seconds [s]; None if unknown.
         frames: number of tracked live frames.
@@ -123,17 +123,17 @@ class SensorHealth:
         rejected: number of rejected messages.
         clock_offset: node's monotonic clock minus the server's [s]; None until measured.
         clock_bound: largest error of the offset [s]; it grows while the node does not answer.
-        stored: number of frames of the record path that are in the take.
-        lost: number of frames of the record path that are known to be missing from the take.
+        stored: number of its frames that are in the present or last take.
+        lost: number of its frames that are known to be missing from that take.
         tilt: upward tilt, as configured, or else from its frames [rad].
         height: height above the floor, from the same source [m]; 0 if unknown.
         problem: a message for users; empty if there is none.
         pictures: whether it is a camera that answers requests for its image.
-        capture_offset: server's monotonic clock minus the clock of its captures, by arrivals alone, the smallest
-            latency included [s]; None before the first frame.
+        capture_offset: estimate of the server's monotonic clock minus the clock of its capture times [s]: the smallest
+            difference of arrival and capture time, so too large by the smallest latency; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
-        frames_before, dropped_before: of ``frames`` and ``dropped``, those before tracking began.
-        behind: number of ``dropped`` frames that waited for the tracker when newer ones came.
+        frames_before, dropped_before: of ``frames`` and ``dropped``, the numbers before tracking began.
+        behind: of ``dropped``, the number skipped because the tracker was too slow, rather than lost in transfer.
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
         clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
         clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
@@ -232,11 +232,11 @@ class ServerHealth:
 
     Attributes:
         errors: number of unexpected errors that were caught, by reason.
-        turned_away: number of messages, sensors, commands and notices beyond the limits, by limit.
+        turned_away: number of refused messages, sensors, commands, notices and connections, by kind and reason.
         latency_ms: percentiles of the latency from sent frame to scene [ms]: ``p50``, ``p90``, ``p99`` and ``max``;
             empty while no clock offset is known.
         disk_free_bytes: free space where takes are recorded; None if unknown.
-        reserve_bytes: free space that a recording leaves.
+        reserve_bytes: free space at which a recording stops.
         ended: parts of the session that have ended by themselves, such as ``view``.
         log: file of the structured log on the server's machine; empty if there is none.
         descriptors: file descriptors of the process, which each connection and each take needs; None if unknown.
@@ -273,7 +273,7 @@ class SessionStatus:
     """The server's complete state for views and scripts.
 
     Attributes:
-        revision: number of commands carried out, from which a view knows the newest status.
+        revision: number of commands carried out; of two statuses, the one with the larger number is newer.
         running: whether frames are tracked.
         phase: the tracker's state.
         sensors_missing, frames_remaining, frames_wanted: numbers of sensors that it waits for, and of frames that the
@@ -281,7 +281,7 @@ class SessionStatus:
         reason: why the calibration restarted, or what to do; empty if there is neither.
         counts: number of parts in the newest scene, by the name of their type.
         scenes: number of scenes so far.
-        scenes_hz: rate of scenes over the last seconds.
+        scenes_hz: rate of scenes over the last seconds [Hz].
         setup: the present setup.
         sensors: state of each sensor, by name.
         recording: state of the present take, or of the last one.

@@ -20,14 +20,14 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 SKELETON: Final = topology("kinect_v2")
-"""Topology of the tracked people, for which the methods have models."""
+"""Topology of all tracked people; the learnt models, such as of facing and joint bias, are for it."""
 
 
 class JointMapping(NamedTuple):
-    """How a topology's joints determine those of another one, the target.
+    """How a topology's joints determine the joints of another one, the target.
 
     Attributes:
-        weights: (targets, joints) of the topology's joints; they sum to 1, or are 0 without contributors.
+        weights: (targets, joints) weight of each joint in each target; a row sums to 1, or is 0 without contributors.
         uses: (targets, joints) whether a joint contributes.
         known: (targets,) whether the target has contributors.
     """
@@ -38,7 +38,7 @@ class JointMapping(NamedTuple):
 
     @classmethod
     def of(cls, own: Topology, target: Topology, table: Weights) -> JointMapping:
-        """Return the mapping from ``own`` joints to those of another topology."""
+        """Return the mapping from the joints of ``own`` to ``target``'s, by a table of `Topology.mappings`."""
         weights = np.zeros((len(target), len(own)))
         for joint, terms in table.items():
             for contributor, weight in terms.items():
@@ -54,7 +54,7 @@ class JointMapping(NamedTuple):
         return np.asarray(mapped)
 
     def states(self, states: UInt8) -> UInt8:
-        """Return states (..., targets) of states (..., joints): the contributors' worst; NOT_TRACKED without any."""
+        """Return states (..., targets) of states (..., joints): the contributors' lowest; NOT_TRACKED without any."""
         worst = np.where(self.uses, states[..., None, :], JointState.TRACKED).min(axis=-1)
         return np.where(self.known, worst, JointState.NOT_TRACKED).astype(np.uint8)
 

@@ -26,12 +26,12 @@ _Row = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class SpaceAlignment:
-    """The pose of another tracker's frame, with uncertainties.
+    """The pose of another tracker's frame in the cameras' world, and its clock offset, with uncertainties.
 
     Attributes:
         space: name of the frame, as in that tracker's `mocapella.model.poses.PoseFrame`.
         rows: the upper three rows of ``T_world_space``.
-        clock_s: delay of that tracker's poses relative to the cameras' frames [s].
+        clock_s: delay of that tracker's poses relative to the cameras' frames, subtracted from their times [s].
         position_sd_m: standard deviation of a point's position where the alignment was made; 0 if unknown [m].
         rotation_sd_rad: standard deviation of the rotation; 0 if unknown [rad].
         clock_sd_s: standard deviation of ``clock_s``; 0 if unknown [s].

@@ -14,7 +14,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 TICK_NS = 100
-"""A tick of ``Skeleton_Time`` [ns]."""
+"""Unit of ``Skeleton_Time`` [ns]."""
 
 YEAR_1_TO_1970_MS = 62_135_596_800_000
 """Time from the zero of ``Tracker_Time`` (1 January of year 1) to the zero of Unix time [ms]."""
@@ -48,8 +48,8 @@ class StudyRow(msgspec.Struct, frozen=True, eq=False):
         person_id: number of the person.
         skeleton_id: number of the view of this person; 0 is the reference sensor's.
         skeleton_time_ticks: capture time of the view, on the sensor's own clock [100 ns].
-        init_angle: the view's stand-still angle θ [rad].
-        init_dist: the z of the view's stand-still centre C, camera space [m].
+        init_angle: yaw θ of the view's pose p_world = R(θ)(p − C), calibrated by a person standing still [rad].
+        init_dist: the z of C, the world's origin (that person's centre) in camera space [m].
         kinect_id: the sensor, by its address or name.
         tilt_deg: tilt of the sensor, upwards positive [°].
         height_cm: height of the sensor above the floor [cm].

@@ -22,7 +22,7 @@ UNKNOWN_FIELD_OF_VIEW_DEG = (60.0, 45.0)
 
 
 MOST_WEIGHT: Final = 4.0
-"""Largest weight of a joint in a mapping, and smallest with a minus sign."""
+"""Largest absolute weight of a joint in a mapping."""
 
 Weights = Mapping[int, Mapping[int, float]]
 """Index of a joint of another topology → index of each contributing joint → its weight."""
@@ -117,7 +117,7 @@ def topology_from_toml(text: str, name: str) -> Topology:
 
 
 def weights_from_table(own: Topology, other: Topology, table: Mapping[str, Any]) -> Weights:
-    """Return the weights of ``own`` joints for the joints of another topology, from a table of a TOML file.
+    """Return the weights of the joints of ``own`` for the joints of ``other``, from a table of a TOML file.
 
     A joint is written as a table of weights, or as the name of the one joint at its position.
 

@@ -17,8 +17,8 @@ class Truth(msgspec.Struct, frozen=True, eq=False):
         room_ns: capture time, on the simulated room's clock.
         topology: topology of the skeletons, which need not be the frame's.
         people: (people,) int, numbers of the people, which never change.
-        positions: (people, joints, 3) float64, the room's world [m].
-        T_world_sensor: (4, 4) true pose of the sensor.
+        positions: (people, joints, 3) float64, exact joints in the room's world frame [m].
+        T_world_sensor: (4, 4) exact pose: from the sensor's camera space to that frame.
         body_people: (bodies,) int, number of the person of each body in the frame.
         mirrored: (bodies,) bool, whether the sensor swapped left and right.
     """

@@ -37,7 +37,7 @@ UInt8 = NDArray[np.uint8]
 MAX_ARMS: Final = 64
 MAX_CAMERAS: Final = 64
 MAX_REASON: Final = 1000
-"""Longest ``reason`` of a frame, in characters; it says why no arm was detected."""
+"""Longest `ArmFrame.reason`, in characters."""
 
 
 def encode_arm_frame(frame: ArmFrame) -> bytes:

@@ -16,7 +16,7 @@ from mocapella.schema.checks import F4, F8, MAX_NAME, STATES, array, choices, na
 MAX_VIEWS: Final = 64
 """Largest number of camera views of a body."""
 MAX_LINE: Final = 8192
-"""Largest number of points of a silhouette's outline in one camera."""
+"""Largest number of points of a model's outline, and of an image's contour, in one camera."""
 MAX_BUILD: Final = 8192
 MAX_REASON: Final = 1000
 """Longest reason why a view is not used, in characters."""

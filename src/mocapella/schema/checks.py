@@ -25,9 +25,9 @@ from mocapella.model.topology import Topology, topology, topology_names
 MAX_BODIES: Final = 1024
 """Largest number of bodies in a frame; a frame with more is refused before memory is allocated for it."""
 MAX_POINTS: Final = 1024
-"""Largest number of markers in a frame, or of named points in a scene."""
+"""Largest number of names in one field of a message, such as of markers in a frame or of points in a scene."""
 MAX_NAME: Final = 80
-"""Longest name of a marker or an object, in characters."""
+"""Longest name in a message, such as a marker's or an object's, in characters."""
 MAX_MESSAGE_BYTES: Final = 16 * 1024 * 1024
 MAX_SCENE_BYTES: Final = 4 * 1024 * 1024
 """Largest encoded scene, in bytes; decoded, its nested messages take about forty times as much memory."""

@@ -12,7 +12,7 @@ _LONGEST_VARINT = 5
 
 
 def delimited(message: bytes) -> bytes:
-    """Return a message's bytes, preceded by their number as a varint, for writing to a stream."""
+    """Return a message's bytes, preceded by the message's length as a varint, for writing to a stream."""
     length, prefix = len(message), bytearray()
     while length > 0x7F:
         prefix.append(length & 0x7F | 0x80)
@@ -24,7 +24,7 @@ def delimited(message: bytes) -> bytes:
 class DelimitedReader:
     """Splits a byte stream, received in chunks of any size, into messages.
 
-    A message's length is checked before the message has arrived.
+    A message's length is checked as soon as it has arrived, before the message's content has.
 
     Args:
         limit: largest length of a message, in bytes.
@@ -42,7 +42,7 @@ class DelimitedReader:
     def feed(self, piece: bytes) -> Iterator[bytes]:
         """Yield the messages that the stream's next chunk completes, without their lengths; none if it completes none.
 
-        An incomplete message is kept for the next call. Nothing happens before the result is iterated.
+        An incomplete message is kept for the next call. Even the chunk is stored only when the result is iterated.
 
         Raises:
             WireError: a length is no varint, or above the limit; the remaining stream is then unusable.

@@ -65,7 +65,7 @@ def format_of(data: bytes) -> MessageFormat:
 
 
 def _other_type(message: Any, data: bytes) -> FrameType | None:
-    """Return the type of a message other than skeletons."""
+    """Return the frame type of a message other than skeletons; None if no installed package has it."""
     for number in _numbers(message):
         if number == ENVELOPE_FIELD:
             return FRAME_TYPES.get(kind_of(data))

@@ -26,7 +26,7 @@ Float64 = NDArray[np.float64]
 MAX_DATAGRAM_BYTES: Final = 1472
 """Largest size of a datagram: the payload of one Ethernet frame. Six markers take about sixty bytes."""
 MAX_MARKERS: Final = 64
-"""Largest number of markers in a datagram, which has space for them with two decimals."""
+"""Largest number of markers in a datagram; with coordinates of two decimals, it has space for them."""
 MAX_SEQUENCE: Final = 2**63 - 1
 MAX_TIME_US: Final = 2**53
 """Largest capture time: 285 years, and exact as a 64-bit float [µs]."""

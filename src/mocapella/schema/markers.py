@@ -35,7 +35,7 @@ def encode_marker_frame(frame: MarkerFrame) -> bytes:
 def marker_frame_of(m: pb.MarkerFrame) -> MarkerFrame:
     """Decode a marker frame from a parsed protobuf message, and check its values.
 
-    Without standard deviations, areas or confidences in the message, visible markers have NaN, 0 and 1.
+    If the message lacks standard deviations, areas or confidences, these are NaN, 0 and 1 for visible markers.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

@@ -40,7 +40,7 @@ def encode_pose_frame(frame: PoseFrame) -> bytes:
 def pose_frame_of(m: pb.PoseFrame) -> PoseFrame:
     """Decode a pose frame from a parsed protobuf message, and check its values.
 
-    A body has a complete pose, or NaN in all of it. Without states in the message, bodies with a pose are tracked.
+    Each body must have a complete pose, or only NaN. If the message has no states, bodies with a pose are tracked.
 
     Raises:
         WireError: a field is too long, of the wrong length or out of range; names the field and its valid values.

@@ -62,7 +62,7 @@ def encode_scene(scene: Scene) -> bytes:
 def decode_scene(data: bytes) -> Scene:
     """Decode and check a scene from a protobuf message's bytes.
 
-    A part whose type no installed package has becomes an `UnknownPart`. Types without a part are not in the result.
+    A part whose type no installed package has becomes an `UnknownPart`. `Scene.parts` has only types with a part.
 
     Raises:
         SchemaVersionError: the message has another schema version; names both.
