@@ -407,7 +407,7 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 _HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
-"""Offsets along the hand: without visible fingers its centre is less certain."""
+"""Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain."""
 
 
 SUREST: Final = 0.95
@@ -436,7 +436,7 @@ _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
 """Least number of a hand's points."""
 _FLAT_M: Final = 0.002
-"""Least thickness of a hand; below all of the rendered scenes with seeds below 100."""
+"""Least thickness of a hand [m], less than that of any hand in the rendered scenes with seeds below 100."""
 _HIDDEN: Final = 0.3
 """Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
 

@@ -97,12 +97,12 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
     """Count the jumps, appearances, losses and swaps of an arm's eight joints between two frames.
 
-    A joint jumps relative to the median motion of all joints. Only fingertips appear, vanish and swap; a swap does not
-    count as a jump.
+    A joint has jumped if its motion differs from the median motion of all joints by more than ``jump_m``. Only
+    fingertips appear, vanish and swap; a swap does not count as a jump.
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
-        jump_m: motion between the frames above which a joint has jumped [m].
+        jump_m: threshold of a jump [m].
     """
     moved = now - before
     known = np.isfinite(moved).all(axis=-1)

@@ -42,14 +42,14 @@ class ArticulatedSettings:
         velocity_memory_s: time constant of the exponential decay of predicted velocities; larger: the motion is
             extrapolated farther [s].
         surprise_s: time constant over which the surprise is averaged: the ratio of the measured joints' squared
-            innovations to their variance; larger: the densities rise and fall later [s].
+            innovations to the expected ones; larger: the densities rise and fall later [s].
         full_surprise: surprise above which the densities hold in full; below it they fall with its third power; larger:
             slow motion has less jitter and more lag [ratio].
         calm: smallest factor of the densities, for a body at rest; smaller: less jitter at rest, later to follow when
             it moves [ratio].
         noise_s: time constant over which each joint's noise is learnt [s].
-        rest_sd: standard deviation of an angle about its rest angle, by one second of the pull towards it; larger: a
-            weaker pull [rad·√s].
+        rest_sd: pull of every angle towards its rest; in one second it weighs as much as one measurement of the rest
+            angle with this standard deviation; larger: a weaker pull [rad·√s].
         degrees_of_freedom: parameter of the Student-t weight of a joint; smaller: outliers count less; infinity makes
             the loss quadratic [degrees of freedom].
         length_memory_s: time over which bone lengths are averaged; larger: steadier lengths, slower to correct [s].

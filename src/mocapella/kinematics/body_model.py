@@ -55,8 +55,7 @@ class BallJoint:
         name: name of the joint, and prefix of its angles.
         centre: (3,) axis of the cone of allowed bone directions, in the parent bone's frame; of any length.
         cone_deg: half angle of the cone [°].
-        twist_deg: (least, most) rotation of the bone about itself, apart from the shortest rotation of its direction
-            from rest [°].
+        twist_deg: (least, most) twist of the bone about its own axis, without the swing from its rest direction [°].
     """
 
     name: str

@@ -45,7 +45,8 @@ class HandFeatures:
             is folded into the palm; NaN where not known.
         gaps: (5, 5) distances between fingertips, divided by that from the wrist to the middle finger's knuckle; NaN
             where not known.
-        certainty: (5,) certainty of each digit, from 0 (not known) to 1 (its tip is measured).
+        certainty: (5,) certainty of each digit: 1 if its tip is measured, 0.5 if another joint beyond its base is, 0.25
+            if they are inferred, 0 if the digit is not known.
     """
 
     reach: Float64

@@ -83,7 +83,7 @@ class Grasp:
         Args:
             distances: (5,) signed distances of the fingertips from the object's surface, the thumb's first [m]; a NaN
                 keeps that finger's state.
-            at_s: capture time [s]; a time before a change began restarts its waiting time.
+            at_s: capture time [s]; if it is before the beginning of the wait for ``after_s``, the wait restarts.
         """
         s = self.settings
         with np.errstate(invalid="ignore"):
