@@ -1,6 +1,6 @@
-"""Detectors convert the images of one camera to observations; they use no clock, thread, file or socket.
+"""Detectors: they convert the images of one camera to observations, without a clock, thread, file or socket.
 
-`DETECTORS` has them by name. A tracker (`mocapella.tracker`) turns their observations into scenes.
+`DETECTORS` lists them by name. A tracker (`mocapella.tracker`) turns their observations into scenes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 DETECTORS: Final = Table("mocapella.detectors", Detector, "detector")
-"""All detectors by name."""
+"""Descriptors of all detectors, by name."""
 RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 """The present names of detectors, by former name."""
 
@@ -66,8 +66,7 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
         name: one of the names in `arm_detectors()`.
         camera: size and lens of the depth camera.
         settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
-            `mocapella.kinematics.gestures.GestureSettings`; missing ones, or all for None, have their defaults.
-            The mapping is not changed.
+            `mocapella.kinematics.gestures.GestureSettings`; missing ones take their defaults. It is not changed.
 
     Returns:
         An `ArmDetector` that adds gestures to its arms. It remembers earlier images, so each camera needs its own.

@@ -58,9 +58,9 @@ class ArmFinder:
     """Detects arms in a depth image by fitting models of both sides.
 
     Attributes:
-        models: an arm's model by side.
+        models: model of a right and a left arm, by side.
         lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
-        settings: limits of the regions that may be arms.
+        settings: settings of the segmentation of arms.
         believe: cost above which a fit is rejected.
         gain: least expected reduction of the cost for trying another posture of a digit.
     """
@@ -103,15 +103,15 @@ class ArmFinder:
     def all_of(
         self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
-        """Fit arms at palm candidates, in steps; return the fits of `best`, and the candidates that were tried.
+        """Fit arms at palm candidates, in steps; return the results of `best`, and the candidates that were tried.
 
-        Candidates within 4 cm of two that were tried are skipped, and those on an arm with a good fit.
+        Skipped are candidates within 4 cm of two that were tried already, and those on an arm with a good fit.
 
         Args:
             depth: (height, width) [m].
             candidates: the likeliest first.
             most: greatest number of candidates that are tried.
-            good: cost below which a fit is good, if its side is clear: if `sure` is above 0.75.
+            good: cost below which a fit is good, provided that its side is clear, `sure` above 0.75.
             enough: number of candidates with a good fit after which the search ends.
         """
         found: list[Found] = []
@@ -146,14 +146,14 @@ class ArmFinder:
         return kept
 
     def near(self, one: Found, other: Found) -> bool:
-        """Return whether two fits' palms are within 10 cm, so near that they must be the same hand."""
+        """Return whether two fits' palms are less than 10 cm apart, so that they count as the same hand."""
         apart = self._palm(one.side, one.fitted) - self._palm(other.side, other.fitted)
         return float(np.linalg.norm(apart)) < _SAME_M
 
     def sure(self, one: Found, found: list[Found]) -> float:
-        """Return the certainty of a hand's side, 0.5 to `SUREST`, by the cost of the best fit of the other side there.
+        """Return the certainty of a hand's side: 0.5 if the other side fits as well there, up to `SUREST`.
 
-        It is `SUREST` if there is no fit of the other side near the hand.
+        It rises with the relative excess cost of the best fit of the other side that is `near`; `SUREST` without one.
 
         Args:
             one: the hand's fit.
@@ -167,8 +167,8 @@ class ArmFinder:
     def overlap(self, one: Found, other: Found) -> bool:
         """Return whether two fits share a forearm or hand, so that only one of them can be an arm.
 
-        Spheres along both arms are compared: the fits overlap if a fifth of all spheres of one, or half of its arm's,
-        are near the other's, or if the elbows are near each other. The hand of one may be the elbow of the other.
+        The fits overlap if more than a fifth of all spheres along one of them, or half of those beyond its hand, have
+        their centres within 5 cm of the other's, or if their elbows are within 10 cm.
         """
         a, b = (self.models[found.side].spheres(found.fitted.pose) for found in (one, other))
         near = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2) < _OVERLAP_M
@@ -183,7 +183,7 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """Rank fits, the best first, by how well each explains all points around it and around the fits it overlaps.
+        """Rank fits, the best first, by their cost plus that for all points around them and the fits that they overlap.
 
         Args:
             depth: (height, width) [m].
@@ -204,7 +204,7 @@ class ArmFinder:
         return [found[k] for _, k in sorted(judged)]
 
     def _around_cost(self, one: Found, rivals: list[Found], evidence: ArmEvidence) -> float:
-        """Return the cost of a pose that must explain all points around it; a rival may be its upper arm."""
+        """Return the cost of a pose, refitted to all points around it and its rivals; a rival may be its upper arm."""
         model, pose = self.models[one.side], one.fitted.pose
         elbow, starts = model.points(pose)[ELBOW], [pose]
         for rival in rivals:
@@ -216,10 +216,10 @@ class ArmFinder:
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
     def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
-        """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, if its cost is small.
+        """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, right before left.
 
-        The result has at most one fit of each side, right before left, of costs up to ``believe``; it may be empty. All
-        initial poses get few iterations, the better ones get more.
+        Fits with a cost above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
+        the better ones get more.
 
         Args:
             depth: (height, width) [m].
@@ -261,7 +261,7 @@ class ArmFinder:
         return [one for one in best if one.cost <= self.believe]
 
     def _repaired(self, depth: Float32, found: Found) -> Steps[Found]:
-        """Improve a fit by other postures of single digits, or by exchanging two."""
+        """Improve a fit by other postures of single digits, or by exchanging fingers; refit it and add occlusion."""
         model, fitted = self.models[found.side], found.fitted
         left, exchanged = set(range(5)), False
         for _ in range(_REPAIRS):
@@ -303,7 +303,7 @@ class ArmFinder:
 
 
 def _work(evidence: ArmEvidence, iterations: int) -> int:
-    """Return the time of a fit [µs]."""
+    """Return the estimated duration of a fit [µs]."""
     return round((iterations + 1) * (60 + 0.12 * len(evidence.points)))
 
 
@@ -319,7 +319,7 @@ def evidence_of(part: Region, model: ArmModel, pose: ArmPose, most: int = 10_000
         part: the region.
         model, pose: the arm near which points have a large weight.
         most: largest number of points; the region's are evenly subsampled.
-        beyond: weight of points away from the arm, 0 to 1; near the arm it is 1.
+        beyond: weight of points away from the arm, 0 to 1; near the hand it is 1, near the forearm 0.5.
     """
     points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // most), 1)])
     return ArmEvidence(points, model.relevance(points, pose, beyond), part.front, part.opposite, part.lens)
@@ -407,7 +407,7 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 _HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
-"""Offsets along the hand: without visible fingers its centre is less certain."""
+"""Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain."""
 
 
 SUREST: Final = 0.95
@@ -416,9 +416,9 @@ _CLEAR: Final = 0.75
 """Least certainty of a clear side."""
 _BESIDE_M: Final = 0.04
 _TRIES: Final = 2
-"""Number of candidates that are tried within that distance."""
+"""Number of candidates within that distance of each other that are tried."""
 _ABOUT_ARM: Final = np.array([0.0, 0.0, 0.0, 0.02, 0.0])
-"""Added to an arm's balls, within which no other arm is searched."""
+"""Margin of an arm's spheres, 2 cm of radius; candidates within them are skipped."""
 _SAME_M: Final = 0.10
 _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
@@ -429,14 +429,14 @@ _POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
-"""Of each round: starts kept per side, points, iterations, and looseness at the start."""
+"""Of each round: fits kept per side, points, iterations, and factor of the robust scales in the first iteration."""
 _AROUND: Final = 6
 """Iterations to place the upper arm."""
 _HOPELESS: Final = 0.4
 _FEW_OF_HAND: Final = 10
 """Least number of a hand's points."""
 _FLAT_M: Final = 0.002
-"""Least thickness of a hand; below all of the rendered scenes with seeds below 100."""
+"""Least thickness of a hand [m], less than that of any hand in the rendered scenes with seeds below 100."""
 _HIDDEN: Final = 0.3
 """Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
 

@@ -1,11 +1,11 @@
 """Detect and track arms and hands in the images of one depth camera: the detector ``kinematic-arm``.
 
-So a frame is handled as in tracking by prediction with re-detection: predict at constant velocity, gate the depth image
-around the prediction, fit by maximum a posteriori estimation, and reject arms whose cost stays high.
+A known arm is tracked: its pose is predicted at constant velocity, the image segmented around the prediction
+(`sensing.arm_region`), and a kinematic model of arm and hand fitted to the points (`kinematics.arm_fit`) by maximum a
+posteriori estimation. Arms whose cost stays high are lost.
 
-An image goes through three steps: the part of it that may be an arm (`sensing.arm_region`), a kinematic arm and hand
-fitted to its points (`kinematics.arm_fit`), and the observation made from it. A known arm is tracked from its
-prediction; without one, palms are searched in the whole image and the fit starts from several poses of either hand.
+New arms are detected from palm candidates, at first in the whole image, by fits from several poses of either hand
+(`detectors.arm_finding`).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class _Refused:
 
     Attributes:
         centre: (3,) camera [m].
-        wait: images for which it is refused next time.
-        until: image before which it is not searched.
+        wait: number of images for which the place is skipped after the next search in vain.
+        until: number of the first image that may search it again.
     """
 
     centre: Float64
@@ -89,11 +89,11 @@ class KinematicArmDetector:
 
     Args:
         camera: name, size and lens of the depth camera; its lens distortion is not used.
-        settings: limits; the defaults if not given.
+        settings: thresholds and rates; the defaults if not given.
 
     Attributes:
         camera, settings: as given.
-        models: an arm's model by side.
+        models: model of a right and a left arm, by side.
         finder: detects arms without a prediction.
     """
 
@@ -121,8 +121,8 @@ class KinematicArmDetector:
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Detect the arms in the next image, and track known ones; see `mocapella.detectors.ArmDetector`.
 
-        Only arms that once fitted well are reported, with `SeenArms.reason` if there is none. A search for further arms
-        continues over several images.
+        Only arms with a cost that was once below the setting ``firm`` are reported; `SeenArms.reason` says why if there
+        is none. Once an arm has fitted well for some images, a search for further ones is spread over several.
 
         Args:
             depth: (height, width) [m]; 0 where nothing was measured. What is kept of it is copied.
@@ -156,7 +156,7 @@ class KinematicArmDetector:
 
     @property
     def _unsure(self) -> bool:
-        """Whether no arm is reported, or none is firm and some places have not been searched."""
+        """Whether no arm is reported, or the last search left places out and no arm has had enough good fits."""
         return not self._believed() or (self._unfinished and all(arm.firm < _FIRM_AFTER for arm in self._arms))
 
     @property
@@ -209,7 +209,7 @@ class KinematicArmDetector:
     def _elsewhere(
         arm: CameraArmTrack, predicted: ArmPose, expected: Expected, evidence: ArmEvidence, few: ArmEvidence
     ) -> Fitted:
-        """Return the best rigid fit of a hand near its prediction: its posture hardly changes within an image."""
+        """Return the best fit of a hand away from its prediction, from rigid fits: postures change slowly."""
         model = arm.model
 
         def rigid(starts: list[ArmPose]) -> list[Fitted]:
@@ -259,7 +259,7 @@ class KinematicArmDetector:
             self._anew(arm, depth)
 
     def _anew(self, arm: CameraArmTrack, depth: Float32) -> None:
-        """Search for a hand at its place without its prediction; at once, because its reported pose is wrong."""
+        """Detect the hand again near its palm, without its prediction; in this image, because its pose may be wrong."""
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
             found += at_once(self.finder.best(depth, candidate))
@@ -374,7 +374,7 @@ class KinematicArmDetector:
         return balls
 
     def _refuse(self, centre: Float64) -> None:
-        """Search a place without an arm ever more rarely."""
+        """Skip a place without an arm for some images, twice as many each time."""
         for place in self._refused:
             if np.linalg.norm(place.centre - centre) < _REFUSED_M:
                 break
@@ -412,11 +412,11 @@ def _sd_m(shown: Float64, cost: float) -> Float64:
 
 
 _WORK: Final = ((3000, 5000), (0, 3000))
-"""Search time in an image with one arm or none, and with several; the second values in reserved images [µs]."""
+"""Time to search in an image [µs]: (in usual images, in reserved ones), with one arm or none, and with several."""
 _MOST_IMAGES: Final = 40
 """Images kept during a search; beyond that, every second one is dropped."""
 _STRIDE: Final = 3
-"""New arms are tracked through every third kept image until they have caught up."""
+"""New arms are tracked through every third image kept during the search, up to the newest."""
 _FOLLOWED: Final = 2500
 """Time to track an arm through an image [µs]."""
 _FIRM_AFTER: Final = 5
@@ -424,12 +424,12 @@ _FIRM_AFTER: Final = 5
 _PLACES: Final = 8
 """Places searched in an image while there is no arm."""
 _CANDIDATES: Final = 24
-"""Candidates for places; several may belong to one arm."""
+"""Most palm candidates of a search; several may belong to one arm."""
 _ABOUT_HAND_M: Final = 0.04
 _REFUSED_M: Final = 0.08
 """Radius around a refused place [m]."""
 _PATIENCE: Final = 8
-"""Factor on the time that a place is refused while an arm is tracked."""
+"""Factor of the number of images for which a place is refused, while an arm is reported."""
 _LONGEST_REFUSED: Final = 480
 _MOST_REFUSED: Final = 63
 _MUCH_BETTER: Final = 0.7
@@ -438,7 +438,7 @@ _LONGEST_WAIT: Final = 240
 """Most images between two new searches for a hand in doubt."""
 
 _JUMP: Final = 1.25
-"""Least ratio of the costs of successive images after a wrong prediction."""
+"""Ratio of the costs of successive images above which the prediction counts as wrong."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """Offsets from the prediction that are tried for a hand that turned, camera [m]."""
 _POSTURE_SD: Final = np.radians(1)
@@ -446,13 +446,13 @@ _POSTURE_SD: Final = np.radians(1)
 _COARSELY: Final = 4
 """Iterations of a fit that only locates the hand."""
 _MARGIN: Final = 0.93
-"""Share of the cost below which a pose elsewhere is taken."""
+"""A pose away from the prediction is taken if its cost is below this share of the other's."""
 
 _FEW: Final = 250
 _FEWER: Final = 100
 """Points used to fit another posture, and to rank postures by cost."""
 _AT_ONCE: Final = 5
-"""Number of images in doubt that try all kinds of postures; later they alternate."""
+"""Number of images in doubt that try postures of digits and of the whole hand; later images try them by turns."""
 _TRIED: Final = 2
 """Postures of the whole hand that are fitted."""
 

@@ -24,9 +24,9 @@ _HAND: Final = slice(0, PALM)
 
 
 class ArmGestures:
-    """Recognises each hand's gesture and adds it to the arm, unless the detector has reported one itself.
+    """Recogniser of the gestures of all arms of a camera. A gesture that the detector reported itself is kept.
 
-    An arm's state is dropped once it was unseen for longer than gestures are held.
+    The state of an arm that was unseen for longer than `GestureSettings.hold_s` is dropped.
 
     Args:
         settings: thresholds, the same for every hand.
@@ -52,8 +52,8 @@ class ArmGestures:
         """Return the arms of a frame with their gestures: copies, or the arm itself if it has a gesture already.
 
         Args:
-            arms: each with an id, which is the same as in earlier frames; none if no arm is seen.
-            at_s: capture time [s]; call it for every frame, in order.
+            arms: the arms seen, by ids that are constant from frame to frame; may be empty.
+            at_s: capture time [s]. The method must be called for every frame, in order.
         """
         with_gestures = tuple(self._with_gesture(arm, at_s) for arm in arms)
         here = {arm.id for arm in arms}
@@ -82,14 +82,14 @@ class WithGestures:
     Args:
         detector: detects the arms.
         settings: thresholds of the gestures.
-        stages: as of `mocapella.detectors.detector.Detector`.
+        stages: function of the detector and a depth image, as of `mocapella.detectors.detector.Detector`; None if none.
 
     Attributes:
         name: the detector's name.
         detector: as given.
         gestures: recognises the gestures; counts them in its ``reports``.
-        stages: function from a depth image (height, width) [m] to images of the detector's stages, by name in order; it
-            does not change the detector's state. None if the detector has no stages.
+        stages: that function with the detector bound, which takes only a depth image (height, width) [m] and returns
+            images of the detector's stages, by name in order. None if the detector has no stages.
     """
 
     def __init__(

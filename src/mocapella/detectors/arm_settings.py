@@ -28,7 +28,8 @@ class KinematicArmSettings:
             larger: wrong postures are corrected sooner, at more work [digits].
         gain: least expected reduction of the cost for fitting another posture; larger: less work, and more wrong
             postures [cost].
-        doubt: cost above which an arm is in doubt; larger: less work, and more wrong postures [cost].
+        doubt: cost above which an arm is in doubt; a rise by a quarter counts, too; larger: less work, and more wrong
+            postures [cost].
         better: share of the present pose's cost below which another pose replaces it; larger: postures are replaced
             more often [0 to 1].
         look_again_after: number of images in doubt before a hand is searched anew at its position; doubled each time

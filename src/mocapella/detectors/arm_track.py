@@ -30,15 +30,15 @@ class CameraArmTrack:
         fitted: the newest fit.
         at_s: capture time of the fitted image [s]; `move` does not change it.
         velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of n free angles [rad/s]; at first 0.
-        id: number of the arm; -1 until it is tracked.
+        id: number of the arm; -1 for a candidate that is not tracked yet.
         doubtful: number of successive images with a cost above the setting ``keep``.
-        in_doubt: number of successive images with a doubtful posture.
-        firm: counter that rises with each image with a good fit, and falls with each other one.
+        in_doubt: number of successive images with a doubtful posture, see the setting ``doubt``.
+        firm: counter, 0 to 5: up by 1 for an image with a cost below the setting ``firm``, else down by 1.
         next_digit: index of the digit that is tested next for a better posture.
-        wait: number of images in doubt before the hand is searched anew.
-        sure: certainty of its side, 0.5 to 1.
-        believed: whether it once fitted well, so that it is reported.
-        region: the part of the image that it was fitted to; None at first.
+        wait: value of ``in_doubt`` at which the hand is searched anew.
+        sure: certainty of its side, 0.5 to `SUREST`.
+        believed: whether its cost was once below the setting ``firm``; only such arms are reported.
+        region: the part of the image that ``fitted`` is a fit to; None at first.
     """
 
     def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
@@ -50,7 +50,7 @@ class CameraArmTrack:
         self.region: Region | None = None
 
     def move(self, fitted: Fitted, dt: float) -> None:
-        """Set the fit of the next image, ``dt`` [s] above 0 after the last, and smooth the velocity exponentially."""
+        """Set the fit of the next image, ``dt`` [s] after the last one, above 0; update the smoothed velocity."""
         self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
         self.fitted = fitted
 
@@ -103,6 +103,6 @@ _SIZE_SD: Final = 0.002
 """Standard deviation of relative sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
-"""Greatest growth factor of a velocity from image to image …"""
+"""A prediction's standard deviation grows by this factor times the speed, at most by the rate of the settings …"""
 _STILL: Final = 0.1
-"""… and the share of its limit that it may reach from rest; this steadies a still hand."""
+"""… and at least by this share of that rate, so that a still hand is steady."""

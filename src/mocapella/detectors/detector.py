@@ -1,7 +1,6 @@
 """Interfaces of detectors: the descriptor that registers one, and the object that it makes for one camera.
 
-A detector sees one camera's depth images and returns observations in that camera's frame. Fusion of cameras is the
-trackers' task.
+A detector takes one camera's depth images and returns observations in that camera's frame. Trackers fuse the cameras.
 """
 
 from __future__ import annotations
@@ -59,11 +58,11 @@ class Detector:
         name: name on the command line, and in `mocapella.model.arms.ArmFrame.method`.
         summary: one line for users who choose.
         frame_type: type of the frames that a camera's node sends with it, such as ``arms``.
-        settings: returns the frozen dataclass of its settings.
-        make: makes a detector for a camera and a value of that dataclass; for the frame type ``arms`` an `ArmDetector`.
-        stages: returns images of a depth image's stages, by name in order: (height, width) gray or (height, width, 3)
-            blue, green, red. Takes a made detector and the image, (height, width) [m], and does not change the
-            detector's state. None if it has no stages.
+        settings: function that returns the class of its settings, a frozen dataclass.
+        make: function that makes a detector for a camera and settings; for the frame type ``arms`` an `ArmDetector`.
+        stages: function of a made detector and a depth image, (height, width) [m]. It returns the intermediate results
+            of the image processing as images, by name in order: (height, width) gray or (height, width, 3) BGR. It does
+            not change the detector's state. None if the detector has no such stages.
     """
 
     interface: int

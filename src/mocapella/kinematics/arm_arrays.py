@@ -24,8 +24,8 @@ class ArmArrays(NamedTuple):
             radius at the wrist, half the distance of its two bones there, the radii at the elbow and of the upper arm,
             and the distance of a fingertip's landmark beyond the centre of its round end.
         palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
-        owners: (pieces, 2) of each piece the digit, or a negative code such as `arm_flesh_kernels.OF_PALM`, and the
-            number of its bone.
+        owners: (pieces, 2) digit of each piece, or a negative code such as `arm_flesh_kernels.OF_PALM`, and index of
+            the bone in the digit, from the base outwards; else 0.
         columns, gains: (5, 5) index of the free angle that each of a digit's angles follows, −1 for none, and factor.
         rising: (5, 5) indices that sort each digit's `columns`.
         c_max: largest opposition of the thumb [rad].
@@ -50,8 +50,8 @@ class FitParameters(NamedTuple):
         point_information, silhouette_information, collision_information: inverse variances of a residual [1/m²].
         ahead_m: allowed distance of capsules in front of the measured surface [m].
         overlap_m: allowed overlap of digits [m].
-        pieces: number of pieces (capsules) that points may be assigned to, the first ones.
-        edge_m: distance between the surface's end and the outer pixel of its edge [m].
+        pieces: number of pieces (capsules) that the fit uses, from index 0 on.
+        edge_m: distance of the silhouette's edge from the nearest pixel on its other side [m].
         sharpness: factor of the silhouette's information in the last third of a fit.
     """
 

@@ -1,4 +1,4 @@
-"""An arm and a hand in a pose, fitted to the points of a depth image.
+"""Model of an arm and a hand whose pose and sizes are fitted to a depth image, and the values of a fit.
 
 `arm_fit_kernels` describes the cost function and its sources.
 """
@@ -33,7 +33,7 @@ _DIGIT_RADII_M: Final = (
 """Radii at the joints from the base outwards, of a hand of the reference length; our own figures."""
 _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Radius of the forearm at the wrist, half the distance of its two bones there, radii at the elbow and of the upper
-arm; and the distance of the centre of a fingertip's end inwards from the landmark."""
+arm; and the distance of the centre of a fingertip's round end from the landmark."""
 _ELBOW_M: Final = (0.008, 0.012)
 """Distance of the elbow joint beyond the end of the forearm's flesh, and behind it where the elbow is bent; from
 rendered arms (seeds below 100)."""
@@ -56,14 +56,14 @@ class ArmFitSettings:
         overlap_m: allowed overlap of digits [m].
         size_sd: standard deviation of a hand's size, relative to the average [ratio].
         thickness_sd: standard deviation of a hand's thickness, relative to the average [ratio].
-        digit_sd: standard deviation of a digit's length, relative to that of the hand's size [ratio].
-        forearm_sd: standard deviation of the forearm's length, relative to that of the hand's size [ratio].
+        digit_sd: standard deviation of a digit's length, relative to the usual one for the hand's size [ratio].
+        forearm_sd: standard deviation of the forearm's length, relative to the usual one for the hand's size [ratio].
         deviation_sd_deg: standard deviation of the wrist's deviation to the thumb's or little finger's side [°].
         flexion_sd_deg: standard deviation of the wrist's flexion about the straight wrist [°].
         angle_rate_deg_s: largest growth per second of a predicted angle's standard deviation [°/s].
         palm_rate_m_s: growth per second of the standard deviation of the palm's predicted position [m/s].
         palm_rate_deg_s: growth per second of the standard deviation of the palm's predicted orientation [°/s].
-        edge: distance between the surface's end and the outer pixel of its edge [grid pixels].
+        edge: distance of the silhouette's edge from the nearest pixel on its other side [grid pixels].
         loose: factor of the robust scales in the first iteration, which improves poor starts [ratio].
         iterations: largest number of iterations while tracking; larger: more accurate, at more work [iterations].
     """
@@ -109,8 +109,8 @@ class ArmPose(NamedTuple):
 
     Attributes:
         R, t: (9,), (3,) motion from the palm's frame to the camera frame: rotation row by row, translation [m].
-        z: (n,) free angles [rad].
-        v: (STATE,) sizes, and directions of forearm and upper arm in the palm's frame.
+        z: (n,) free angles of the hand, of `free_angles` [rad].
+        v: (STATE,) sizes, and directions of forearm and upper arm in the palm's frame, see `arm_flesh_kernels`.
     """
 
     R: Float64
@@ -148,11 +148,11 @@ class ArmEvidence(NamedTuple):
 
 
 class ArmPrior(NamedTuple):
-    """Gaussian prior and prediction of a fit, as the kernels take them.
+    """Gaussian prior of usual postures and sizes, and prediction from earlier images, as the kernels take them.
 
     Attributes:
-        mean, precision: (n,), (n, n) mean and inverse covariance of the free angles.
-        pose, certainty: predicted pose, and inverse variances (6 + n,) about it.
+        mean, precision: (n,), (n, n) mean and inverse covariance of the free angles in usual postures.
+        pose, certainty: predicted pose, and inverse variances (6 + n,) about it; 0: no prediction.
         v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
@@ -169,8 +169,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: the pose.
-        costs: (5,) mean robust cost of points and of capsules, 0 to 1; cost of overlapping digits; squared Mahalanobis
-            distance of sizes and angles from the prior; share of the capsules that other objects occlude.
+        costs: (5,) mean robust cost of points and of capsules, 0 to 1; sum of digits' squared overlaps [cm²]; squared
+            Mahalanobis distance of the hand's sizes and angles from the prior; share of the surface that is occluded.
     """
 
     pose: ArmPose
@@ -186,12 +186,12 @@ class Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Gaussian prior and prediction of an arm for a fit: means and inverse variances.
+    """Prediction of an arm's pose and Gaussian prior of its sizes; `ArmModel` adds the prior of usual postures.
 
     Attributes:
         pose: the predicted pose.
-        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
-        v, information: (STATE,) expected sizes and directions, and their inverse variances.
+        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about ``pose``; 0: unknown.
+        v, information: (STATE,) expected sizes (forearm's length over hand's size), directions, and inverse variances.
     """
 
     pose: ArmPose
@@ -204,14 +204,14 @@ class ArmModel:
     """Model of one arm, whose pose and sizes are fitted to depth images.
 
     Args:
-        model, shape: the hand's joints, and side and lengths of a hand of relative size 1; fits scale them.
+        model, shape: the hand's joints and limits, and side and lengths of a hand of relative size 1, which fits scale.
         settings: noise, priors and iterations.
 
     Attributes:
-        arrays: the model for the kernels; its fields are attributes, too.
+        arrays: the model for the kernels; its fields are also attributes of this object.
         angle_of, natural: (n,) the free angles' indices in `ANGLES`, and their values at rest [rad].
-        prior: (n, n) inverse covariance of the free angles about these [1/rad²].
-        length_m, forearm_m: lengths of that hand, from wrist to middle fingertip, and of its forearm [m].
+        prior: (n, n) inverse covariance of the free angles about ``natural`` [1/rad²].
+        length_m, forearm_m: length of the hand ``shape`` from wrist to middle fingertip, and of its forearm [m].
     """
 
     def __init__(self, model: HandModel, shape: HandShape, settings: ArmFitSettings | None = None) -> None:
@@ -260,7 +260,7 @@ class ArmModel:
         return v
 
     def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of a new arm: average sizes, flat in the palm's pose and angles; the pose is the start."""
+        """Return the prior of a new arm: average sizes, straight wrist, no prediction but the upper arm's direction."""
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -272,10 +272,10 @@ class ArmModel:
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
     def rigid(self, pose: ArmPose, sd: float) -> Expected:
-        """Return the prior of an arm of known sizes and posture: flat in the palm's pose only, else about ``pose``.
+        """Return the prior for a rigid fit: sizes and angles about a pose's; the palm's pose is unknown.
 
         Args:
-            pose: means of sizes and angles.
+            pose: means of sizes, directions and angles.
             sd: standard deviation of angles [rad] and of relative sizes.
         """
         base = self.unexpected(pose)
@@ -288,12 +288,12 @@ class ArmModel:
         self, start: ArmPose, expected: Expected, evidence: ArmEvidence, *, iterations: int | None = None,
         loose: float | None = None, tips: Float64 | None = None, keep: float = 0.67,
     ) -> Fitted:  # fmt: skip
-        """Fit a pose, from a start near it; return it with its costs, in new arrays; without iterations, the start.
+        """Fit a pose, from a start near it; return it with its costs, in new arrays; with 0 iterations, the start.
 
         Args:
             start: the initial pose; not changed.
-            expected: the prior.
-            evidence: the image.
+            expected: prior and prediction.
+            evidence: measurements of the image.
             iterations, loose: most iterations, and factor of the robust scales in the first; the settings' if None.
             tips: (5, 3) approximate fingertips, camera frame [m], NaN where unknown; they help the first iterations.
             keep: share of the iterations, from the first on, that use ``tips``.
@@ -329,7 +329,7 @@ class ArmModel:
         )  # fmt: skip
 
     def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """Search a table of postures of one digit (0: thumb); return the cost's reduction, 0 if none, and the pose."""
+        """Try a table of postures of one digit (0: thumb); return how much the best lowers the cost, and its pose."""
         columns = self.columns[digit]
         free = columns >= 0
         tries = self._ways[digit].copy()
@@ -343,7 +343,7 @@ class ArmModel:
         return float(costs[0] - costs[best]), pose._replace(z=z)
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield starts that leave a local minimum where fingers were mixed up: copies with permuted finger angles."""
+        """Yield starts for a fit whose fingers were mixed up: copies with neighbours' angles exchanged or shifted."""
         columns = [self.columns[digit][self.columns[digit] >= 0] for digit in range(1, 5)]
         held = np.array([pose.z[c] for c in columns])
         for order in ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (0, 0, 1, 2), (1, 2, 3, 3)):
@@ -354,7 +354,7 @@ class ArmModel:
                 yield pose._replace(z=z)
 
     def alike(self, pose: ArmPose) -> Iterator[ArmPose]:
-        """Yield starts that leave local minima: copies with all fingers equally bent, from straight to a fist."""
+        """Yield starts for a fit in a local minimum: copies with all fingers equally bent, from straight to a fist."""
         for flexion, middle in _ALIKE_DEG:
             z = pose.z.copy()
             for digit in range(1, 5):
@@ -380,7 +380,7 @@ class ArmModel:
 
         Args:
             pose: the pose.
-            spacing_m: distance between the spheres' centres along a bone [m].
+            spacing_m: least distance between the spheres' centres along a capsule; both its ends have one [m].
         """
         out = np.empty((400, 5))
         return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]

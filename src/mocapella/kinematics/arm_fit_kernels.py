@@ -102,8 +102,8 @@ def system(
         pose: pose and sizes of the arm.
         parameters: scales and weights.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to, unless ``only_costs``.
-        costs: (5,) written: robust costs, each from 0 to 1, summed over points, over the flesh's area [m²] and over
-            collisions; then the flesh's area and the part of it that other objects occlude [m²].
+        costs: (5,) written: weighted sum of the points' robust costs, 0 to 1 each; that over the flesh's area [m²];
+            sum of the digits' squared overlaps [cm²]; the flesh's area and the part that other objects occlude [m²].
         targets: (5, 3) approximate fingertips, camera frame [m]; NaN where unknown.
         only_costs: do not change H and g.
     """

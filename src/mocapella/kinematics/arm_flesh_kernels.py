@@ -141,7 +141,7 @@ def balls(pieces: Float64, owners: Int64, R: Float64, t: Float64, spacing: float
         pieces: (pieces, PIECE) capsules in the palm's frame, of `flesh`.
         owners: (pieces, 2) digit or body part, and bone, of each capsule, of `ArmArrays`.
         R, t: (9,), (3,) rotation row by row, and translation [m], from the palm's frame to the camera frame.
-        spacing: least distance between the spheres' centres along a capsule [m]; each has one at either end.
+        spacing: least distance between the spheres' centres along a capsule, except that both its ends have one [m].
         out: (capacity, 5) the first rows are written: centre (3) and radius [m], 1 for the hand or 0 for the arm.
     """
     n = 0
@@ -169,13 +169,14 @@ def closest(
 ) -> int:  # fmt: skip
     """Return the index of the capsule nearest to a point, in the palm's frame; −1 if there is none.
 
-    On the side that faces away from the camera, the distance is that from the front, along the direction of view. For a
-    capsule this equals the silhouette-aware correspondence of Tagliasacchi et al. (section 4.1).
+    A point behind the capsule's axis, as the camera sees it, cannot be on the visible side: its distance is measured
+    from the front along the direction of view. For a capsule this equals the silhouette-aware correspondence of
+    Tagliasacchi et al. (section 4.1).
 
     Args:
         pieces: (pieces, PIECE) of `flesh`.
         few: number of pieces that are searched, from index 0 on.
-        first: index of a further piece, tried first, such as the last nearest one; −1 for none.
+        first: index of the piece that is tried first, such as the last nearest one, to save time; −1 for none.
         x, y, z: the point [m].
         vx, vy, vz: unit direction of view.
         out: (5,) written: outward normal (3), position along the piece's axis and distance from the surface [m].

@@ -29,9 +29,9 @@ _PARTS: Final = 8
 _OVER_S: Final = 60.0
 _USUAL_HZ: Final = 30.0
 _NOISY: Final = 4.0
-"""Standard deviations of a part's mean …"""
+"""Tolerance of still joints, in standard deviations of the mean position in an eighth of the window …"""
 _MOST_NOISE_M: Final = 0.006
-"""… but no more than this, or a moving arm would pass for a noisy one."""
+"""… and its limit [m], or a moving arm would pass for a noisy one."""
 
 
 class Arm(Protocol):
@@ -50,7 +50,7 @@ class ArmQualitySettings:
     """Thresholds for a still palm and for a jump.
 
     Attributes:
-        still_window_s: duration for an arm to be still before its noise is measured [s].
+        still_window_s: time for which an arm must be still for its noise to be measured [s].
         still_m: largest distance between the mean positions of the palm in any two eighths of the window, beyond
             noise, for an arm that counts as still [m].
         least_frames: fewest frames in the window.
@@ -97,12 +97,12 @@ def swapped_pairs(before: Float64, now: Float64, least_m: float = 0.01) -> list[
 def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
     """Count the jumps, appearances, losses and swaps of an arm's eight joints between two frames.
 
-    A joint jumps relative to the median motion of all joints. Only fingertips appear, vanish and swap; a swap does not
-    count as a jump.
+    A joint has jumped if its motion differs from the median motion of all joints by more than ``jump_m``. Only
+    fingertips appear, vanish and swap; a swap does not count as a jump.
 
     Args:
         before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
-        jump_m: motion between the frames above which a joint has jumped [m].
+        jump_m: threshold of a jump [m].
     """
     moved = now - before
     known = np.isfinite(moved).all(axis=-1)
@@ -154,7 +154,8 @@ class ArmQualityMeter:
 
         Args:
             arms: all arms of the frame, or none; an arm of the last frame whose id is missing counts as lost.
-            at_s: capture time [s]; a frame that is not later than the last one restarts all windows.
+            at_s: capture time [s]. More than ``gap_s`` after the last frame, the windows of still arms restart; not
+                after it, so do the counts per minute.
 
         Returns:
             The quality measured so far, as ``quality``.
@@ -215,7 +216,7 @@ class ArmQualityMeter:
 
     @property
     def quality(self) -> ArmQuality:
-        """Return the quality measured so far."""
+        """The quality measured so far."""
         lately, seen_s = Misdetections(), 0.0
         for _, seconds, found in self._lately:
             seen_s += seconds
@@ -230,12 +231,12 @@ class ArmQualityMeter:
 
 
 def _still(joints: Float64, still_m: float) -> NDArray[np.bool_]:
-    """(8,) which joints (n, 8, 3) were known all the time, and have not gone anywhere, as far as noise lets one say."""
+    """Return which joints (8,) of (n, 8, 3) were known in all frames, and moved at most ``still_m``, beyond noise."""
     parts = np.array_split(joints, _PARTS)
     means = np.stack([part.mean(axis=0) for part in parts])
     apart = np.linalg.norm(means[:, None] - means[None], axis=-1).max(axis=(0, 1))
-    # In second differences noise is left, and hardly any motion; their variance is six times that of noise, and the
-    # median of a normal point's squared distance 0.789 of its mean.
+    # Second differences remove the motion; their variance is six times that of the noise, and the median of a normal
+    # point's squared distance 0.789 of its mean.
     bends = (np.diff(joints, n=2, axis=0) ** 2).sum(axis=-1)
     noise = np.sqrt(np.median(bends, axis=0) / (6 * 0.789))
     with np.errstate(invalid="ignore"):

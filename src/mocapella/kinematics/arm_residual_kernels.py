@@ -139,7 +139,7 @@ def residual_numbers(
         px, py, pz: point p on the piece's axis, palm's frame [m].
         r: the residual is at the point p + r·n [m].
         v: (STATE,) sizes and directions.
-        q: written.
+        q: (ROW,) written.
     """
     q[0], q[1], q[2] = nx, ny, nz
     q[3], q[4], q[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
@@ -262,7 +262,7 @@ def compare(
             1.
 
     Returns:
-        -1 outside of the image, 0 where another object occludes it, else 1.
+        -1 outside of the image or nearer than 5 cm, 0 where another object occludes it, else 1.
     """
     front, lens = image.front, image.lens
     if Z < 0.05:
@@ -329,7 +329,7 @@ def add_collisions(
         parameters: weight and allowed overlap.
         only_costs: do not change H and g.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
-        costs: (5,) of `arm_fit_kernels.system`; element 2, squared overlaps in centimetres, is added to.
+        costs: (5,) of `arm_fit_kernels.system`; element 2, the sum of squared overlaps [cm²], is added to.
     """
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)

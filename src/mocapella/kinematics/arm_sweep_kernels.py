@@ -47,8 +47,8 @@ def swept(
 ) -> None:  # fmt: skip
     """Evaluate the fit's cost for each of many postures of one digit (exhaustive search), up to a common constant.
 
-    Only the terms that depend on the digit are computed: points that no other piece explains, the digit's own capsules
-    and its overlaps. So dozens of postures cost no more than a step of the fit.
+    Only the terms that depend on the digit are computed: points that are not near another piece, the digit's own
+    capsules, its overlaps, and the prior. So dozens of postures take no longer than a step of the fit.
 
     Args:
         arm, image, pose, parameters: the hand's model, the image's measurements, the present pose, and the scales and
@@ -117,7 +117,8 @@ def _near_points(
     pieces: Float64, base: Float64, reach: float, image: ArmEvidence, R: Float64, t: Float64, scale_m: float,
     kept: Float64,
 ) -> tuple[int, float]:  # fmt: skip
-    """Write the points near a digit that no piece explains: position, view, weight and robust cost (m, 8).
+    """Write the points near a digit that are not near another piece: position, direction of view (palm's frame), weight
+    and robust cost (m, 8).
 
     Returns:
         Their number, and the weight of all points.

@@ -42,7 +42,7 @@ class Pose(msgspec.Struct, frozen=True, eq=False):
         position: (3,) root in the world [m].
         rotations: (balls, 3, 3) rotations of the ball joints, the root's first: from the bone's frame to its parent's,
             the root's to the world.
-        angles: (dofs,) angles of the hinges, at their degree of freedom [rad]; unused elsewhere.
+        angles: (dofs,) angles of the hinges, each at the index of its degree of freedom [rad]; unused elsewhere.
         lengths: (lengths,) bone lengths [m]; the two sides of the body share theirs.
     """
 
@@ -57,7 +57,7 @@ class ArticulatedBody:
 
     Args:
         topology: the skeleton, which must have a body model.
-        settings: motion and thresholds; the defaults if not given.
+        settings: process noise and thresholds; the defaults if not given.
 
     Attributes:
         model: the body model and the settings.
@@ -105,7 +105,7 @@ class ArticulatedBody:
         return Estimate(float(at_s), x, v)
 
     def move(self, T_new_old: Float64) -> None:
-        """Change the world frame to another one, by a rigid motion (4, 4) from the old to the new world."""
+        """Transform the state to another world frame, by a rigid motion (4, 4) from the old to the new world."""
         move(self.model, self.memory, T_new_old)
 
     @property
@@ -115,18 +115,18 @@ class ArticulatedBody:
 
 
 def move(model: ArticulatedModel, memory: Float64, T_new_old: Float64) -> None:
-    """Change the world frame of all bodies of a memory, in place.
+    """Transform the states of all bodies to another world frame, in place.
 
     Args:
         model: the body model.
-        memory: (people, memory_size), changed.
+        memory: (people, memory_size) a state in each row, changed.
         T_new_old: (4, 4) rigid motion from the old to the new world.
     """
     _kernels().move(model.layout, memory, np.ascontiguousarray(T_new_old, dtype=np.float64))
 
 
 def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
-    """Copy the pose from a person's memory (memory_size,); None if no body was initialised."""
+    """Copy the pose from a body's memory row (memory_size,); None if the body is not initialised."""
     if row[at.STARTED] != 1.0:
         return None
     starts = model.layout
@@ -136,7 +136,7 @@ def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
 
 
 def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
-    """Return a new row (memory_size,) with a pose, NaN elsewhere, for kernels that read a pose from a memory."""
+    """Return a new memory row (memory_size,) that holds only a pose, NaN elsewhere, for kernels that read poses."""
     starts = model.layout
     row = np.full(starts.size, np.nan)
     row[starts.angles : starts.velocities] = pose.angles
@@ -167,7 +167,7 @@ def hinge_angles(model: ArticulatedModel, pose: Pose) -> dict[str, float]:
 def ball_rotations(model: ArticulatedModel, pose: Pose) -> dict[str, Float64]:
     """Return the ball joints' rotations (3, 3) from bone to parent frame by their names, and that of the ``root``.
 
-    The root's is to the world. All are views of the pose's.
+    The root's is from its frame to the world. All are views into ``pose.rotations``.
     """
     named = {"root": pose.rotations[0]}
     for joint, bone in model.body.bones.items():

@@ -29,21 +29,21 @@ Float64 = NDArray[np.float64]
 __all__ = ["correct", "forward", "move", "predict"]
 
 LARGE_STEP = 0.5
-"""Largest angle of a step after which the linearisation still holds [rad]."""
+"""Largest change of a degree of freedom in the first step; after a larger one, a second step follows [m, rad]."""
 FIRST_STEPS = 12
 """Gauss–Newton steps in a body's first frame."""
 CONTACT_S = 0.1
-"""Time constant of the velocity that weights a foot's contact [s]."""
+"""Time constant of the smoothing of a foot's velocity, which weights its contact [s]."""
 CONTACT_HZ = 60.0
-"""A foot's distance from where it stood counts as this many times itself a second, at any rate of frames [Hz]."""
+"""Factor from a foot's measured displacement since the last frame to that velocity, at any frame rate [Hz]."""
 MOST_SURPRISE = 1.0
-"""Largest share of one joint in the surprise."""
+"""Limit of one joint's surprise (`ArticulatedSettings.surprise_s`)."""
 MEAN_DISTANCE = 1.6
 """Mean distance of a point with normal noise from its mean, over the standard deviation of a coordinate: 2 √(2/π)."""
 AGREES = 0.5
-"""Least robust weight of an inlier."""
+"""Least robust weight of the two joints of a bone for learning its length."""
 LENGTH_PRIOR_S = 0.05
-"""Time for which the template's bone lengths count as measured [s]."""
+"""Weight of the initial bone lengths, as a duration of measurement [s]."""
 FIRST_VARIANCE = 0.0025
 """Variance of a joint about the estimate while a body is initialised [m²]."""
 
@@ -75,7 +75,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
         row: (memory_size,) the body's memory.
         at_s: the instant, on the clock of earlier calls [s]; a time before the memory's counts as the memory's.
         positions: (joints, 3) written: world [m]; NaN where the body is not known.
-        variances: (joints,) written: variance of a coordinate [m²].
+        variances: (joints,) written: variance of a coordinate [m²]; NaN where the body is not known.
 
     Returns:
         Whether the body is known.
@@ -117,7 +117,8 @@ def correct(
 ) -> bool:  # fmt: skip
     """Predict a body to the time of measured joints, and correct it by them; the memory is then at that time.
 
-    A lost or new body is initialised from the joints instead (`articulated_start_kernels.initialise`).
+    A new, forgotten or lost body is initialised from the joints instead, if they suffice
+    (`articulated_start_kernels.initialise`).
 
     Args:
         model: the body model.
@@ -126,7 +127,7 @@ def correct(
         measured: (joints, 3) world [m]; NaN where not measured.
         measured_variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
         positions: (joints, 3) written: world [m]; NaN while the body is not known.
-        variances: (joints,) written: variance of a coordinate [m²].
+        variances: (joints,) written: variance of a coordinate [m²]; likewise.
 
     Returns:
         Whether the body is known.
@@ -271,8 +272,8 @@ def _weigh(
 def _learn_noise(row: Float64, jumps: int, residuals: Float64, j: int, forget: float) -> None:
     """Estimate a joint's noise from the successive differences of its innovations.
 
-    Half their mean square is the variance of their white part, whatever changes slowly (J. von Neumann et al., The Mean
-    Square Successive Difference, Annals of Mathematical Statistics 12, 1941).
+    Half their mean square is the variance of the innovations' white part, without slow changes (J. von Neumann et al.,
+    The Mean Square Successive Difference, Annals of Mathematical Statistics 12, 1941).
     """
     if math.isfinite(row[jumps]):
         s = 0.0
@@ -332,7 +333,7 @@ def _learn_lengths(model: BodyArrays, row: Float64, dt: float, R: Float64, frame
 def _judge(
     lost_m: float, row: Float64, measured: Float64, variances: Float64, origin: Float64, positions: Float64
 ) -> None:
-    """Update the time since which the measured joints have been too far from the body, in the memory row."""
+    """Update in the memory row since when the body is lost: measured joints farther away than ``lost_m`` on average."""
     far, seen = 0.0, 0
     for j in range(len(variances)):
         if is_measured(measured, variances, j):

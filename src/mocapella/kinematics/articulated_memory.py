@@ -1,7 +1,7 @@
-"""Layout of the row of numbers that keeps one body's state between frames.
+"""Layout of a body's *memory*: the row of numbers that holds the state of its filter between frames.
 
-The state of the filter is the pose, its velocity, and for each degree of freedom the covariance of both. Correlations
-between degrees of freedom are not kept from frame to frame.
+The state is the pose, its velocity, and for each degree of freedom the 2 × 2 covariance of both. Correlations between
+degrees of freedom are not kept from frame to frame.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 AT, SEEN, STARTED, LOST_SINCE, RESTLESS, SCALE, SCALE_VARIANCE = 0, 1, 2, 3, 4, 5, 6
-"""Columns at the head of a row.
+"""Indices of the first numbers of a row.
 
-They are its instant [s], the capture time of the body's last measurement [s], 1 once the body is initialised, since
-when it is lost (NaN: it is not) [s], the recent average of the innovations over their expectation, and the factor of
-all bone lengths with its variance (`mocapella.kinematics.articulated_scale_kernels`).
+They are the time of the state [s], the capture time of the last measurement [s], 1 once the body is initialised, the
+time since which it is lost (NaN: it is not) [s], the averaged surprise (`ArticulatedSettings.surprise_s`), and the
+common factor of all bone lengths and its variance (`mocapella.kinematics.articulated_scale_kernels`).
 """
 HEAD = 8
-"""Numbers reserved for the head."""
+"""Index at which the arrays of `MemoryLayout` begin."""
 
 
 class MemoryLayout(NamedTuple):
@@ -27,7 +27,7 @@ class MemoryLayout(NamedTuple):
         balls: number of ball joints, the root included.
         joints: number of joints.
         lengths: number of bone lengths; the two sides of the body share theirs.
-        angles: (dofs,) the root's position [m], three unused, and the hinges' angles [rad]; unused for balls.
+        angles: (dofs,) the root's position, world [m], and the hinges' angles [rad]; unused for ball joints.
         velocities: (dofs,) velocity of the root along the world's axes [m/s], and of every rotation about its own axes
             [rad/s].
         variance: (dofs,) variance of each degree of freedom [m² or rad²]; the root's along its own axes.
@@ -36,9 +36,10 @@ class MemoryLayout(NamedTuple):
         rotations: (balls, 3, 3) rotations of the ball joints, the root's first.
         bones: (lengths,) bone lengths [m].
         learnt: (lengths,) duration over which each length was learnt [s].
-        contacts: (contacts, 6) position of a joint that may be in contact [m], and its smoothed velocity [m/s].
-        jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the variance of a
-            coordinate that is estimated from the innovations' successive differences [m²].
+        contacts: (contacts, 6) last position of each joint that may touch the floor, such as a foot, world [m], and its
+            smoothed velocity [m/s].
+        jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the noise variance of a
+            coordinate, estimated from successive differences of the innovations [m²].
         size: length of the row.
     """
 
@@ -60,10 +61,11 @@ class MemoryLayout(NamedTuple):
 
 
 def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> MemoryLayout:
-    """Lay out the arrays of a body one after the other, behind the head.
+    """Lay out the arrays of a body one after the other, from index `HEAD` on.
 
     Args:
-        dofs, balls, joints, lengths, contacts: the numbers of `MemoryLayout`.
+        dofs, balls, joints, lengths: counts as of `MemoryLayout`.
+        contacts: number of joints that may touch the floor.
     """
     starts = [HEAD]
     for size in (dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints):

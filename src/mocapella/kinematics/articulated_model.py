@@ -1,6 +1,6 @@
-"""Body models and their settings as arrays, for the kernels of `mocapella.kinematics.articulated_kernels`.
+"""Settings of the filter of articulated bodies, and body models packed into arrays for its kernels.
 
-Models name a kinematic tree of hinges and ball joints with limits; settings are the process noise and thresholds.
+A body model is a kinematic tree of hinges and ball joints with limits (`mocapella.kinematics.body_model`).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ArticulatedSettings:
-    """How bodies move, and when one is initialised, lost and forgotten.
+    """Process noise of bodies, and thresholds at which one is initialised, lost and forgotten.
 
-    The densities of the white acceleration trade jitter for lag: a higher density follows faster. They hold for a
-    moving body; for a body at rest they are lowered.
+    The power spectral densities of the white-noise acceleration trade jitter for lag. They hold for a moving body; for
+    a body at rest they are lowered.
 
     Attributes:
         root_acceleration: density of the root's white acceleration along an axis; larger: less lag, more jitter
@@ -39,17 +39,17 @@ class ArticulatedSettings:
             jitter [rad²/s³].
         hand_turn: density of the white angular acceleration of a joint of a hand; larger: less lag, more jitter
             [rad²/s³].
-        velocity_memory_s: time constant of the decay of an unconfirmed velocity; larger: the motion is extrapolated
-            farther [s].
-        surprise_s: time constant over which the surprise is averaged: the squared innovations of the measured joints
-            over their expectation; larger: the densities rise and fall later [s].
+        velocity_memory_s: time constant of the exponential decay of predicted velocities; larger: the motion is
+            extrapolated farther [s].
+        surprise_s: time constant over which the surprise is averaged: the ratio of the measured joints' squared
+            innovations to the expected ones; larger: the densities rise and fall later [s].
         full_surprise: surprise above which the densities hold in full; below it they fall with its third power; larger:
             slow motion has less jitter and more lag [ratio].
-        calm: smallest factor of the densities, of a body at rest; smaller: less jitter at rest, later to follow when it
-            moves [ratio].
+        calm: smallest factor of the densities, for a body at rest; smaller: less jitter at rest, later to follow when
+            it moves [ratio].
         noise_s: time constant over which each joint's noise is learnt [s].
-        rest_sd: standard deviation of an angle about its rest, after one second of pull towards it; larger: a weaker
-            pull [rad·√s].
+        rest_sd: pull of every angle towards its rest; in one second it weighs as much as one measurement of the rest
+            angle with this standard deviation; larger: a weaker pull [rad·√s].
         degrees_of_freedom: parameter of the Student-t weight of a joint; smaller: outliers count less; infinity makes
             the loss quadratic [degrees of freedom].
         length_memory_s: time over which bone lengths are averaged; larger: steadier lengths, slower to correct [s].
@@ -110,7 +110,7 @@ class ArticulatedSettings:
 
 ROOT_DOFS: Final = 6
 TRANSLATION, ABOUT, OF_BALL = 0, 3, 6
-"""Degrees of freedom: along an axis, about a hinge's axis, about a ball joint's axis; plus 0, 1, 2 for x, y, z."""
+"""Kinds of degree of freedom: translation, rotation of a hinge or of a ball joint; plus 0, 1, 2 for axis x, y, z."""
 
 
 class BodyParameters(NamedTuple):
@@ -161,12 +161,12 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         layout: counts, and the layout of a body's memory.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
         dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
-            largest variance [m² or rad²].
+            limit of its predicted variance [m² or rad²]. Ball joints' limits are in ``joint_values``.
         joint_table: (joints, 6) indices of parent joint and first degree of freedom, number of degrees of freedom, and
             indices of ball joint, bone length and contact; −1 for none.
         joint_values: (joints, 12) unit direction of the bone at rest (3), its length as a fraction of stature, axis of
-            the ball joint's cone (3), its half angle, least and most twist [rad], 1 for the torso's joints, variance of
-            the joint about the chain [m²].
+            the ball joint's cone (3), its half angle, least and most twist [rad], 1 for the torso's joints, squared
+            `Bone.misfit_m` [m²].
         order: (joints,) the joints, a parent before its children.
         parameters: the settings that the kernels read.
     """

@@ -1,4 +1,4 @@
-"""Kernels that move the pose in a body's memory: over time, to its rest, and within its joint limits.
+"""Kernels of the pose in a body's memory: prediction, distance from rest, joint limits, and small motions.
 
 Importing this module imports numba.
 """
@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 PINNED = 1e12
 """Prior information that holds a degree of freedom at its limit [1/rad²]."""
 CALMING = 3
-"""Exponent of the surprise (see `ArticulatedSettings`) in the densities of acceleration."""
+"""Exponent of the surprise in the factor of the densities of acceleration, see `ArticulatedSettings`."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,9 +93,9 @@ def first_of_ball(joint_table: Int64, j: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64, row: Float64, out: Float64) -> None:
-    """Write into out (dofs,) the rotation that takes each degree of freedom to its rest [rad].
+    """Write into out (dofs,) the rotation of each degree of freedom to its rest angle [rad]; 0 for the root.
 
-    It is 0 for the root; for a ball joint, it is the sine of the rotation about each axis.
+    For a ball joint, it is approximated by the sine of the angle times the rotation axis.
 
     Args:
         layout, dof_values, joint_table: layout of a memory, (dofs, 5) and (joints, 6) of `ArticulatedModel`.

@@ -3,8 +3,8 @@
 Some sensors report one skeleton at different sizes: of an Azure Kinect's, all bones are an eighth shorter in a squat
 than upright. With fixed lengths, the knees would bend too far or too little. The factor is an Ornstein–Uhlenbeck
 process about 1 (G. E. Uhlenbeck, L. S. Ornstein, On the Theory of the Brownian Motion, Physical Review 36, 1930) that
-is measured as the mean ratio of measured to learnt lengths. How much the bones differ from that mean says how sure it
-is: bones that change one by one hardly move it. Importing this module imports numba.
+is measured as the mean ratio of measured to learnt lengths. The scatter of the bones' ratios gives the variance of that
+mean: a change of single bones hardly moves the factor. Importing this module imports numba.
 """
 
 from __future__ import annotations
@@ -23,23 +23,26 @@ from mocapella.kinematics.articulated_start_kernels import is_measured
 Float64 = NDArray[np.float64]
 
 LEAST_BONES = 6
-"""Least number of measured bones."""
+"""Least number of measured bones that correct the factor."""
 LEAST_VARIANCE = 1e-4
-"""Least variance of a mean ratio."""
+"""Least variance of the mean ratio."""
 NU = 5.0
 """Degrees of freedom of the Student-t weight of a bone."""
 
 
 @njit(cache=True, error_model="numpy")
 def predicted_scale(row: Float64, dt: float, scale_s: float) -> float:
-    """Return the factor of a memory row's bone lengths after a time dt [s]; it decays to 1 within ``scale_s`` [s]."""
+    """Return the factor of a memory row's bone lengths after a time dt [s]; it decays to 1, with time constant scale_s.
+
+    ``scale_s`` is in seconds. An unknown factor counts as 1.
+    """
     scale: float = 1.0 + math.exp(-max(dt, 0.0) / scale_s) * (row[at.SCALE] - 1.0)
     return scale if scale > 0.0 else 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def scale_bones(layout: MemoryLayout, row: Float64, scale: float) -> None:
-    """Multiply the bone lengths of a memory row, in place."""
+    """Multiply the bone lengths of a memory row by ``scale``, in place."""
     for i in range(layout.bones, layout.bones + layout.lengths):
         row[i] *= scale
 

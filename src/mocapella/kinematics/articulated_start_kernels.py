@@ -47,7 +47,7 @@ def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, 
         variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
 
     Returns:
-        Whether enough joints are measured.
+        Whether enough joints are measured; if not, the row is not changed.
     """
     layout = model.layout
     seen, torso = 0, 0

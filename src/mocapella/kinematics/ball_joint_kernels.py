@@ -127,7 +127,7 @@ def localise(
     Args:
         parents, joint_parts: (parts,), (joints,) of `TwistTree`.
         parts, first, axes, centres: (n,), (n,), (n, 3, 3), (n, 3) [m] of `BallJoints`.
-        angles: (joints,) of the pose [rad]; set to 0 for ball joints.
+        angles: (joints,) angles of the pose [rad]; ball joints' angles are set to 0.
         turned_by: (n, 9) written: the ball joints' rotations in the pose.
         new_axes: (n, 3, 3) written: their new axes, one a row.
         twists: (joints, 6) of `TwistTree`; changed for ball joints and all their descendants.

@@ -96,7 +96,7 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
     axes: Float64
 
     def into(self, pose: TreePose) -> TreePose:
-        """Convert a pose of the body's tree to the tree whose rest pose is the present pose; the root is shared."""
+        """Convert a pose of the body's tree to the local tree; the root's pose is the same array."""
         angles = np.array(pose.angles, np.float64)
         _kernels().into(self.balls.first, self.balls.axes, self.turned, self.axes, angles)
         return TreePose(pose.T_world_model, angles)
@@ -110,14 +110,14 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
         return TreePose(pose.T_world_model, angles)
 
     def into_prior(self, prior: Prior) -> Prior:
-        """Convert a prior of the body's pose to the local tree."""
+        """Convert a prior of the body's pose to the local tree; its inverse standard deviations stay."""
         return Prior(self.into(prior.pose), prior.root_per_m, prior.root_per_rad, prior.angles_per_rad)
 
     def into_usual(self, usual: Prior) -> Prior:
         """Convert the prior of the typical (resting) posture to the local tree.
 
-        For a ball joint it keeps only the rotation about the limb, with a weight that falls to 0 at the singular
-        pose, where that rotation is undefined. The limb's direction has no usual value and is observed directly.
+        For a ball joint it keeps only the rotation about the limb, with an inverse standard deviation that falls to 0
+        at the singular pose, where that rotation is undefined. The limb's direction is seen, and gets no prior.
         """
         angles, weights = np.array(usual.pose.angles), np.array(usual.angles_per_rad)
         for first in self.balls.first.tolist():

@@ -1,4 +1,4 @@
-"""Joint types and limits of a body, as data.
+"""Body models: types and limits of the joints of a topology's skeleton, read from data files.
 
 A body model is a TOML file in ``models/``, named as its topology; ``kinect_v2.toml`` explains the keys.
 """
@@ -28,7 +28,7 @@ class Hinge:
 
     Attributes:
         name: name of its angle.
-        axis: axis of rotation, in the frame of the previous bone or hinge: ``x``, ``y`` or ``z``.
+        axis: axis of rotation in the frame of the previous hinge, or of the parent bone: ``x``, ``y`` or ``z``.
         limits_deg: (least, most) angle [°].
     """
 
@@ -42,7 +42,7 @@ class Hinge:
         check(-180 <= least <= 0 <= most <= 180, "limits_deg", self.limits_deg, "around 0, within ±180")
 
     def mirrored(self) -> Hinge:
-        """Mirror the hinge to the other side of the body."""
+        """Return the hinge mirrored to the other side of the body, with the same name."""
         least, most = sorted(_MIRROR_SIGN[self.axis] * limit for limit in self.limits_deg)
         return replace(self, limits_deg=(least, most))
 
@@ -53,9 +53,9 @@ class BallJoint:
 
     Attributes:
         name: name of the joint, and prefix of its angles.
-        centre: (3,) axis of the cone of allowed bone directions, in the parent frame.
+        centre: (3,) axis of the cone of allowed bone directions, in the parent bone's frame; of any length.
         cone_deg: half angle of the cone [°].
-        twist_deg: (least, most) turn of the bone about itself, after the shortest turn from its rest direction [°].
+        twist_deg: (least, most) twist of the bone about its own axis, without the swing from its rest direction [°].
     """
 
     name: str
@@ -70,7 +70,7 @@ class BallJoint:
         check(-180 <= least <= 0 <= most <= 180, "twist_deg", self.twist_deg, "around 0, within ±180")
 
     def mirrored(self) -> BallJoint:
-        """Mirror the ball joint to the other side of the body."""
+        """Return the ball joint mirrored to the other side of the body, with the same name."""
         x, y, z = self.centre
         least, most = self.twist_deg
         return replace(self, centre=(-x, y, z), twist_deg=(-most, -least))
@@ -81,11 +81,11 @@ class Bone:
     """A bone of a body model and the joint at its beginning.
 
     Attributes:
-        offset: (3,) from the parent joint, in the rest pose, as a fraction of stature.
-        motion: name of its acceleration density, one of `MOTIONS`.
-        misfit_m: standard deviation of the measured joint about the chain, in addition to measurement noise [m].
-        hinges: revolute joints in their order; empty for a rigid bone.
-        ball: a ball joint instead of hinges.
+        offset: (3,) vector from the parent joint to the bone's end in the rest pose, as a fraction of stature.
+        motion: group of its joint, one of `MOTIONS`; ``limb`` takes the acceleration density ``limb_turn``.
+        misfit_m: standard deviation of a sensor's joint at the bone's end from the model's, apart from noise [m].
+        hinges: revolute joints from the parent outwards.
+        ball: a ball joint, instead of hinges. Without either, the bone is fixed to its parent.
     """
 
     offset: tuple[float, float, float]
@@ -102,13 +102,13 @@ class Bone:
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
 
     def mirrored(self) -> Bone:
-        """Mirror the bone and its joint to the other side of the body."""
+        """Return the bone and its joint mirrored to the other side of the body, with the same names."""
         x, y, z = self.offset
         hinges = tuple(hinge.mirrored() for hinge in self.hinges)
         return replace(self, offset=(-x, y, z), hinges=hinges, ball=self.ball and self.ball.mirrored())
 
     def of_side(self, side: str) -> Bone:
-        """Return the bone with angle names that begin with the side, ``left`` or ``right``."""
+        """Return the bone with ``left`` or ``right`` put before the names of its joints."""
         hinges = tuple(replace(hinge, name=f"{side} {hinge.name}") for hinge in self.hinges)
         return replace(self, hinges=hinges, ball=self.ball and replace(self.ball, name=f"{side} {self.ball.name}"))
 
@@ -120,8 +120,8 @@ class BodyModel:
     Attributes:
         topology: the skeleton.
         bones: the bone that ends at each joint, by joint index; for every joint but the root.
-        torso: the joints that initialise a body.
-        contacts: the joints that stand still on the floor while they carry the body.
+        torso: indices of the joints that determine the root's pose at initialisation.
+        contacts: indices of the joints that may stand on the floor, such as ankles.
         root_misfit_m: `Bone.misfit_m` of the root [m].
     """
 
@@ -160,7 +160,9 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
         of: the topology whose skeleton the model describes.
 
     Raises:
-        SettingsError: an unknown joint, a missing bone, a value out of range, or too few joints in the torso.
+        InputError: the text is not TOML.
+        SettingsError: an unknown joint, a missing bone, a value out of range, or a torso with fewer than four joints or
+            without a joint's mirror image.
     """
     data = decode_toml(text)
     where = f"body model {of.name}"

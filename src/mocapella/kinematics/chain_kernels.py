@@ -326,7 +326,7 @@ def marginals(
         joint_table, order: (joints, 6), (joints,) of `ArticulatedModel`.
         xi, U, d: (dofs, 6), (dofs, 6), (dofs,) of `solve`.
         x: (joints, 3) estimated joints of `forward` [m].
-        C: (joints, 21) written: covariance of the motion of each bone.
+        C: (joints, 21) written: covariance of the small motion of each bone, a twist; upper triangle, row by row.
         dofs: (dofs,) written: variances [m², rad²].
         joints: (joints,) written: variance of a coordinate, a third of the trace of the joint's covariance [m²].
     """

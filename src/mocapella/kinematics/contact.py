@@ -3,8 +3,8 @@
     solid = capsules_of(mesh)
     given = [*given, apart(solid, landmarks, motions)]
 
-For two overlapping capsules, the nearest points of their axes are moved apart along the line between them, half the
-overlap each: two planes (`mocapella.kinematics.twist_fit`) perpendicular to that line. Limbs that only touch are free.
+For two overlapping capsules, two planes (`mocapella.kinematics.twist_fit`) pull the nearest points of their axes apart
+along the line between them, by half of the excess overlap each. A small overlap, as in contact, has no cost.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ def apart(
     sd_m: float = SD_M,
     touching_m: float = TOUCHING_M,
 ) -> InPlanes:
-    """Return the planes that push overlapping limbs apart; empty if no limbs overlap.
+    """Return the planes that push overlapping limbs apart; empty if none overlaps. Limbs whose axes cross get none.
 
     Args:
         solid: the limbs as capsules.
         landmarks: (n, 3) landmarks of the mesh in the present pose, world [m].
-        motions: R (parts, 9) and t (parts, 3) of the fitted tree in that pose.
+        motions: the parts' motions from rest in that pose: R (parts, 9), row by row, and t (parts, 3) [m].
         sd_m: standard deviation of an overlap, which sets the planes' weight [m].
-        touching_m: overlap below which limbs count as in contact and are left alone [m].
+        touching_m: allowed overlap of limbs in contact [m].
     """
     R, t = motions
     room = 2 * len(solid.pairs)

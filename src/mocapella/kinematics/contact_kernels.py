@@ -85,7 +85,7 @@ def apart(
     ends: Float64, radii: Float64, pairs: Int64, part: Int64, R: Float64, t: Float64, touching: float,
     weight: float, parts: Int64, rest: Float64, planes: Float64, weights: Float64,
 ) -> int:  # fmt: skip
-    """Write two planes for each pair of limbs that penetrate each other; return the number of planes.
+    """Write two planes for each pair of limbs that overlap by more than ``touching``; return the number of planes.
 
     Args:
         ends: (c, 2, 3) end points of the capsules' axes in the present pose, world [m].

@@ -29,9 +29,9 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _KNUCKLE: Final = BASES[2]
-"""Of the middle finger: from the wrist to there is a hand's unit of length."""
+"""Landmark of the middle finger's knuckle, whose distance from the wrist is a hand's unit of length."""
 _OPEN_OVER_FOREARM: Final = np.array([0.42, 0.49, 0.50, 0.48, 0.40])
-"""Distance of an open hand's tips from the palm's middle, over that of the elbow; of the average hand and arm."""
+"""Distance of an open hand's tips from the palm's centre, over the elbow's distance from it; of an average arm."""
 _PARTLY: Final = 0.5
 _INFERRED: Final = 0.25
 
@@ -45,7 +45,8 @@ class HandFeatures:
             is folded into the palm; NaN where not known.
         gaps: (5, 5) distances between fingertips, divided by that from the wrist to the middle finger's knuckle; NaN
             where not known.
-        certainty: (5,) certainty of each digit, from 0 (not known) to 1 (its tip is measured).
+        certainty: (5,) certainty of each digit: 1 if its tip is measured, 0.5 if another joint beyond its base is, 0.25
+            if they are inferred, 0 if the digit is not known.
     """
 
     reach: Float64
@@ -53,12 +54,12 @@ class HandFeatures:
     certainty: Float64
 
     def extended(self, digit: int) -> float:
-        """Return how straight a digit (0: thumb) is and in line with the palm, from 0 to 1; NaN if unknown."""
+        """Return how far a digit (0: thumb) is extended, from 0 to 1 (straight, in line with palm); NaN if unknown."""
         low, high = (0.80, 0.93) if digit == 0 else (0.68, 0.86)
         return ramp(float(self.reach[digit]), low, high)
 
     def folded(self, digit: int) -> float:
-        """Return the degree, 0 to 1, to which a digit (0: thumb) is folded into the palm; NaN if unknown."""
+        """Return how far a digit (0: thumb) is folded, from 0 to 1 (tip at the palm); NaN if unknown."""
         low, high = (0.78, 0.90) if digit == 0 else (0.45, 0.65)
         return 1.0 - ramp(float(self.reach[digit]), low, high)
 
@@ -74,8 +75,8 @@ def hand_features(
 ) -> HandFeatures:
     """Compute the features of a hand.
 
-    Where landmarks between palm and tips are not known, but palm and elbow are, a digit's reach follows from the ratio
-    of its tip's distance from the palm to the elbow's.
+    If a digit's inner landmarks are not known, but palm and elbow are, its reach is estimated as the tip's distance
+    from the palm, divided by that of an open average hand with the same distance from palm to elbow.
 
     Args:
         landmarks: (21, 3) in the order of `mocapella.model.hand.LANDMARKS`, in any frame [m]; NaN where not known.
@@ -222,7 +223,7 @@ GESTURES: Final[dict[str, Gesture]] = {
 def closure(hand: HandFeatures) -> float:
     """Return how closed a hand is, from 0 (open) to 1 (closed); NaN if not known.
 
-    It is the larger one of the score of a pinch and the closure of the least bent finger.
+    It is the larger of the score of a pinch and the flexion, from 0 to 1, of the least bent finger.
     """
     closed = _least([1.0 - ramp(float(hand.reach[finger]), 0.45, 0.85) for finger in range(1, 5)])
     pinched = Pinch().score(hand)
@@ -309,9 +310,9 @@ class GesturesReport:
 
 
 class _Trigger:
-    """On after a value has been at ``high`` or above for ``after_s``, off after it has been below ``low`` for as long.
+    """Schmitt trigger: on after ``after_s`` at ``high`` or above, off after ``after_s`` below ``low``.
 
-    A NaN interrupts no wait and changes nothing; after ``hold_s`` of them it is off.
+    A NaN changes nothing and does not interrupt the wait; after more than ``hold_s`` of NaN it is off.
     """
 
     def __init__(self, low: float, high: float, after_s: float, hold_s: float) -> None:
@@ -343,7 +344,7 @@ class HandGestures:
 
     Args:
         settings: thresholds; the defaults if not given.
-        gestures: the gestures to recognise; the present `GESTURES` unless given.
+        gestures: the gestures to recognise; by default, those in `GESTURES` at this time.
 
     Raises:
         SettingsError: two gestures of one name, or one without a name.
@@ -384,7 +385,8 @@ class HandGestures:
             at_s: capture time [s]; a time before the last one restarts the recognition, but not its counts.
 
         Returns:
-            The state; a gesture stays until it ends, or its score is below ``enter`` and another active one's is not.
+            The state. A reported gesture stays until it ends, or until its score is below ``enter`` while that of
+            another active one is not.
         """
         if at_s < self._at_s:
             self._forget()
@@ -418,7 +420,7 @@ class HandGestures:
         return closure(hand) if certain >= self.settings.least_certain else math.nan
 
     def _choose(self) -> str:
-        """Keep the shown gesture while it is on and none is more likely; then show that with the highest score."""
+        """Keep the shown gesture, unless it ended or only others reach ``enter``; else show the most certain one."""
         on = [name for name, trigger in self._triggers.items() if trigger.on]
         likely = [name for name in on if self._score[name] >= self.settings.enter]
         if self._shown not in on or (likely and self._shown not in likely):

@@ -1,7 +1,7 @@
-"""Detect that a hand holds an object: the thumb and another finger touch it, with hysteresis on release.
+"""Detect that a hand holds an object: the thumb and another finger touch it for some time.
 
-A touch is a fingertip's distance from the object's surface below a threshold; it ends at a larger one (Schmitt
-trigger).
+A touch begins when a fingertip's distance from the object's surface falls below a threshold, and ends above a larger
+one (Schmitt trigger).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class GraspSettings:
             detected sooner, also false ones [m].
         leave_m: distance from the surface above which a fingertip stops touching; larger: releases are detected later
             [m].
-        after_s: time of touch by the thumb and another finger after which the object is held, and without it after
-            which it is released; larger: fewer false grasps, later ones [s].
+        after_s: time for which thumb and another finger must touch the object until it is held, or not touch it until
+            it is released; larger: fewer false grasps, later ones [s].
     """
 
     touch_m: float = 0.015
@@ -83,7 +83,7 @@ class Grasp:
         Args:
             distances: (5,) signed distances of the fingertips from the object's surface, the thumb's first [m]; a NaN
                 keeps that finger's state.
-            at_s: capture time [s]; a time before a change began restarts its waiting time.
+            at_s: capture time [s]; if it is before the beginning of the wait for ``after_s``, the wait restarts.
         """
         s = self.settings
         with np.errstate(invalid="ignore"):

@@ -1,6 +1,6 @@
 """Estimate a person's finger bones from a short gesture: least squares over all frames, with a prior of proportions.
 
-Three or more markers on the base measure the palm's pose in every frame. The person shows
+Three or more markers on the base, the back of the hand, measure the palm's pose in every frame. The person shows
 
 - ``flat``: the flat hand, fingers straight and along the palm;
 - ``knuckles``: straight fingers that bend at the knuckles, forth and back, as far as they go;
@@ -33,13 +33,13 @@ PHASES: Final[tuple[str, ...]] = get_args(GesturePhase)
 
 _SHARED: Final = 8  # three lengths, the base's place, flexions that were held: of the first and of the second joint
 _FREE_DEG: Final = 1000.0
-"""Standard deviation of an angle that the phase leaves free. Were it that of hands, all instants together would claim
-to know how far the joint moved on average, which lengthens the bones."""
+"""Standard deviation of an angle that the phase leaves free, practically infinite: with that of usual postures, the
+many instants together would fix the mean angle, and so lengthen the bones."""
 
 
 @dataclass(frozen=True)
 class BonesSettings:
-    """Priors, and requirements of a gesture.
+    """Priors of the fit, and requirements that the gesture must meet.
 
     Attributes:
         length_sd: standard deviation of a bone's length about the initial one, relative to it.
@@ -47,7 +47,7 @@ class BonesSettings:
         held_sd_deg: standard deviation of the constant flexion of a joint that should be straight [°].
         unsteady_sd_deg: standard deviation of that flexion's variation over time [°].
         thumb_sd: relative standard deviation of the thumb's common proportion to the fingers.
-        least_frames: least number of frames of each phase that show base and finger.
+        least_frames: least number of frames of each phase that show the whole base and the fingertip.
         least_knuckles_deg, least_hook_deg: least range of motion of the first and the second joint of each finger [°].
         most_finger_sd_m: largest standard deviation of the length of a whole finger [m].
         most_iterations: largest number of iterations of the fit.
@@ -82,8 +82,8 @@ class Bones(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         shape: the hand, with the standard deviations of its lengths.
-        base_markers: (k, 3) positions of the base's markers in the palm's frame, as `HandTracker` takes them [m].
-        finger_sd_m: (5,) standard deviations of the digits' whole lengths [m].
+        base_markers: (k, 3) measured positions of the base's markers, as `HandTracker` takes them [m].
+        finger_sd_m: (5,) standard deviations of each digit's whole length [m].
         knuckles_deg, hook_deg: (4,) range of motion of the fingers' first and second joints [°].
         frames: (4,) number of instants used for each finger.
         residual_m: root mean square distance of the measured tips from the fitted hand [m].
@@ -121,11 +121,12 @@ def measure_bones(
         settings: priors and requirements; the defaults if None.
 
     Returns:
-        The bones of the same person and side as ``start``. The base's markers are re-measured.
+        The bones of the same person and side as ``start``, and the measured positions of the base's markers.
 
     Raises:
         InputError: arrays of another shape, too few base markers, or a gesture that does not determine a finger; the
             message names the finger and what to do.
+        SettingsError: ``sd_m`` is not above 0 and below 0.1 m.
     """
     s = settings or BonesSettings()
     check(0 < sd_m < 0.1, "sd_m", sd_m, "above 0, below 0.1 m")
@@ -178,7 +179,7 @@ def _checked(points: Any, base_markers: Any, phases: Any) -> tuple[Float64, Floa
 
 
 def _in_palm(points: Float64, layout: Float64, start: HandShape, s: BonesSettings) -> tuple[Float64, Float64]:
-    """The base's markers as they lie together, and (n, 5, 3) the tips in the palm's frame of a right hand."""
+    """Return the base's mean layout (k, 3), and the tips (n, 5, 3), in the palm's frame of a right hand [m]."""
     base = points[:, 5:] * start.mirror
     whole = np.isfinite(base).all(axis=(1, 2))
     if whole.sum() < s.least_frames:
@@ -212,7 +213,7 @@ def _whitening(tips: Float64, layout: Float64, sd_m: float) -> Float64:
 
 
 class _DigitFit:
-    """One digit: what all instants share, and its angles (f, a, m, b) at each."""
+    """Fit of one digit: its lengths and base, shared by all instants, and its angles (f, a, m, b) at each instant."""
 
     def __init__(  # noqa: PLR0917 - of this module
         self,
@@ -249,7 +250,7 @@ class _DigitFit:
         self.covariance = np.diag(self.prior_sd**2)
 
     def run(self) -> None:
-        """Levenberg's and Marquardt's method; the angles of each instant are eliminated (Schur's complement)."""
+        """Fit by the Levenberg–Marquardt method; the angles of each instant are eliminated (Schur complement)."""
         damping, cost = 1e-3, self._cost(self.shared, self.angles)
         for _ in range(self.s.most_iterations):
             A, B, C, gs, gf = self._equations()
@@ -274,11 +275,11 @@ class _DigitFit:
         self.covariance = np.linalg.inv(A - np.einsum("nij,njk->ik", B, np.linalg.solve(C, np.swapaxes(B, 1, 2))))
 
     def residuals(self) -> Float64:
-        """(n, 3) tips from where they would be [m]."""
+        """Return the measured minus the fitted tips (n, 3) [m]."""
         return self.tips - self._tips(self.shared, self.angles)[0]
 
     def moved(self, phase: str, angle: int) -> float:
-        """By how much an angle moved in a phase [degrees], a tenth of the instants left out."""
+        """Return an angle's range in a phase, from the 5 % to the 95 % quantile [°]; 0 without instants."""
         values = self.angles[self.names == phase, angle]
         if len(values) == 0:
             return 0.0
@@ -308,7 +309,7 @@ class _DigitFit:
             raise InputError(f"is known to {1000 * sd:.1f} mm only", field=self.name, fix=fix)
 
     def _tips(self, shared: Float64, angles: Float64) -> tuple[Float64, Float64, Float64]:
-        """(n, 3) tips, and their derivatives by lengths, base and held angles (n, 3, 8) and by the angles (n, 3, 4)."""
+        """Return tips (n, 3), and derivatives by lengths, base and held angles (n, 3, 8), and by angles (n, 3, 4)."""
         f, a = angles[:, 0], angles[:, 1]
         along = np.cumsum(np.stack([f, angles[:, 2], angles[:, 3]], axis=-1), axis=-1)
         u, w = np.cos(along) * shared[:3], np.sin(along) * shared[:3]
@@ -329,7 +330,7 @@ class _DigitFit:
         return shared[3:6] + along_plane(U, W), by_shared, by_angles
 
     def _expected(self, shared: Float64, angles: Float64) -> tuple[Float64, Float64]:
-        """(n, 4) how far the angles are from what the phase asks for, over (n, 4) the standard deviations."""
+        """Return the angles' whitened deviations (n, 4) from the phase's posture, and standard deviations (n, 4)."""
         first = angles[:, 0] - np.where(self.holds_first, shared[6], 0.0)
         second = angles[:, 2] - np.where(self.holds_second, shared[7], 0.0)
         last = angles[:, 3] - self.ratio * angles[:, 2]
@@ -345,7 +346,7 @@ class _DigitFit:
         return float((r**2).sum() + (e**2).sum() + (d**2).sum())
 
     def _equations(self) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-        """Gauss–Newton: A (8, 8) of shared unknowns, B (n, 8, 4), C (n, 4, 4) of angles, and right-hand sides."""
+        """Return the normal equations: A (8, 8) of shared unknowns, B (n, 8, 4), C (n, 4, 4) of angles, right sides."""
         tips, Js, Jf = self._tips(self.shared, self.angles)
         Js, Jf = self.whitening @ Js, self.whitening @ Jf
         r = np.einsum("nij,nj->ni", self.whitening, self.tips - tips)

@@ -22,12 +22,12 @@ ROOT_DOFS = 6
 
 @dataclass(frozen=True, eq=False)
 class HandChain:
-    """A hand's joints in the pose with all angles 0, in the palm's frame; mirrored for a left hand.
+    """A hand's twists and landmarks in the pose with all angles 0, in the palm's frame; mirrored for a left hand.
 
     Attributes:
-        twists: (21, 6) twist of each angle: translation part [m], then the unit axis.
+        twists: (21, 6) twist of each angle in the order of `ANGLES`: translation part [m], then the unit axis.
         parents: (21,) for each angle, the index of the previous angle of its digit; -1 for the first.
-        at_zero: (21, 3) landmarks [m].
+        at_zero: (21, 3) positions of the landmarks [m].
         last: (21,) for each landmark, the index of the last angle that moves it; -1 if none does.
     """
 
@@ -102,7 +102,7 @@ def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
 
 
 def jacobian(chain: HandChain, pose: HandPose) -> Float64:
-    """Return the Jacobian of the landmarks in the world by the palm's motion and the angles.
+    """Return the derivatives of the landmarks' world positions by the palm's motion and the angles.
 
     Returns:
         (..., 21, 3, 27): by a twist of the palm in its own frame (T ← T exp(x): translation [m], rotation [rad]), then

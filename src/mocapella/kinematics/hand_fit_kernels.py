@@ -43,7 +43,7 @@ _LIMIT_SD = 0.01  # standard deviation outside the limits [rad], for the cone re
 
 @njit(cache=True)
 def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Float64) -> None:
-    """Compute a digit's joints and axes in the palm's frame.
+    """Compute a digit's joints and axes of rotation in the palm's frame, by forward kinematics.
 
     The axes of f and a go through the first joint, of m and c through the second, of b through the third.
 
@@ -354,8 +354,7 @@ def describe(
         sd: (21,) written: standard deviation of a coordinate, from all information [m].
         alone: (21,) written: standard deviation of a coordinate, from the markers alone [m].
         variances: (6 + n,) written: of the palm's twist and of the free angles, from all information.
-        residuals: (5 + k,) written: distances of the markers from the hand's [m]; NaN where a marker's position is not
-            finite.
+        residuals: (5 + k,) written: distances of the measured markers from the fitted ones [m]; NaN where not finite.
 
     Returns:
         Whether the covariance exists.

@@ -30,7 +30,7 @@ INSTRUCTIONS: Final[Mapping[str, str]] = {
 }
 """What the person must do in each phase of the gesture."""
 _MEASURED: Final = 2
-"""Of `TrackedPoints.cameras`: from cameras that see it now; fewer is a prediction."""
+"""Least number of cameras that see a marker now (`TrackedPoints.cameras`); with fewer, its position is predicted."""
 
 
 class PhaseSpan(NamedTuple):
@@ -38,7 +38,7 @@ class PhaseSpan(NamedTuple):
 
     Attributes:
         phase: one of `PHASES`.
-        begin_s, end_s: its beginning, and its end, which does not belong to it.
+        begin_s, end_s: half-open interval: ``begin_s`` belongs to the phase, ``end_s`` does not.
     """
 
     phase: str
@@ -80,7 +80,7 @@ def spans_of_text(text: str) -> tuple[PhaseSpan, ...]:
 
 
 def phase_at(spans: Sequence[PhaseSpan], at_s: float) -> str | None:
-    """Return the phase that is shown at a capture time since the first scene [s]; None between the intervals."""
+    """Return the phase at a capture time since the first scene [s]; None outside all intervals."""
     return next((span.phase for span in spans if span.begin_s <= at_s < span.end_s), None)
 
 
@@ -89,10 +89,10 @@ class GestureReport:
     """Counts of the scenes of a gesture.
 
     Attributes:
-        scenes: number of scenes during a phase of the gesture.
+        scenes: number of scenes given to `GesturePoints.update`.
         kept: number of scenes kept, by phase.
-        without_points: number of scenes without tracked markers.
-        too_soon: number of scenes too soon after the last one kept.
+        without_points: number of scenes dropped because the tracker had no markers.
+        too_soon: number of scenes dropped because they came too soon after the last one kept.
     """
 
     scenes: int
@@ -105,9 +105,9 @@ class GesturePoints:
     """Collects the markers' positions in each phase of the gesture.
 
     Args:
-        tips: names of the markers of thumb to little finger.
-        base: names of the base's markers, three or more.
-        rate_hz: scenes kept per second; successive frames hold nearly the same information [Hz].
+        tips: names of the fingertips' markers, thumb to little finger.
+        base: names of the markers on the back of the hand, three or more.
+        rate_hz: most scenes kept per second, because successive ones hold nearly the same information [Hz].
 
     Raises:
         SettingsError: not five tips, fewer than three base markers, a name twice, or a rate out of range.
@@ -150,7 +150,7 @@ class GesturePoints:
             phase: one of `PHASES`.
 
         Raises:
-            InputError: a marker is not tracked.
+            InputError: the scene's points have no marker with a name of ``tips`` or ``base``.
         """
         self._scenes += 1
         points = scene.points
@@ -199,7 +199,7 @@ class GesturePoints:
     def measure(
         self, model: HandModel, start: HandShape, base_markers: Any, settings: BonesSettings | None = None
     ) -> Bones:
-        """Measure the bones by `measure_bones`; the markers' noise is the median of the tracker's uncertainties.
+        """Measure the bones by `measure_bones`; the markers' noise is the median of the tracker's standard deviations.
 
         Args:
             model, start, base_markers, settings: as in `measure_bones`.

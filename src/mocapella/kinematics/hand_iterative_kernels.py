@@ -88,7 +88,7 @@ def follow_jacobian(
 ) -> int:  # fmt: skip
     """Solve a digit's angles by a Jacobian method; return the number of iterations.
 
-    Buss 2004, sections 3 to 6; the angles are clamped to their limits.
+    Buss 2004, sections 3 to 6; each step is at most 0.5 rad, and then the angles are clamped to their limits.
 
     Args:
         row: (`DIGIT`,) the digit's parameters, see `hand_kernels`.

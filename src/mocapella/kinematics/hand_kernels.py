@@ -1,4 +1,4 @@
-"""Kernels of one digit's inverse kinematics: closed form with a limited search.
+"""Kernels of one digit's inverse kinematics: closed form, and search for the nearest posture within the limits.
 
 A digit is solved in the frame of its first joint, where its tip at flexion f, abduction a, flexion m of the second and
 b of the third joint is (u·sin a, −w, u·cos a) with
@@ -166,9 +166,9 @@ def _second_flexion(row: Float64, squared: float) -> float:
 def closed_form(row: Float64, x: float, y: float, z: float, out: Float64) -> bool:
     """Compute the angles within the limits that put the tip at a point, if there are any.
 
-    A digit that does not abduct reaches the point's projection on its plane. The digit bends in the plane through y and
-    the point, where the third joint follows the second. If this violates a limit and the third joint is free, it takes
-    the nearest flexion that does not.
+    A digit that cannot abduct reaches for the point's projection on its plane. The digit bends in the plane through y
+    and the point, and the third joint follows the second. If this violates a limit and the third joint is free, that
+    joint takes the flexion nearest to the coupled one that keeps the limits.
 
     Args:
         row: (`DIGIT`,) the digit's parameters.
@@ -323,8 +323,8 @@ def _descend(
 def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, work: Float64) -> None:
     """Compute the angles within the limits whose tip is nearest to a point.
 
-    Newton's method from the best points of a coarse grid, one for each direction in the cone
-    (or, for a digit that does not abduct, for each bend).
+    Newton's method starts from the best points of a coarse grid, one for each direction in the cone of the first joint
+    (or, for a digit that cannot abduct, for each flexion of the second joint).
 
     Args:
         row: (`DIGIT`,) the digit's parameters.
@@ -394,7 +394,7 @@ def hand_closed_form(digits: Float64, targets: Float64, angles: Float64, errors:
         angles: (5, 4) flexion f and abduction a of each digit's first joint, flexions m and b of the others [rad], in
             and out.
         errors: (5,) written: remaining distances of the tips [m]; NaN without a target.
-        reached: (5,) written: whether the closed form was within the limits.
+        reached: (5,) written: whether the closed form solved the digit within its limits; False without a target.
     """
     work = np.empty((25, 4))
     for i in range(5):

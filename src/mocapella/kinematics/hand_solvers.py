@@ -35,7 +35,7 @@ class Fingers(msgspec.Struct, frozen=True, eq=False):
         angles: (..., 21) in the order of `ANGLES` [rad], always within the limits.
         errors_m: (..., 5) distances of the tips from their targets [m]; NaN without a target.
         measured: (..., 5) whether a digit had a target; the others keep their angles.
-        iterations: (..., 5) number of an iterative solver's iterations; 0 for a closed form within the limits.
+        iterations: (..., 5) number of iterations; of `ClosedForm`, 1 for a target that needed a search, else 0.
     """
 
     angles: Float64
@@ -59,7 +59,7 @@ class HandSolver(Protocol):
         Args:
             targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
             start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
-                Angles beyond the limits are clamped.
+                Angles beyond the limits are clamped, and the thumb's opposition is set to 0.
 
         Returns:
             Angles within the limits, in new arrays; an unreachable target leaves a tip at a distance, ``errors_m``.
@@ -92,9 +92,9 @@ def digit_rows(model: HandModel, shape: HandShape) -> Float64:
 
 
 def _squared_distance(lengths: Float64, thirds: int) -> Float64:
-    """(8,) the tip's squared distance as a polynomial of cos(m/3) where the third joint flexes by thirds·m/3.
+    """Return the coefficients (8,) of the tip's squared distance from the digit's base, a polynomial of cos(m/3).
 
-    cos(k t) is Chebyshev's polynomial T_k of cos t.
+    The third joint flexes by thirds·m/3; cos(k t) is the Chebyshev polynomial T_k of cos t.
     """
     one, two, three = lengths
     coefficients = np.zeros(8)
@@ -106,7 +106,7 @@ def _squared_distance(lengths: Float64, thirds: int) -> Float64:
 
 
 class _Solver:
-    """What all solvers share: arrays in and out, one kernel for a hand."""
+    """Base class of the solvers, which converts batches of hands and calls a kernel for each hand."""
 
     name: str
 
@@ -115,7 +115,7 @@ class _Solver:
         self.digits = digit_rows(model, shape)
 
     def solve(self, targets: Any, start: Any = None) -> Fingers:
-        """As `HandSolver.solve` says."""
+        """Compute the angles; see `HandSolver.solve`."""
         targets = np.asarray(targets, dtype=np.float64) * self.shape.mirror
         batch = targets.shape[:-2]
         begin = self.model.natural if start is None else np.asarray(start, dtype=np.float64)
@@ -175,7 +175,7 @@ class IterativeSettings:
 
 
 class _Iterative(_Solver):
-    """From the start, until the tips are there or it has taken too long."""
+    """Solver that iterates from the start until the tips are reached or ``most_iterations`` are used."""
 
     kind: str
 

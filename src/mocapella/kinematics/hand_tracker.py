@@ -1,8 +1,8 @@
-"""Track a hand from five fingertip markers and the base's markers, with tracking states and uncertainties.
+"""Track a hand from markers on the five fingertips and on its base, with tracking states and uncertainties.
 
-Six markers do not determine a hand. Three or more on the base measure the palm's pose; with fewer it comes from the
-fit. A prior supplies the rest: a hand at rest, fingers that follow their neighbours, and the motion so far.
-`hand_fit_kernels` describes the cost function and the tracking states.
+The *base* is the back of the hand with the wrist; its markers move with the palm. Three or more of them measure the
+palm's pose; with fewer it comes from the fit. A prior supplies what markers do not determine: the posture at rest,
+fingers that follow their neighbours, and the motion so far. `hand_fit_kernels` describes the cost function.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Float64 = NDArray[np.float64]
 
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
 _LEAST_SD_M: Final = 1e-6
-"""Nothing is surer than that, so that the equations can be solved."""
+"""Least standard deviation of a marker, so that the normal equations can be solved [m]."""
 _DOUBTFUL: Final = 4.0
-"""Standard deviations of a marker beyond which a fit is tried from another start, too."""
+"""Distance of a marker from the fit, in standard deviations, above which another start is tried, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
-"""Flexion of the first and the second joint of hands that a search without a previous one begins with."""
+"""Flexion of the fingers' first and second joints in the initial postures of an acquisition [°]."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class HandSettings:
     """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
 
     Attributes:
-        marker_sd_m: standard deviation of a marker's coordinate where the markers come without one [m].
+        marker_sd_m: standard deviation of a marker's coordinate if the markers' source gives none [m].
         flexion_sd_deg: standard deviation of the flexion of the fingers' first and second joints about the posture at
             rest; larger: the posture at rest counts less [°].
         abduction_sd_deg: standard deviation of the abduction of the fingers, and of the thumb's second joint, about the
@@ -55,10 +55,10 @@ class HandSettings:
             more jitter [m/s].
         palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second; larger: less
             lag, more jitter [°/s].
-        velocity_memory_s: time constant of the decay of velocities while no marker is seen; half of it is that of
-            measuring them; larger: the motion is extrapolated farther, and changes later [s].
-        outlier_sd: markers farther from the hand than this are rejected, the farthest first, at most two; larger: fewer
-            are rejected [standard deviations].
+        velocity_memory_s: time constant of the decay of velocities while no marker is seen; measured velocities are
+            smoothed with half of it; larger: the motion is extrapolated farther, and changes later [s].
+        outlier_sd: distance from the fitted hand above which a marker is rejected, the farthest first, at most two in a
+            frame; larger: fewer are rejected [standard deviations].
         tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is at most this;
             larger: fewer landmarks are inferred [m].
         forget_after_s: time without markers after which the hand is forgotten [s].
@@ -101,8 +101,8 @@ class HandReport:
         predicted: number of frames with a hand that is only predicted.
         lost: number of frames without a hand.
         found: number of times the hand was acquired or re-acquired.
-        markers: number of markers seen in all frames.
-        rejected: number of rejections of each marker as an outlier: tips, then the base's.
+        markers: sum over all frames of the number of markers seen.
+        rejected: number of rejections of each marker as an outlier: fingertips, then the base's.
         missing: number of frames without each marker, in the same order.
     """
 
@@ -118,7 +118,7 @@ class HandReport:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """The hand at its last instant, and how it moves."""
+    """Pose, angles, their variances and velocities of the hand at an instant."""
 
     at_s: float
     seen_s: float
@@ -181,8 +181,8 @@ class HandTracker:
                 settings' unless given. A marker whose uncertainty is not positive and finite is not used.
 
         Returns:
-            The hand at that instant, with all landmarks. It is acquired by three fingertips and a base marker. Without
-            markers it is predicted, and after ``forget_after_s`` it is lost: all NaN, and not tracked.
+            The hand at that instant, with all landmarks. Acquisition needs at least three fingertips and a base marker.
+            Without markers the hand is predicted, and lost after ``forget_after_s``: all NaN, and not tracked.
 
         Raises:
             InputError: arrays of another shape, or a time that is not finite.
@@ -211,7 +211,7 @@ class HandTracker:
         return self._described(self._state, before, points, information, bool(seen.any()))
 
     def _checked(self, points: Any, at_s: float, uncertainty: Any) -> tuple[Float64, Float64, float]:
-        """Points, inverse covariances (0 where a marker does not count), and the time."""
+        """Check the measurements; return points, inverse covariances (0 for an unused marker), and the time."""
         n = 5 + len(self.layout)
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.shape != (n, 3):
@@ -248,7 +248,7 @@ class HandTracker:
             self.report.missing[i] += 1
 
     def _predicted(self, at_s: float) -> _State | None:
-        """The hand as it would have moved on; None where there was none or for too long."""
+        """Predict the hand; None if there is none, or it was not seen for longer than ``forget_after_s``."""
         last, s = self._state, self.settings
         if last is None or at_s - last.seen_s > s.forget_after_s:
             return None
@@ -268,7 +268,7 @@ class HandTracker:
         return _State(at_s, last.seen_s, T, z, variances, velocity)
 
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
-        """The hand near the predicted one; found anew where that cannot be."""
+        """Fit the hand from its prediction; return it and the information used; None if all markers were rejected."""
         certainty = 1.0 / np.maximum(before.variances, 1e-12)
         fitted, kept = self._without_outliers(before, certainty, points, information)
         dt = before.at_s - self._state.at_s if self._state is not None else 0.0
@@ -287,7 +287,7 @@ class HandTracker:
         return _State(before.at_s, before.at_s, *fitted, before.variances, velocity), kept
 
     def _found(self, points: Float64, information: Float64, at_s: float) -> tuple[_State, Float64] | None:
-        """A hand where there was none: three tips or more and one of the base's markers."""
+        """Acquire a hand, from several initial poses; None with fewer than three tips or without a base marker."""
         seen = information[:, 0, 0] > 0
         if seen[:5].sum() < 3 or not seen[5:].any():
             return None
@@ -306,7 +306,7 @@ class HandTracker:
         return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
 
     def _direct(self, points: Float64, information: Float64, z: Float64) -> tuple[Float64, Float64] | None:
-        """The palm aligned to three or more base markers, and the fingers in closed form."""
+        """Align the palm to three or more base markers, else None; solve the fingers in closed form."""
         base = information[5:, 0, 0] > 0
         if base.sum() < 3:
             return None
@@ -330,9 +330,9 @@ class HandTracker:
         information: Float64,
         starts: list[tuple[Float64, Float64]] | None = None,
     ) -> tuple[tuple[Float64, Float64], Float64]:
-        """The best fit; a marker that is too far from it is left out, the farthest first.
+        """Return the best fit, and the information without that of rejected markers, the farthest first.
 
-        Where the fit from the prediction is bad, the fingers in closed form are a start, too.
+        If the fit from the prediction is bad, the closed form is another start.
         """
         starts = starts or [(before.T, before.z)]
         best = self._best(before, certainty, starts, points, information)
@@ -355,7 +355,7 @@ class HandTracker:
         return best, kept
 
     def _misfits(self, pose: tuple[Float64, Float64], points: Float64, information: Float64) -> Float64:
-        """(5 + k,) squared distances of the markers, in their standard deviations."""
+        """Return the markers' squared Mahalanobis distances (5 + k,) from a posed hand."""
         T, z = pose
         out = np.empty(len(points))
         _fitting().misfits(
@@ -383,12 +383,12 @@ class HandTracker:
         return best
 
     def _markers(self, T: Float64, z: Float64) -> Float64:
-        """(5 + k, 3) where the markers would be."""
+        """Return the markers (5 + k, 3) of a posed hand [m]."""
         tips = palm_landmarks(self.chain, self._angles(z))[list(TIPS)]
         return apply(T, np.concatenate([tips, self.layout * self.shape.mirror]))
 
     def _angles(self, z: Float64) -> Float64:
-        """(21,) angles of the free ones."""
+        """Return all angles (21,) for the free ones [rad]."""
         out = np.zeros(len(ANGLES))
         for digit in range(5):
             for k in _COLUMN_ORDER:
@@ -397,7 +397,7 @@ class HandTracker:
         return out
 
     def _poses(self) -> list[tuple[Float64, Float64]]:
-        """Free angles and markers of the hands that a search begins with."""
+        """Return free angles and markers of the initial hands of an acquisition."""
         out = []
         for first, second in _POSES_DEG:
             angles = self.model.natural.copy()

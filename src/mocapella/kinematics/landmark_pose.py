@@ -30,13 +30,13 @@ NEAR_M: Final = 1e-4
 STARTS: Final = 24
 _FIT: Final = FitSettings(most_steps=40, rest_m=1e-7, rest_rad=1e-7)
 _USUAL_PER_RAD: Final = 0.0005
-"""How much angles of 0 are preferred, 1 being a landmark that is a metre off: so little that it shows only where no
-landmark says anything, such as of the turn of a straight arm. In the end it is as much as landmarks are off, for what
-they say of the turn of an arm that is nearly straight is their noise."""
+"""Weight of the prior that angles are 0, relative to landmarks [m/rad]: so small that it decides only what landmarks do
+not determine, such as the turn of a straight arm. The last fit uses the landmarks' root mean square residual instead,
+because their noise alone would turn a nearly straight arm."""
 _HELD: Final = 1e3
-"""How sure the other limbs are while one is begun anew [1/m, 1/rad]."""
+"""Inverse standard deviation that holds the rest of the body while one limb is fitted from a new start [1/m, 1/rad]."""
 _LINE: Final = 0.05
-"""Points as narrow as this, over their length, say nothing of the turn about it."""
+"""Ratio of width to length below which points count as a line, about which they determine no rotation."""
 
 
 def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
@@ -47,11 +47,11 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
         joints: positions (3,) of landmarks in the world by name [m]; unknown ones are NaN or left out.
 
     Returns:
-        The pose with the least distances of the landmarks; where none determines an angle, it is nearly 0. Equal inputs
-        give equal poses.
+        The pose with the least sum of squared distances; an angle that no landmark determines is near 0, or near the
+        limit next to it. Equal inputs give equal poses.
 
     Raises:
-        SettingsError: an unknown landmark, or fewer than three known landmarks that are not on a line.
+        SettingsError: an unknown name, a position of another shape, or fewer than three known positions off a line.
     """
     for name in joints:
         if name not in mesh.landmarks:
@@ -93,12 +93,12 @@ def pose_of(mesh: RiggedMesh, joints: Mapping[str, Any]) -> TreePose:
 
 
 def _usual(tree: TwistTree) -> Float64:
-    """(joints,) 0, or the nearest to it that the limits allow."""
+    """Return the angles (joints,) within the limits that are nearest to 0 [rad]."""
     return np.asarray(np.clip(0.0, tree.limits[:, 0], tree.limits[:, 1]))
 
 
 def _aligned(mesh: RiggedMesh, parts: Any, points: Float64, targets: Float64, seen: Any) -> Float64:
-    """(4, 4) from the landmarks of the root; where those are on a line, with the part on it that shows most, or all."""
+    """Align the root's landmarks, (4, 4); if on a line, add the child's that has the most, else all landmarks."""
     children = np.flatnonzero(mesh.tree.parents == 0)
     shown = [np.count_nonzero(seen & (parts == child)) for child in children]
     trunk = [0, *([int(children[np.argmax(shown)])] if shown else [])]

@@ -3,12 +3,12 @@
     of_it = [without(evidence, figure, vertices, limb) for evidence in …]    one for each camera
     found = search(limb, local_tree, (vertices, ends), of_it, rng, also_hidden=False)
 
-Gradient steps do not bring back a limb whose outline is far from the image's. But a misplaced limb covers background,
-which the foreground shows: the score of a pose is the mean over the limb's points and the cameras of their samples, 1
-on foreground and negative on background, less a penalty for penetrating another limb. Samples that the rest of the body
-covers, and unknown samples, are left out. Poses are drawn about the present one and anywhere within the limits, and
-again about the best of these (R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization",
-Methodology and Computing in Applied Probability 1, 1999).
+Gradient steps do not bring back a limb whose outline is far from the image's. But a misplaced limb is projected onto
+background. So the score of a pose is the mean of the foreground map over the limb's points and the cameras, at most 1,
+negative on background, less penalties for penetrating another limb and for rotation from the present pose. Samples
+that the rest of the body covers, and unknown samples, count 0. Poses are drawn about the present one and anywhere
+within the limits, and again about the best of these (R. Rubinstein, "The cross-entropy method for combinatorial and
+continuous optimization", Methodology and Computing in Applied Probability 1, 1999).
 """
 
 from __future__ import annotations
@@ -91,9 +91,9 @@ class LimbSearchSettings:
 
 DEFAULT = LimbSearchSettings()
 REACH = 3
-"""Largest motion between two images, in samples of the foreground map of `Evidence`."""
+"""Largest motion of foreground between two images that `lasting` accepts, in samples of the map of `Evidence`."""
 TOUCHING_M = 0.03
-"""Depth above which the penetration of two limbs makes a pose impossible [m]."""
+"""Sum of a limb's penetration depths above which it counts as misplaced [m]."""
 
 
 class Limb(msgspec.Struct, frozen=True, eq=False):
@@ -105,10 +105,10 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
         joints: (m,) the joints of these parts.
         vertices: (p,) sampled vertices of its surface, spread over its parts.
         part: (p,) the part of each of these vertices.
-        other_faces: (f, 3) the faces of the mesh without the limb.
-        capsules: the body's capsules.
-        moving: (d,) the capsules that move with the limb.
-        pairs: (q, 2) the pairs of capsules that can collide and involve the limb.
+        other_faces: (f, 3) the faces of the rest of the mesh.
+        capsules: the capsules of the whole body.
+        moving: (d,) indices of the capsules that move with the limb.
+        pairs: (q, 2) indices of two capsules that can collide, one or both of the limb.
     """
 
     name: str
@@ -123,9 +123,9 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
 
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
-    """Return the limbs of a body with two parts or more, and the last part of each, such as a foot, as a limb too.
+    """Return the limbs of two parts or more, and the last part of each, such as a foot, as a limb of its own.
 
-    A foot alone hardly changes the score of its whole leg.
+    A misplaced foot hardly changes the score of the whole leg.
     """
     parents, found = mesh.tree.parents, []
     solid = capsules_of(mesh)
@@ -194,9 +194,9 @@ def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> 
 
 
 def lasting(now: Evidence, before: Evidence) -> Evidence:
-    """Return evidence that persists: foreground scores are capped by the previous image's within `REACH` samples.
+    """Cap each foreground score by the largest one within `REACH` samples in the previous image; return a copy.
 
-    This rejects brief flashes. Neither argument is changed.
+    This rejects foreground that flashes up in one image only.
     """
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
@@ -208,8 +208,8 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
     """Result of the search for a limb.
 
     Attributes:
-        pose: pose of the body's tree, within its limits; only the limb differs.
-        worth, was: scores of that pose and of the former one, at most 1: see the module.
+        pose: pose of the body's tree, within its limits; only the limb differs from the former one.
+        worth, was: scores of that pose and of the former one, at most 1; the module defines them.
     """
 
     pose: TreePose
@@ -220,9 +220,10 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
 def worth(
     limb: Limb, local: LocalTree, places: tuple[Float64, Float64], evidence: Sequence[Evidence], angles: Float64
 ) -> tuple[Float64, Float64, Float64]:
-    """Evaluate n poses of a limb: evidence for and against each, and its penetration of other limbs [m], (n,) each.
+    """Evaluate n poses of a limb: evidence for and against each, and the sum of its penetration depths [m], (n,) each.
 
-    Evidence is the mean over the limb's points and the cameras, 0 to 1 each; 0 without a camera.
+    Evidence for a pose is the mean of the positive values of `Evidence.strange` over the limb's points and the cameras,
+    evidence against it that of the negative ones, 0 to 1 each; 0 without a camera.
 
     Args:
         limb: the limb.
@@ -267,14 +268,14 @@ def search(
     also_hidden: bool,
     settings: LimbSearchSettings = DEFAULT,
 ) -> FoundLimb | None:
-    """Search for a pose of the limb by the cross-entropy method; return None if no score is clearly higher than now.
+    """Search for a pose of the limb by the cross-entropy method; return None unless it scores clearly higher than now.
 
     Args:
         limb, local: the limb, and the local tree of the body's present pose.
         places: (v, 3) vertices and (c, 2, 3) ends of the body's capsules in that pose, world [m].
-        evidence: foreground scores of the image, one for each camera.
+        evidence: evidence from `without`, one for each camera.
         rng: random generator that draws the poses, and is not used if nothing is searched.
-        also_hidden: whether to search also when the images do not contradict the present pose.
+        also_hidden: whether to search also if the images do not contradict the present pose; False: None is returned.
         settings: the settings.
     """
     s, at = settings, local.at.angles[limb.joints]

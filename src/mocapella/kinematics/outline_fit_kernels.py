@@ -1,8 +1,7 @@
 """Kernels that match a body's outline with an image's, as point-to-plane constraints.
 
 The camera centre and the tangent of the image's outline at a point span a plane that touches the body, and so
-constrains the matched surface point. The point's position along the outline stays free, because the outline does not
-show it.
+constrains the matched surface point. The point may slide along the outline, which does not show its position there.
 
 Importing this module imports numba.
 """
@@ -24,13 +23,14 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 BIN_PX = 8.0
-"""Height of the bands of rows that index the points of an outline [px]."""
+"""Height of the horizontal bands into which an outline's points are sorted for the search of the nearest [px]."""
 
 
 HIT = 6
-"""Number of columns of a match on an image's outline.
+"""Number of values of a match.
 
-They are x and y [px], the signed distance's derivatives by x and y there, length of outline [px] and residual [px].
+They are x and y of the point on the image's outline [px], the signed distance's derivatives by x and y there, the
+length of outline that it represents, times its certainty [px], and the distance of the matched points [px].
 """
 
 
@@ -139,7 +139,7 @@ def _to_image(
 
 @njit(cache=True, error_model="numpy")
 def _by_rows(at: Float64) -> tuple[float, int, Int64, Int64]:
-    """Sort points into rows of `BIN_PX`: first row [px], number of rows, starts (bins + 1,) in the order (n,)."""
+    """Sort points into bands of `BIN_PX`: top [px], number of bands, their starts (bands + 1,) in the order (n,)."""
     count = len(at)
     if count == 0:
         return 0.0, 0, np.zeros(1, np.int64), np.zeros(0, np.int64)
@@ -226,16 +226,16 @@ def touching(
     """Match a body's outline with an image's, in both directions; return the planes that constrain the body's points.
 
     Args:
-        phi: (rows, columns) signed distance to the image's outline, valid up to ``reach_px`` [px].
-        surety: (rows, columns) evidence of an edge in the image: log-likelihood ratio of both sides [nats].
+        phi: (rows, columns) signed distance to the image's outline, positive inside, valid up to ``reach_px`` [px].
+        surety: (rows, columns) log-likelihood ratio of the side on which a sample lies against the other side [nats].
         x0, y0, step: pixel of the first sample, and distance between samples [px].
         every: stride between samples of the image's outline.
         reach_px: largest distance of a match [px].
         at, normals, points, bone, far: (n, 2) outline points [px], (n, 2) outward normals [px], (n, 3) positions in the
             world [m], (n,) parts and (n,) depths [m], of `outline_kernels.outline`.
         soft_px: scale of the robust loss: at this residual the weight is a quarter (Geman and McClure).
-        sd_px: standard deviation of an outline [px].
-        full: least evidence of an edge, a log-likelihood ratio, with full weight [nats].
+        sd_px: standard deviation of the image outline's position, for one pixel of its length [px].
+        full: least ``surety`` of a match with full weight [nats].
         R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
         lens, farthest_r2, T: of the camera, with T (4, 4) ``T_camera_world``.
 

@@ -1,10 +1,10 @@
 """Render a body's outline in a camera, and constrain the body by an image's outline.
 
-    seen  = see(figure, vertices, eye, window)              the projected mesh: its mask and outline
-    given = touching(figure, seen, motions, contour, eye)   constraints of `mocapella.kinematics.twist_fit`
+    seen  = see(figure, vertices, eye)                               the projected mesh: its mask and outline
+    given = touching(seen, motions, phi, surety, eye, reach_px=12)   constraints of `mocapella.kinematics.twist_fit`
 
-Points are matched in both directions: the body's outline with the nearest point of the image's, and the image's with
-the nearest of the body's; only the second direction notices a limb where the body has none (B. Rosenhahn, T. Brox, D.
+Points are matched in both directions: the mesh's outline with the nearest point of the image's, and the image's with
+the nearest of the mesh's; only the second notices a limb in the image far from the mesh's (B. Rosenhahn, T. Brox, D.
 Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, section 2.3). Weights fall with the
 residual (S. Geman, D. McClure, "Statistical methods for tomographic image reconstruction", Bull. ISI 52, 1987).
 """
@@ -32,15 +32,15 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """Settings for matching outlines; one step is the distance between samples of the images' windows.
+    """Settings for matching outlines; lengths are in samples, `Outline.step_px` pixels each.
 
     Attributes:
-        spacing_steps: distance of points on the body's outline; larger: less work, less accurate [samples].
+        spacing_steps: distance between points on the mesh's outline; larger: less work, less accurate [samples].
         every: stride between samples of the image's outline; larger: less work, less accurate [samples].
         soft_steps: scale of the robust loss: at this residual the weight is a quarter; larger: faster motion is
             followed, and false outlines count more [samples].
-        sd_steps: standard deviation of one pixel of outline; much more than an edge's own, as neighbours' errors are
-            correlated; larger: prediction and resting pose count more [samples].
+        sd_steps: standard deviation of the image outline's position, for one pixel of its length; larger than a single
+            edge's, as neighbours' errors are correlated; larger: prediction and resting pose count more [samples].
         sure_nats: least evidence of an edge with full weight; larger: weak edges count less [nats].
     """
 
@@ -67,8 +67,8 @@ class Figure(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         mesh: the mesh.
         edges: (e, 4) its edges: both vertices and both adjacent faces.
-        part: (n,) the part with the largest skinning weight of each vertex.
-        one_way: `outline_kernels.one_way` of the faces; if true, the mask can be drawn from the outline alone.
+        part: (n,) index of the part with the largest skinning weight at each vertex.
+        one_way: whether the faces are oriented consistently, so that the mask can be drawn from the outline alone.
     """
 
     mesh: RiggedMesh
@@ -90,7 +90,7 @@ class Eye(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         size_px: (width, height) of the image.
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
-        farthest_r2: `geometry.lens.farthest_r2` of the lens.
+        farthest_r2: largest squared normalised radius of the lens model's range, of `geometry.lens.farthest_r2`.
         T_camera_world: (4, 4) extrinsics.
     """
 
@@ -114,10 +114,10 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
         origin_px, step_px: first sample and sample spacing of the window, as in `Silhouette`.
         mask: (rows, columns) uint8, 1 where the body covers a sample.
         at: (n, 2) points of the outline [px].
-        normals: (n, 2) outward normals, as long as each point's share of the outline [px].
-        points: (n, 3) their positions in the world [m].
-        part: (n,) the body part of each.
-        depth: (n,) their depths in the camera frame [m].
+        normals: (n, 2) outward normals; the length of each is that of the outline that its point represents [px].
+        points: (n, 3) positions of these points on the mesh, world [m].
+        part: (n,) index of the mesh's part at each point.
+        depth: (n,) depths of the points in the camera frame [m].
     """
 
     origin_px: tuple[int, int]
@@ -131,7 +131,7 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def silhouette(self) -> Silhouette:
-        """The mask as a silhouette; its phi is ±0.5 px, positive inside, not a distance to the outline."""
+        """The mask as a `Silhouette`, whose phi is only +0.5 px inside and −0.5 px outside, no distance."""
         return Silhouette(self.origin_px, self.step_px, self.mask.astype(np.float32) - np.float32(0.5))
 
 
@@ -154,7 +154,7 @@ def see(
         step_px: distance between the window's samples [px].
         margin_px: margin of the window about the body [px].
         spacing_px: distance between the outline's points [px].
-        window: an earlier outline whose window is reused; None to fit the window to the body.
+        window: an outline with the same ``step_px`` whose window is reused; None to fit the window to the body.
     """
     given = (0, 0, 0, 0) if window is None else (*window.origin_px, *window.mask.shape[::-1])
     x0, y0, mask, *points = _seeing().outlined(
@@ -177,7 +177,7 @@ def seen_at(points: Float64, by: Eye) -> Float64:
 
 
 def within(points: Float64, by: Eye) -> bool:
-    """Return whether all world points (n, 3) [m] are in front of the camera and within its image; true of none."""
+    """Return whether all world points (n, 3) [m] are in front of the camera and within its image; True for n = 0."""
     at = np.ascontiguousarray(points)
     return bool(_seeing().within(at, by.T_camera_world, by.lens, by.farthest_r2, *by.size_px))
 
@@ -204,11 +204,12 @@ def touching(
 
     Args:
         seen: the body's outline.
-        motions: R (parts, 9) and t (parts, 3) [m] of the rendered pose.
-        phi: (rows, columns) signed distance to the image's outline, in the window of ``seen`` [px].
-        surety: (rows, columns) evidence of an edge in the image: log-likelihood ratio of both sides [nats].
+        motions: the parts' motions from rest in the rendered pose: R (parts, 9), row by row, and t (parts, 3) [m].
+        phi: (rows, columns) signed distance to the image's contour, positive inside, in the window of ``seen`` [px].
+        surety: (rows, columns) evidence of the contour: log-likelihood ratio of the side of ``phi`` on which a sample
+            lies against the other side [nats].
         by: the camera.
-        reach_px: distance at which ``phi`` is truncated, so the largest distance of a correspondence [px].
+        reach_px: largest distance between matched points; at most the value at which ``phi`` is truncated [px].
         settings: the settings.
     """
     R, t = motions

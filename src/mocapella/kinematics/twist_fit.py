@@ -5,10 +5,11 @@ The estimate minimises
     Σ w |x × n − m|² + Σ w |x − y|² + Σ w (n·x − d)²
     + Σ (per_m |p − p̂|)² + (per_rad φ)² + Σ (angles_per_rad (θ − θ̂))²
 
-over the root's motion and the angles within their limits, for points x of the parts, by Gauss–Newton steps in twists:
+over the root's motion and the angles θ within their limits, for points x of the parts, by Gauss–Newton steps in twists:
 B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless Motion Capture", DAGM 2007, equations
-10 to 14 and 26. `mocapella.kinematics.twist_fit_kernels` describes the algorithm. The second line is a `Prior`; p is
-the tree's point ``root`` and φ the angle between the root's rotation and the expected one.
+10 to 14 and 26. `mocapella.kinematics.twist_fit_kernels` describes the algorithm. Lines (n, m), points y and planes
+(n, d) are `Constraints`. The second line is a `Prior`; p is the tree's point ``root``, φ the angle of its rotation from
+the expected one.
 
 Weights are inverse variances w in 1/m²; priors take inverse standard deviations in 1/m and 1/rad. Only their ratios
 affect the result. The caller computes robust weights from the residuals at the previous pose.
@@ -35,14 +36,13 @@ Int64 = NDArray[np.int64]
 class OnLines(msgspec.Struct, frozen=True, eq=False):
     """Constraints that points of a tree lie on lines, such as a camera's lines of sight.
 
-    Points with a number that is not finite, or without a positive weight, are ignored, also in `OnPoints` and
-    `InPlanes`.
+    A row with a number that is not finite, or without a positive weight, is ignored, also in `OnPoints` and `InPlanes`.
 
     Attributes:
-        part: (n,) index of each point's part.
+        part: (n,) index of the tree's part that moves each point.
         points: (n, 3) positions in the rest pose [m].
         lines: (n, 6) Plücker lines (`geometry.plucker`) in the world.
-        weights: (n,) [1/m²].
+        weights: (n,) inverse variances of the distances from the lines [1/m²].
     """
 
     part: Int64
@@ -83,12 +83,12 @@ Constraints = OnLines | OnPoints | InPlanes
 
 
 class Prior(msgspec.Struct, frozen=True, eq=False):
-    """Prior of the pose: a prediction, or a typical pose.
+    """Gaussian prior of the pose: a prediction, or a typical pose. An inverse standard deviation of 0 means no prior.
 
     Attributes:
-        pose: the expected pose.
-        root_per_m: inverse standard deviation of the root's position [1/m]; 0: unknown.
-        root_per_rad: inverse standard deviation of its orientation [1/rad].
+        pose: mean of the prior.
+        root_per_m: inverse standard deviation of the position of the tree's point ``root`` [1/m].
+        root_per_rad: inverse standard deviation of the root's orientation [1/rad].
         angles_per_rad: (joints,) inverse standard deviations of the angles [1/rad].
 
     Raises:
@@ -109,12 +109,12 @@ class Prior(msgspec.Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Stopping criteria of a fit: a step that moves the root, and rotates it and every joint, by less than these.
+    """Stopping criteria of a fit, which has converged when a step is below both ``rest_m`` and ``rest_rad``.
 
     Attributes:
         most_steps: largest number of accepted steps.
-        rest_m: motion of the root [m].
-        rest_rad: rotation of the root and of every joint [rad].
+        rest_m: motion of the root in a step [m].
+        rest_rad: largest rotation of the root and of any joint in a step [rad].
     """
 
     most_steps: int = 20
@@ -135,11 +135,11 @@ class TreeFit(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         pose: the fitted pose; its angles are within the limits.
-        held: (joints,) which angles are at a limit.
-        steps: number of steps.
-        rests: whether the fit converged, rather than used up its steps.
-        cost: remaining cost of the constraints.
-        prior_cost: remaining cost of the priors.
+        held: (joints,) whether each angle is at a limit.
+        steps: number of accepted steps.
+        rests: whether the fit converged, by the criteria of `FitSettings`.
+        cost: weighted sum of squared residuals of the constraints at this pose.
+        prior_cost: the same of the priors.
     """
 
     pose: TreePose
@@ -161,13 +161,13 @@ def fit(
 
     Args:
         tree: the kinematic tree.
-        start: the initial pose, not changed; its angles are clamped to the limits.
+        start: the initial pose, not changed; the fit begins with its angles clamped to the limits.
         constraints: any number, including none.
-        priors: any number; a weight of 0 has no effect.
-        settings: the settings.
+        priors: any number, including none.
+        settings: the stopping criteria.
 
     Raises:
-        SettingsError: wrong shapes, a part that the tree does not have, or an initial pose that is not finite.
+        SettingsError: wrong shapes, a part that the tree does not have, or a pose, also of a prior, that is not finite.
     """
     problem = _problem(tree, start, constraints, priors)
     T, angles = np.array(start.T_world_model, np.float64), np.array(start.angles, np.float64)
@@ -180,10 +180,10 @@ def fit(
 
 
 class NormalEquations(msgspec.Struct, frozen=True, eq=False):
-    """H δ = g of a Gauss–Newton step δ: the root's twist, translation and rotation, then the angles.
+    """Normal equations H δ = g of a Gauss–Newton step δ: the root's twist, translation first, then the angles.
 
-    The twist refers to the point ``about``, with the world's axes. H is half the Hessian of the cost, without its
-    second-order terms, and g half its negative gradient.
+    The twist refers to the point ``about``, with the world's axes. H is half the Gauss–Newton approximation of the
+    cost's Hessian, and g half its negative gradient.
 
     Attributes:
         H, g: (dofs, dofs), (dofs,), without regard to the joint limits.
@@ -203,7 +203,7 @@ def normal_equations(
     """Linearise constraints and priors at a pose: return the normal equations, whose H⁻¹ is the estimate's covariance.
 
     Raises:
-        SettingsError: wrong shapes, a part that the tree does not have, or a pose that is not finite.
+        SettingsError: wrong shapes, a part that the tree does not have, or a pose, also of a prior, that is not finite.
     """
     problem = _problem(tree, pose, constraints, priors)
     parts, joints, k = len(tree.parents), len(tree.joint_parts), kernels()

@@ -123,7 +123,7 @@ def step(
     above: Int64, H: Float64, g: Float64, damping: float, angles: Float64, limits: Float64, L: Float64, held: Bool,
     delta: Float64,
 ) -> bool:  # fmt: skip
-    """Solve H δ = g for a Gauss–Newton step, with the angles within their limits; return whether it exists.
+    """Solve H δ = g for a step that keeps the angles within their limits; return whether damped H is positive definite.
 
     An angle at a limit is held there if g points beyond it, and so is an angle that the step would take beyond a limit;
     the others are solved again (D. Bertsekas, Projected Newton Methods for Optimization Problems with Simple
@@ -132,7 +132,7 @@ def step(
     Args:
         above: (dofs,) of `path`.
         H, g: (dofs, dofs), (dofs,) of `twist_fit_kernels.normal_equations`.
-        damping: relative increase of the diagonal (Levenberg and Marquardt).
+        damping: relative increase of the diagonal of H (Levenberg and Marquardt).
         angles: (joints,) within the limits [rad].
         limits: (joints, 2) [rad].
         L: (dofs, dofs) workspace.

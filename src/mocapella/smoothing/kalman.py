@@ -1,4 +1,4 @@
-"""One Kalman filter for each point: constant velocity, white acceleration, past frames only.
+"""Kalman filters of points, one for each: constant velocity with white-noise acceleration, causal.
 
 Source: Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation (2001), section 6.2.2
 (continuous white noise acceleration). A point's three coordinates share one 2 × 2 covariance of position and velocity,
@@ -31,9 +31,9 @@ class KalmanSettings:
             less lag and more jitter [m²/s³].
         speed_sd: standard deviation of a new point's speed along an axis; larger: its motion is followed sooner, with
             more jitter at first [m/s].
-        degrees_of_freedom: parameter of the Student-t weight of a measurement; smaller: one far from the prediction
-            counts less; infinity disables the weight [degrees of freedom].
-        forget_after_s: a point that was not seen for longer is no longer predicted [s].
+        degrees_of_freedom: parameter of the Student-t weight of a measurement; smaller: outliers count less; infinity
+            disables the weight [degrees of freedom].
+        forget_after_s: time without a measurement after which a point is no longer predicted [s].
     """
 
     acceleration_density: float = 8.0
@@ -53,10 +53,10 @@ class Points(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         at_s: the instant, on the clock of the capture times [s].
-        positions: (points, 3) [m]; NaN where the point is not known.
-        velocities: (points, 3) [m/s]; likewise.
-        variances: (points, 3), the same for each coordinate of a point: variance of the coordinate [m²], its covariance
-            with its velocity [m²/s], variance of that velocity [m²/s²]; NaN likewise.
+        positions: (points, 3) [m]; NaN for an unknown point: not measured yet, or forgotten.
+        velocities: (points, 3) [m/s]; NaN likewise.
+        variances: (points, 3), the same for each coordinate of a point: variance of the position [m²], its covariance
+            with the velocity [m²/s], variance of the velocity [m²/s²]; NaN likewise.
         seen_s: (points,) capture time of the point's last measurement [s]; −inf where never measured.
     """
 
@@ -101,8 +101,8 @@ def correct(points: Points, measured: Float64, variance: Float64, settings: Kalm
     Args:
         points: the points, predicted to the time of the measurements; not changed.
         measured: (points, 3) [m]; NaN where not seen.
-        variance: (points,) variance of a measured coordinate [m²].
-        settings: the settings that the points were predicted with.
+        variance: (points,) variance of a measured coordinate [m²]; not read where not seen.
+        settings: Student-t weight, and initial speed.
 
     Returns:
         A new state, at the same instant.

@@ -60,8 +60,8 @@ def correct(
             `kalman.Points`; all are changed.
         at_s: capture time of the measurements [s].
         measured: (points, 3) [m]; NaN where not seen.
-        measured_variance: (points,) variance of a measured coordinate, without the factor [m²].
-        scale: factor of ``measured_variance``.
+        measured_variance: (points,) variance of a measured coordinate, before multiplication by ``scale`` [m²].
+        scale: factor of ``measured_variance`` for all points.
         nu: degrees of freedom of the Student-t weight.
         speed_variance: variance of a new point's speed along an axis [m²/s²].
     """

@@ -25,11 +25,11 @@ class OneEuroSettings:
 
     Attributes:
         min_cutoff_hz: cutoff at rest; a smaller one reduces jitter, and adds lag to slow motion [Hz].
-        beta_per_m: increase of the cutoff per speed, for points in pixels in Hz/(px/s); a larger one reduces lag
-            [Hz/(m/s)].
+        beta_per_m: increase of the cutoff per speed; a larger one reduces lag of fast motion, with more jitter; for
+            points in pixels, in Hz/(px/s) [Hz/(m/s)].
         speed_cutoff_hz: cutoff of the low pass of the velocity that sets the cutoff; a larger one follows changes of
             speed sooner, but noise raises the cutoff more [Hz].
-        forget_after_s: the filter of a point that was not seen for longer is restarted at its next measurement [s].
+        forget_after_s: gap in a point's measurements above which its filter restarts at the next one [s].
         per_component: whether each coordinate is filtered by its own speed, as in the paper, rather than by the
             point's; without effect on people's joints.
     """

@@ -49,7 +49,7 @@ def smooth(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, at_s: float, min_cutoff_hz: float,
     beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state, in place, by the speed of each point; unmeasured points do not change.
+    """Update the filter's state, in place, with a cutoff by each point's speed; unmeasured points do not change.
 
     Args:
         positions, velocities: (points, dimensions) the filter's state [m], [m/s], or in pixels; updated.
@@ -103,7 +103,7 @@ def smooth_components(
     positions: Float64, velocities: Float64, seen_s: Float64, measured: Float64, out: Float64, at_s: float,
     min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,
 ) -> None:  # fmt: skip
-    """Update the filter's state, in place, by the speed of each coordinate, as in the paper; write the filtered points.
+    """Update the filter's state with a cutoff by each coordinate's speed, as in the paper; write the filtered points.
 
     All arrays must be C-contiguous.
 
@@ -149,11 +149,11 @@ def smooth_components(
 def smooth_all(
     x: Float64, v: Float64, m: Float64, y: Float64, dt: float, min_cutoff_hz: float, beta_per_m: float, part: float
 ) -> None:
-    """Filter numbers that were all last measured at the same time.
+    """Filter scalars that were all last measured at the same time, each with a cutoff by its own speed.
 
     Args:
-        x, v: (n,) numbers and their velocities, changed.
-        m: (n,) measured numbers.
+        x, v: (n,) filtered values and their velocities, changed.
+        m: (n,) measured values.
         y: (n,) written: the new x.
         dt: time since the last measurement [s].
         min_cutoff_hz, beta_per_m: of `one_euro.OneEuroSettings`.

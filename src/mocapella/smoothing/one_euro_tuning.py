@@ -2,7 +2,7 @@
 
 Source: Casiez, Roussel, Vogel: 1€ Filter (CHI 2012), section 3, *Tuning the filter*: with beta 0 and a hand held still,
 the minimum cutoff is lowered until the jitter is acceptable; then, while the hand moves fast, beta is raised until the
-lag is. Here the first is the highest cutoff, and the second the lowest beta, that reach a goal in figures.
+lag is. Here the highest cutoff is chosen that reaches a jitter goal, and the lowest beta that reaches a lag goal.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LOWEST_HZ, HIGHEST_HZ = 0.02, 50.0
 BISECTIONS = 12
 LONGEST_LAG_S = 0.4
 SETTLING_S = 0.5
-"""The first seconds of a filtered recording that are not counted, while the filter settles [s]."""
+"""Beginning of a filtered recording that is left out of jitter and lag, because the filter settles [s]."""
 
 
 class Tuned(msgspec.Struct, frozen=True):
@@ -66,12 +66,12 @@ def tune(
         fast: the same of markers in fast motion.
         jitter_goal: largest jitter, see `jitter`, in the unit of the points.
         lag_goal_s: largest lag, see `lag` [s].
-        settings: initial settings, the defaults if None; min_cutoff_hz and beta_per_m are replaced.
+        settings: the other settings, the defaults if None; their min_cutoff_hz and beta_per_m are replaced.
 
     Raises:
         SettingsError: a goal that is not above 0.
-        InputError: a recording is too short, its times do not rise, it sees no point in most frames, or nothing moves
-            in the fast one.
+        InputError: a recording is too short, its times do not rise, no point is seen in more than half of its frames,
+            or nothing moves in the fast one.
     """
     check(jitter_goal > 0, "jitter_goal", jitter_goal, "above 0")
     check(lag_goal_s > 0, "lag_goal_s", lag_goal_s, "above 0 s")
@@ -116,7 +116,7 @@ def lowered(still: tuple[Float64, Float64], goal: float, settings: OneEuroSettin
 def raised(fast: tuple[Float64, Float64], goal_s: float, settings: OneEuroSettings) -> OneEuroSettings:
     """Step 2: choose the lowest beta with no more lag than a goal, on a fast recording.
 
-    The settings are returned unchanged if they reach the goal; the highest beta tried is chosen if none does.
+    The settings are returned unchanged if they already reach the goal. If no beta does, the highest one tried is taken.
 
     Args:
         fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion.
@@ -147,7 +147,7 @@ def jitter(still: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
 
 
 def spread(points: Float64) -> float:
-    """Return the root mean square distance of points (frames, points, dimensions) from their mean over the frames.
+    """Return the root mean square distance of points (frames, points, dimensions) from each one's mean over the frames.
 
     Points that are NaN are left out.
     """
@@ -156,14 +156,14 @@ def spread(points: Float64) -> float:
 
 
 def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
-    """Return the lag of the filter [s]: the delay at which the raw recording fits the filtered one best.
+    """Return the lag of the filter [s]: the delay of the raw recording that fits the filtered one best.
 
     Delays from 0 to `LONGEST_LAG_S` are tried, so a longer lag is reported as `LONGEST_LAG_S`. The first `SETTLING_S`
     seconds are not counted.
 
     Args:
         fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion; NaN: not seen.
-        settings: the filter's.
+        settings: settings of the filter.
     """
     at_s, points = fast
     result = filtered(at_s, points, settings)

@@ -21,8 +21,8 @@ class FakeCamera:
 
     Args:
         state: state that `open` returns; by default, a colour camera of 64 x 48 px at 30 Hz. With ``unit_m``, it is a
-            depth camera. Images come at ``fps``, or at once when read if that is None; their capture times are
-            exact multiples of 1 / fps (of 1/30 s) above 0.
+            depth camera. Images come at its ``fps``, or without a wait if that is None. Capture times are 1 / fps,
+            2 / fps, …, with 30 Hz for None, rounded to nanoseconds.
         image: function of an image's number, from 0, that returns the image, of the state's size: (height, width, 3)
             uint8 BGR, or of a depth camera (height, width) uint16. By default, every pixel is the number modulo 256 (of
             a depth camera, 700 plus the number modulo 256).
@@ -63,7 +63,7 @@ class FakeCamera:
         """Do nothing: a camera has a clock of its own."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; return None if ``stop`` is set or ``plugged`` is False, before or meanwhile.
+        """Wait for the next image; return None if ``stop`` is set or ``plugged`` is False, before or during the wait.
 
         The image comes one frame interval after the call, also before `open` and after `close`.
         """

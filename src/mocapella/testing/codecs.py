@@ -19,11 +19,11 @@ from mocapella.schema import decode_frame, decode_scene, encode_frame, encode_sc
 
 _DAMAGED = 300
 _TOLERANCE = 1e-6
-"""Relative and absolute: types may store numbers as float32."""
+"""Relative and absolute tolerance of floats, because types may store them as float32."""
 
 
 def check_frame_type(frame: SensorFrame) -> None:
-    """Check that a frame survives its codec, and that damaged bytes are refused as they must be.
+    """Check that encoding and decoding preserve a frame, and that damaged bytes raise only `WireError`.
 
     The decoded frame must have the same class and the same values (floats to 1e-6, relative or absolute; NaN equals
     NaN), and encode to the same bytes. Of 300 inputs, the encoded bytes cut off or with one byte changed, each must
@@ -45,7 +45,7 @@ def check_frame_type(frame: SensorFrame) -> None:
 
 
 def check_part_type(name: str, part: Any, skeleton: Topology | None = None) -> None:
-    """Check that a part survives its codec in a scene; the same checks as `check_frame_type`.
+    """Check the codec of a part type by a scene that holds one part; the same checks as `check_frame_type`.
 
     Args:
         name: name of the registered part type.

@@ -24,10 +24,10 @@ Obey = Callable[[str, dict[str, Any]], CommandReply]
 
 
 class FakeServer:
-    """A server without tracker and recorder, which a test directs. A context manager; leaving it leaves the bus.
+    """Server without tracker and recorder, directed by a test; a context manager that closes it at the end.
 
-    It listens from its construction. Nodes join it and send frames; readers receive the scenes and statuses that the
-    test publishes; commands are kept and answered. Every node is admitted.
+    It listens from its construction. Every node may join and send frames; readers receive the scenes and statuses that
+    the test publishes; commands are recorded, and answered by ``obey``.
 
     Args:
         address: address to listen at, such as ``tls/127.0.0.1:40123``; a free port of the loopback if empty.
@@ -84,7 +84,7 @@ class FakeServer:
                 )
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Stop listening, and disconnect nodes and readers."""
         self._link.close()
 
     def __enter__(self) -> FakeServer:

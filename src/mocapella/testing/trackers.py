@@ -14,10 +14,10 @@ from mocapella.tracker.protocol import Tracker
 def check_tracker(make: Callable[[], Tracker], arrivals: Sequence[Arrival]) -> list[Scene]:
     """Check that a tracker keeps the promises of `mocapella.tracker.protocol.Tracker`, and return its scenes.
 
-    - The same arrivals give the same scenes to the bit, also after `reset`, and each scene survives its codec.
-    - Scenes are numbered 0, 1, 2, …, and have the arrival's time and frame.
-    - A new tracker that restores a snapshot goes on to the bit; checked at the beginning, a third and two thirds.
-    - `restore` refuses bytes that are no snapshot, and leaves the tracker as it was.
+    - The same arrivals give the same scenes to the bit, also after `reset`; a decoded scene encodes to the same bytes.
+    - Scenes are numbered 0, 1, 2, …, and have the time of their arrival, and its frame's sensor, node and number.
+    - A new tracker that restores a snapshot makes the same further scenes, to the bit; checked at 0, 1/3 and 2/3.
+    - `restore` raises `WireError` for bytes that are no snapshot, and then does not change the tracker.
     - The report counts each frame once, as kept or rejected.
 
     Args:

@@ -41,7 +41,7 @@ class Walker:
 
     Attributes:
         centre: centre of the figure of eight, (x, z) in the world [m].
-        speed: approximate speed along the figure [m/s].
+        speed: approximate greatest speed along the figure; the mean is 0.65 times it [m/s].
         phase: phase on the figure at time 0 [rad]; 0 and π are at its centre.
         stature: height of the person; all proportions are scaled to it [m].
         size: half the figure's extent in x [m]; its extent in z is half as large.
@@ -90,7 +90,7 @@ class WalkerSensor:
         noise: standard deviation of every coordinate [m].
         clock: clock offset: the sensor's times minus the true times [s].
         phase: delay of its frames, which `walking_arrivals` adds to their times [s]; `see` and `frame` ignore it.
-        mirrored: whether it swaps left and right.
+        mirrored: whether it swaps left and right joints, as for a person seen from behind.
         outliers: fraction of the joints that are displaced, by 1 m standard deviation in each coordinate.
         seed: random seed of the noise, together with the name.
         rng: the generator of the noise.
@@ -145,7 +145,7 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
         bodies: the skeletons.
         time_ns: capture time, on the sensor's own clock.
         sequence: number of the frame.
-        ids: new tracking id by old one; other ids are kept.
+        ids: mapping from old to new tracking ids; other ids are kept.
     """
     return body_frame(
         bodies.sensor,
@@ -196,7 +196,7 @@ def walking_arrivals(
         sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
             are evenly staggered.
         begin_s: true time of the first frame [s], rounded to 1/30 s; frames are numbered from ``30 * begin_s``.
-        noise, outliers: standard deviation of every coordinate [m], and fraction of displaced joints.
+        noise, outliers: of `WalkerSensor`.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors
     made = [
