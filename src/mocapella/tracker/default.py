@@ -159,7 +159,7 @@ class DefaultTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)
@@ -334,7 +334,7 @@ class DefaultTracker:
         self._places = self._sensor_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
-        """The root sensor, whose space defines the world: kept until more sensors are tied to each other without it."""
+        """Return the root sensor, whose space defines the world: the old one, unless more others are connected."""
         tied: dict[str, list[str]] = {}
         for name, sensor in sensors.items():
             if sensor.trusted:

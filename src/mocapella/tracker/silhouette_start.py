@@ -85,7 +85,7 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
         frame: index of the frame to use, from 0.
 
     Raises:
-        InputError: a camera that the rig does not have, no such frame, or unknown names.
+        InputError: a camera that the rig does not have, no such frame, or no point named like a joint.
         CalibrationError: the cameras' points do not meet in space.
     """
     if not 0 <= frame < len(tracks.frames):
@@ -158,7 +158,8 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
         joints: positions (3,) in the world [m], by the names of a body's landmarks.
 
     Raises:
-        SettingsError: no such model, or neither the joints nor a height give the person's size.
+        SettingsError: no such model.
+        InputError: no height, and the joints lack the segments of `ENOUGH`.
         CalibrationError: the joints do not fit a person.
     """
     if model not in MODELS:
