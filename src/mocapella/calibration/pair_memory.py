@@ -70,7 +70,7 @@ DISAGREES_SINCE: Final = 15
 AGREED: Final = 16
 """Total time for which the centres were not farther apart than usual [s]."""
 STEP_AT: Final = 17
-"""Capture time of the last frame that was used [s]."""
+"""Capture time of the last frame that was compared with the estimate, used or left out [s]."""
 BLOCK_A: Final = 18
 """The block's part of `CLOCK_A`; `BLOCK_G` is its part of `CLOCK_G`."""
 BLOCK_G: Final = 19

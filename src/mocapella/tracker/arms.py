@@ -121,7 +121,7 @@ class ArmsTracker:
         self._state = TrackerState(phase, reason=reason)
 
     def _begin_places(self) -> None:
-        """Forget the calibrated poses; `_given` becomes those of the rig and the layout, empty without them."""
+        """Forget the calibrated poses; `_given` becomes the rig's and the layout's, empty without them."""
         self._calibration.reset()
         cameras = {} if self.camera_rig is None else self.camera_rig.cameras
         kept = {name: np.array(sensor.T_world_sensor) @ TO_SENSOR for name, sensor in self._kept.items()}
