@@ -50,8 +50,8 @@ class ArmExtrinsicsSettings:
         scale_m: scale of the robust weights: at this residual the weight is a quarter; larger: outliers count more [m].
         largest_residual_m: largest median distance between the cameras' joints for which the pose is used; above it,
             they do not see the same arm [m].
-        largest_sd_m: largest ``ArmExtrinsicsResult.position_sd_m`` for which the pose is used; smaller: the arm must be
-            moved for longer [m].
+        largest_sd_m: largest standard deviation of a point near the arm, mapped to the world by the pose, for which
+            the pose is used; smaller: the arm must be moved for longer [m].
         largest_sd_rad: largest standard deviation of the camera's rotation for which the pose is used; smaller: the arm
             must be moved for longer [rad].
         delay_sd_s: prior standard deviation of the delay between the two cameras; larger: a longer delay can be

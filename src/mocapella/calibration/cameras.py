@@ -35,7 +35,7 @@ LEAST_FOR_HALVES: Final = 6
 BOARD_LYING: Final = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """``R_world_board`` of a board on the floor, face up: y up, x along its columns, z along its rows."""
 BOARD_UPRIGHT: Final = np.diag([1.0, -1, -1])
-"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; and of a level camera."""
+"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; ``R_world_camera`` if level."""
 
 
 @dataclass(frozen=True)

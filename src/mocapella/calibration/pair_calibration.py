@@ -55,8 +55,8 @@ class PairSettings:
             noise, but each frame is used later [s].
         independent_after_m: distance that a body moves until a sensor's errors are taken as independent; larger: fewer
             samples, so people must walk farther [m].
-        samples_wanted: number of independent samples from which an estimate does not rest on single postures; fewer
-            ones need a clearer fit, and no contradiction shows that a sensor was moved [samples].
+        samples_wanted: least number of independent samples of an estimate that does not rest on single postures; with
+            fewer, the fit must be clearer, and contradictions do not mean that a sensor was moved [samples].
         position_sd_wanted_m: largest standard deviation of a trusted estimate's position, at the people; smaller:
             people must walk farther [m].
         rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation; smaller: people must walk
@@ -220,8 +220,8 @@ class PairCalibration:
                 for no joint.
 
         Returns:
-            Whether a frame of a was used: the newest one that b's frames surround by at least half a
-            `velocity_window_s`. A frame without such frames within 0.2 s is left out.
+            Whether a frame of a was compared: the newest one that b's frames surround by at least
+            `velocity_window_s`. A frame in a gap of b's longer than 0.2 s, or with fewer than four joints, is left out.
         """
         body = self.bodies.get(who)
         if body is None:

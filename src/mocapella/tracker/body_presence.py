@@ -40,7 +40,7 @@ STANDS_OUT: Final = 0.3
 STANDS_OUT_WELL: Final = 0.75
 """Least mean of that fraction over the cameras for a pose to become the waiting pose."""
 STANDS_OUT_HALF: Final = 0.5
-"""That fraction of a camera below which the body may be elsewhere in its image."""
+"""That fraction, in one camera, below which the body may be elsewhere in its image."""
 ELSEWHERE: Final = 0.5
 """Least area of a foreground object beside the body, in units of the body's, for the body to be there instead."""
 LOST_AFTER_S: Final = 0.5
@@ -240,7 +240,7 @@ class SilhouettePresence:
         return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
 
     def _elsewhere(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
-        """Whether a camera shows the empty room at much of this body, and somebody beside it.
+        """Whether a camera shows the empty room at much of this body, and foreground of about its size beside it.
 
         The room alone is no evidence: the body may be behind furniture.
         """

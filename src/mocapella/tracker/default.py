@@ -187,7 +187,7 @@ class DefaultTracker:
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """Return the estimated poses of the sensors, to be kept; None before two sensors have a relative pose."""
+        """Return the sensors' estimated poses, to be kept; None before people have confirmed the pose of a pair."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
@@ -276,7 +276,7 @@ class DefaultTracker:
         """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring.
 
         Raises:
-            SettingsError: there is no such model.
+            SettingsError: the participant was in the training data of every model.
         """
         if self.joint_bias is not None:
             self.joint_bias = self.joint_bias.without(participant)

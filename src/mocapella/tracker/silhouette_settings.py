@@ -103,8 +103,8 @@ class SilhouetteSettings:
             work, less accurate [samples].
         usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it; larger:
             hidden limbs stay nearer to it [1/rad].
-        unlike: share of the usually unchanged background above whose change an image is rejected; larger: fewer images
-            are rejected [0 to 1].
+        unlike: an image is rejected if more than this fraction of the usually unchanged background has changed; larger:
+            fewer images are rejected [0 to 1].
         something_else_s: after being rejected for so long, an image becomes the new background, because the light has
             changed or the camera has moved [s].
     """

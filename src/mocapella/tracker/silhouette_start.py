@@ -158,7 +158,7 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
         joints: positions (3,) in the world [m], by the names of a body's landmarks.
 
     Raises:
-        SettingsError: no such model.
+        SettingsError: no such model, or an implausible height.
         InputError: no height, and the joints lack the segments of `ENOUGH`.
         CalibrationError: the joints do not fit a person.
     """
@@ -190,7 +190,7 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
         proportions: lengths of segments [m], by name.
 
     Raises:
-        SettingsError: there is no such model.
+        SettingsError: no such model, or an implausible height or length.
     """
     if model not in MODELS:
         raise SettingsError(f"model is {model!r}; it must be one of {one_of(model, MODELS)}, or a mesh's file")
@@ -209,7 +209,7 @@ def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
         joints: positions (3,) in the world [m], by landmark name; joints that the body lacks are ignored.
 
     Raises:
-        SettingsError: fewer than three joints that the body has.
+        SettingsError: fewer than three joints that the body has, or all on a line.
         CalibrationError: no pose is near the joints: their median distance is above `FAR_M`.
     """
     known = {name: at for name, at in joints.items() if name in mesh.landmarks}
