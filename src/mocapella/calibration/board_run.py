@@ -220,7 +220,7 @@ class BoardRun:
         return hints
 
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
-        """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which stay, by bundle adjustment.
+        """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which are kept, by bundle adjustment.
 
         Raises:
             CalibrationError: the views do not determine it; names the camera and what to film.

@@ -157,7 +157,7 @@ class BodyTrack:
     """One sensor's newest frames of one body, in the order of their times.
 
     Attributes:
-        times: (2·kept,) capture times, on the common clock [s].
+        times: (2·kept,) capture times, on the common clock [s]; kept is `FRAMES_KEPT`.
         points: (2·kept, joints, 3) in camera space [m].
         weights: (2·kept, joints), 0 where not seen.
         held: (2,) int64 index of the first stored frame, and index after the last one.

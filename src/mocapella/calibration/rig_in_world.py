@@ -29,7 +29,7 @@ Float64 = NDArray[np.float64]
 _SCALE_M: Final = 0.05
 """Typical difference of joints between the two kinds of measurement [m]."""
 _FEWEST: Final = 4
-"""Fewest joints known to both."""
+"""Fewest joints of a sample, known in both the body and the person."""
 
 
 @dataclass(frozen=True)

@@ -214,7 +214,7 @@ class SilhouettePresence:
         self.empty.learn({camera: images[camera] for camera in without}, covered_by_all(found, self._rig))
 
     def _look_again(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Restart the fitter where the images differ from the empty room, or else at the body's last pose."""
+        """Restart the fitter where the images differ from the empty room, or else at the waiting pose."""
         body, fitter, others = self._bodies[name], self._fitters.fitters[name], self._fitters.others[name]
         strange = {
             camera: self.empty.silhouette(camera, image, others=others.get(camera))

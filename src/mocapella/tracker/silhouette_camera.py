@@ -165,7 +165,7 @@ class SilhouetteCamera:
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
-        """Forget the background; the next learnt image becomes the new one. It must not be None."""
+        """Forget the background; the next learnt image becomes the new one. `background` must not be None."""
         assert self.background is not None
         self.background.reset()
         self.usually = Usually()

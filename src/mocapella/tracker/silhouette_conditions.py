@@ -16,7 +16,7 @@ SAID_AFTER: Final = 3
 
 
 class CameraConditions:
-    """Counts for how many frames each camera's image is rejected for each body.
+    """Counts for how many consecutive frames each camera is left out for each body.
 
     Args:
         rig: the cameras.

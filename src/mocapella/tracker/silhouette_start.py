@@ -43,7 +43,7 @@ ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"),
 FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
-"""Least distance between the centres of two bodies at the start [m]."""
+"""Least distance between the roots of two bodies at the start [m]."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
 """Largest reprojection error of points, as a fraction of the image's longer side, and its lower bound [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
