@@ -45,13 +45,13 @@ class ArmExtrinsicsSettings:
         most_hz: highest rate of the shared frames that are used; larger: their number is reached sooner, with less
             motion between them [Hz].
         gap_s: largest gap between the calibrated camera's frames across which the arm is interpolated [s].
-        space_m: least motion of the joints about their means, as a standard deviation in the second direction; larger:
-            the user must move the arm farther [m].
+        space_m: least motion of the joints about their means, as a standard deviation along its second principal axis;
+            larger: the user must move the arm farther [m].
         scale_m: scale of the robust weights: at this residual the weight is a quarter; larger: outliers count more [m].
         largest_residual_m: largest median distance between the cameras' joints for which the pose is used; above it,
             they do not see the same arm [m].
-        largest_sd_m: largest standard deviation of the camera's position, as of a point at the arm, for which the pose
-            is used; smaller: the arm must be moved for longer [m].
+        largest_sd_m: largest standard deviation of a point near the arm, mapped to the world by the pose, for which
+            the pose is used; smaller: the arm must be moved for longer [m].
         largest_sd_rad: largest standard deviation of the camera's rotation for which the pose is used; smaller: the arm
             must be moved for longer [rad].
         delay_sd_s: prior standard deviation of the delay between the two cameras; larger: a longer delay can be
@@ -82,7 +82,7 @@ class ArmExtrinsicsResult(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         T_world_camera: (4, 4).
         delay_s: delay of its frames relative to the calibrated camera's clock [s].
-        position_sd_m: standard deviation of a point at the arm's position [m].
+        position_sd_m: standard deviation of a point near the arm's positions, mapped to the world by the pose [m].
         rotation_sd_rad: standard deviation of the rotation [rad].
         residual_m: median distance between the cameras' joints [m].
         missing: instruction for the user before the pose can be used; empty if it can be used.
@@ -130,7 +130,7 @@ class ArmExtrinsics:
     Attributes:
         found: newest estimate, by camera; it may be used once nothing is ``missing``.
         instants: shared frames collected so far, by camera without a pose.
-        seen: the newest frames, by camera.
+        seen: up to eight newest frames, by camera.
     """
 
     def __init__(self, settings: ArmExtrinsicsSettings | None = None) -> None:
@@ -203,9 +203,8 @@ def _instant(
 ) -> Instant | None:
     """Return the one arm that both cameras saw, or None if that is ambiguous.
 
-    Its velocity comes from the frames before and after: that of its own frame would share the error of its position,
-        which
-    would look like a delay.
+    Its velocity comes from the frames before and after. That of its own frame would share the position's error, and
+    this would look like a delay.
     """
     before, sight, after = sights
     own = _only(sight.arms, early.arms)
@@ -233,7 +232,7 @@ def _same(sights: ArmSights, arm: SeenArm) -> SeenArm | None:
 
 
 def _only(arms: Sequence[SeenArm], others: Sequence[SeenArm]) -> SeenArm | None:
-    """Return the arm that matches the other camera's: the only one, or the only one of a side."""
+    """Return the arm that the other camera sees, too: the only one, or the only one of a side; None if ambiguous."""
     if len(arms) == 1 and len(others) == 1:
         return arms[0]
     for left in (True, False):
@@ -297,7 +296,7 @@ def _scatter(  # noqa: PLR0917 - one fit, in its parts
 
 
 def _space(p: Float64, w: Float64) -> float:
-    """Return the standard deviation of the joints about their means in the second direction [m]."""
+    """Return the standard deviation of the joints about their means along the second principal axis [m]."""
     there = w > 0
     seen = np.where(there[..., None], p, 0.0)
     mean = seen.sum(axis=0) / np.maximum(there.sum(axis=0), 1)[:, None]

@@ -29,7 +29,7 @@ CAUCHY: Final = 3.0
 LEAST_SIGMA_PX: Final = 1e-4
 """Lower bound of the noise level; for exact simulated corners sums would overflow without it."""
 SETTLED: Final = 1e-4
-"""Decrease of the cost at which the search ends; in variances, so a hundredth of a standard deviation."""
+"""Decrease of the cost, in squared standard deviations of the noise, at or below which the search ends."""
 STEPS: Final = 60
 """Most Levenberg–Marquardt steps at one noise level; about ten are needed."""
 ROUNDS: Final = 12

@@ -22,7 +22,7 @@ ENOUGH_VIEWS: Final = 10
 SMALL: Final = 0.01
 """Fraction of the image covered by the board below which the lens is poorly sampled and depth is uncertain."""
 TILTED: Final = 0.12
-"""Relative change of scale across the board; about 25° at arm's length."""
+"""Least `tilt` that one view must have; about 25° at arm's length."""
 BLURRED_PX: Final = 8.0
 """Least width of an edge that counts as blurred; a sharp one is 2 to 3 px wide [px]."""
 ENOUGH_SHARED: Final = 5

@@ -74,9 +74,9 @@ class BoardRunReport:
         unseen: number of rounds without a detection of the board.
         still: number of rounds dropped because the board had hardly moved.
         unanswered: number of missing images, by camera.
-        apart_s: for each kept group of two or more cameras, the time between its images [s].
-        moved_px: the board's motion in one of these images within that time [px].
-        split: number of rounds with detections in two or more cameras, but not simultaneous ones.
+        apart_s: for each kept round with simultaneous views, the largest time between these [s].
+        moved_px: for each of these rounds, the largest motion of the board in an image meanwhile [px]; NaN if unknown.
+        split: number of kept rounds with views of two or more cameras that are not all simultaneous.
     """
 
     looks: int
@@ -194,7 +194,7 @@ class BoardRun:
 
     @property
     def shared(self) -> int:
-        """Number of groups with views of two or more cameras."""
+        """Number of kept rounds with simultaneous views of two or more cameras."""
         return sum(len(of.instant) > len(set(of.instant.values())) for of in self._rounds)
 
     @property
@@ -220,7 +220,7 @@ class BoardRun:
         return hints
 
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
-        """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which stay, by bundle adjustment.
+        """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which are kept, by bundle adjustment.
 
         Raises:
             CalibrationError: the views do not determine it; names the camera and what to film.

@@ -183,13 +183,13 @@ def _cameras(names: Sequence[str]) -> str:
 def board_poses(
     poses: Poses, T_camera_first: Mapping[str, Float64], corners_m: Float64, instants: Sequence[int]
 ) -> Float64:
-    """Return ``T_first_board`` (instants, 4, 4): for each group of simultaneous views, of the best supported view.
+    """Return ``T_first_board`` (instants, 4, 4): of each group's views, the pose nearest to the others.
 
     Args:
         poses: the board's pose in each camera's views.
         T_camera_first: (4, 4) of each camera, of `places`.
         corners_m: (corners, 3) in the board's frame [m].
-        instants: the groups.
+        instants: the groups of simultaneous views.
     """
     out = np.empty((len(instants), 4, 4))
     for k, instant in enumerate(instants):

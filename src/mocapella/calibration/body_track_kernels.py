@@ -95,7 +95,7 @@ def add_bodies(
         inferred: weight of an inferred joint.
 
     Returns:
-        The time since when all of the bodies have not changed at all [s]; NaN if one moves.
+        The time since when none of the bodies has changed at all [s]; NaN if one has, or without bodies.
     """
     since = -np.inf if len(slots) else np.nan
     for i in range(len(slots)):

@@ -35,7 +35,7 @@ LEAST_FOR_HALVES: Final = 6
 BOARD_LYING: Final = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """``R_world_board`` of a board on the floor, face up: y up, x along its columns, z along its rows."""
 BOARD_UPRIGHT: Final = np.diag([1.0, -1, -1])
-"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; also of a camera."""
+"""``R_world_board`` of a board on a wall: y up, x along its columns, z out of the wall; ``R_world_camera`` if level."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class CameraReport:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A rig and its quality. A group is one of simultaneous views.
+    """A rig and its quality. A group is a set of simultaneous views of the board.
 
     Attributes:
         rig: the cameras in the order of their names.
@@ -92,8 +92,8 @@ class CameraCalibration:
             the cameras are not triggered together [px].
         dispersion: variance of whole views' errors relative to that of single corners (`board_bundle.Adjusted`).
         fit: quality of triangulated corners, of the views used for calibration.
-        left_out: quality of triangulated corners of each half of the views, by a calibration from the other; None with
-            too few.
+        left_out: quality of triangulated corners of each half of the views, by a calibration from the other; None if
+            not measured, or with too few.
         hints: advice that would improve it.
     """
 
@@ -125,7 +125,7 @@ def calibrate_cameras(
         instant_of: groups of simultaneous frames; the frame numbers if not given.
         known: cameras with a given lens, which stays fixed, by name.
         origin: definition of the world frame; the first camera by name if not given.
-        measure: whether to cross-validate halves, which takes twice as long again.
+        measure: whether to cross-validate halves (``left_out``), which takes about twice as long in addition.
 
     Raises:
         CalibrationError: the views do not determine it; names the camera and what to film.

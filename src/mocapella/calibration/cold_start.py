@@ -25,21 +25,21 @@ Hypothesis = tuple[int, int, bool]
 RIVALS_FACTOR = 0.7
 """A hypothesis is accepted if its residual is at most this fraction of every rival's."""
 POSTURE_S = 1.5
-"""Least duration of shared motion until an estimate from single postures is trusted: soon, two people who move
-independently contradict it [s]."""
+"""Least duration of shared motion before an estimate from single postures is trusted; if the two bodies are different
+people, they usually contradict it earlier [s]."""
 SEVERAL_SD_M = 0.04
-"""Largest standard deviation of a trusted estimate's position if a sensor sees several people [m]: their identities
-depend on it."""
+"""Largest standard deviation of a trusted estimate's position if a sensor sees several people, because it decides which
+of their bodies are one person [m]."""
 SEVERAL_SD = 0.03
-"""Largest standard deviation of its rotation then [rad]."""
+"""Largest standard deviation of a trusted estimate's rotation in that case [rad]."""
 OTHER_MOTION = np.radians(60.0)
 """Rotation between two motions from which they count as different ones [rad]."""
 SWAPPED_FACTOR = 1.25
-"""Swapped labels must fit better by this factor."""
+"""Factor of the residuals of hypotheses with swapped labels when the best fit is chosen."""
 TOGETHER_M = 0.35
 """Largest distance of the centres of two bodies that are one person [m]."""
 OTHERS = 2
-"""Least number of further bodies that must agree, too."""
+"""Number of bodies, besides the hypothesis' own, that must coincide in both sensors; see `ColdStart.agreed`."""
 MOST = 72
 """Upper bound of the number of hypotheses: all of six people in both sensors. With more, the lowest ids come first."""
 
@@ -158,9 +158,9 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
         """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
 
-        In one posture, a motion with swapped labels is a rival, too, and one of other bodies is harder to exclude:
-        people resemble each other. If ``wary``, an estimate from single postures is not trusted at all, and
-        one from a walk has to be more certain.
+        Without a walk, the hypothesis with swapped labels is a rival, too, and `POSTURE_S` must pass. If ``wary``, as
+        with several people in view, an estimate from single postures is not trusted at all, and one from a walk must
+        be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
         """
         if not estimate.trusted:
             return estimate
@@ -176,7 +176,7 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
 
 
 def unwalked(estimate: PairEstimate) -> PairEstimate:
-    """Return an estimate of which single postures are no proof, marked as not trusted: somebody has to walk."""
+    """Return the estimate marked as not trusted, because it rests on single postures; its remedy is to walk."""
     return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
 
 

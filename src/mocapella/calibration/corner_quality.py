@@ -47,7 +47,7 @@ class CornerQuality:
         distances: number of pairs of corners in one group of simultaneous views.
         distance_rms_mm: root mean square of measured minus true distance [mm].
         distance_median_mm: median magnitude of measured minus true distance [mm].
-        scale_percent: median relative excess of distances [%].
+        scale_percent: median of (measured / true distance − 1) [%].
         reprojection_median_px, reprojection_rms_px: reprojection error of the triangulated corners, as a distance, not
             of a coordinate [px].
         predicted_rms_mm: distance_rms_mm as expected from the covariance of the cameras and the noise of corners; NaN

@@ -96,7 +96,7 @@ def floor_of_pose(tilt: float, height: float) -> Floor:
 
 @dataclass
 class FloorFromFeet:
-    """Estimates the floor from one sensor's standing feet. State has a fixed size.
+    """Estimates the floor from one sensor's standing feet. The state does not grow with time.
 
     Attributes:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.

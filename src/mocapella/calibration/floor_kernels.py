@@ -26,7 +26,7 @@ LONGEST_STEP = 0.3
 BACK_STEP_S = 0.03
 """Time that each frame adds to the weight of the back directions [s]."""
 HEAD_SHARE = 0.425
-"""Place of the centre of mass of a body on two feet, from the root to the head, apart from the legs.
+"""Factor c: the centre of mass is from the feet in the direction (root − feet) + c · (head − root).
 
 From the masses of segments in D. A. Winter, *Biomechanics and Motor Control of Human Movement* (2009), table 4.1, with
 trunk and arms between root and head, and the legs between root and feet.
@@ -51,7 +51,7 @@ def stand(
     states: NDArray[np.uint8],
     joints: FloorJoints,
 ) -> None:
-    """Write the feet of a frame, and add the standing ones to the sums of `floor.FloorFromFeet`.
+    """Write a frame's feet, and add each body's lower foot, if it stands, to the sums of `floor.FloorFromFeet`.
 
     Args:
         sums, back: (10,) and (4,) of `floor.FloorFromFeet`, updated.

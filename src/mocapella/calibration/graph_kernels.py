@@ -69,7 +69,7 @@ def refine(  # noqa: PLR0917
         T_a_b: (pairs, 4, 4) measured relative poses.
         weights: (pairs, 6, 6) inverse covariances of a small motion in a's frame (translation [m], rotation [rad]).
         most_steps: largest number of steps.
-        smallest_step: the last step is smaller than this [m, rad].
+        smallest_step: a step whose components are all below this is the last [m, rad].
 
     Returns:
         Covariance (6·(sensors − 1), 6·(sensors − 1)) of small motions of the poses in the root's frame; NaN if the

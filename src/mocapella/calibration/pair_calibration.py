@@ -55,8 +55,8 @@ class PairSettings:
             noise, but each frame is used later [s].
         independent_after_m: distance that a body moves until a sensor's errors are taken as independent; larger: fewer
             samples, so people must walk farther [m].
-        samples_wanted: number of independent samples from which an estimate does not rest on single postures; fewer
-            ones need a clearer fit, and no contradiction shows that a sensor was moved [samples].
+        samples_wanted: least number of independent samples of an estimate that does not rest on single postures; with
+            fewer, the fit must be clearer, and contradictions do not mean that a sensor was moved [samples].
         position_sd_wanted_m: largest standard deviation of a trusted estimate's position, at the people; smaller:
             people must walk farther [m].
         rotation_sd_wanted: largest standard deviation of a trusted estimate's rotation; smaller: people must walk
@@ -220,8 +220,8 @@ class PairCalibration:
                 for no joint.
 
         Returns:
-            Whether a frame of a was used: the newest one that b's frames surround by at least half a
-            `velocity_window_s`. A frame without such frames within 0.2 s is left out.
+            Whether a frame of a was compared: the newest one that b's frames surround by at least
+            `velocity_window_s`. A frame in a gap of b's longer than 0.2 s, or with fewer than four joints, is left out.
         """
         body = self.bodies.get(who)
         if body is None:
@@ -267,7 +267,7 @@ class PairCalibration:
         return float(self.scalars[at.COST] / weight) if weight > 0 else np.nan
 
     def follow_clock(self, estimate: PairEstimate) -> None:
-        """Replace the assumed offset of b's clock by its most likely value, with synchronised clocks as prior.
+        """Replace the assumed offset of b's clock, used by `update`, by its most likely value; its prior is 0.
 
         Nothing happens before another independent sample is complete. A large change reduces the earlier sums.
 
@@ -411,25 +411,25 @@ SHIFT_TRUSTED: Final = 0.1
 """Change of the assumed clock offset that reduces the weight of earlier moments to 1/e [s]."""
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
 PRIOR_SAMPLES: Final = 2.0
-"""Weight of the prior of an estimate's error, in samples."""
+"""Weight of the prior of the scatter B (see the module), as a number of samples."""
 SAMPLE_JOINTS: Final = 25.0
 """Number of joints with independent errors that a sample is worth."""
 MOST_SAMPLES: Final = 8.0
 """Number of samples beyond which an estimate does not become more certain: systematic errors repeat."""
 COMMON_PART: Final = 0.3
-"""Error that all joints of a view share, a shift of the whole body, as a fraction of their mean distance."""
+"""Error that all joints of a view share, a shift of the whole body, as a fraction of the residual."""
 NOISE_S: Final = 1.0
 """Time after which the noise of one posture is as small as its systematic error [s]."""
 REACH_M: Final = 1.0
 """Distance from people's positions so far within which they are expected next [m]."""
 M_ESTIMATE: Final = 1.5
-"""Correction for the weights 1/r of the estimate itself, which enlarge H for 3-D points by up to 3/2 each time."""
+"""Factor of the covariance: the weights 1/residual make H, for 3-D points, up to 3/2 times too large."""
 RESAMPLE_BEYOND: Final = 0.01
 """Change of the clock offset beyond which frames are interpolated anew instead of moved along their velocity [s]."""
 ON_A_LINE_M: Final = 0.03
 """Least scatter of points across their line for determining the rotation about it [m]."""
 MIRRORED_M: Final = 0.15
-"""Least depth of a mirror image that is not a flat body by accident [m]."""
+"""Least scatter of points in their third direction for a reflection to mean a mirrored image, not a flat body [m]."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""State of a `PairCalibration` as arrays of fixed size, named by index, and buffers of the newest frames of bodies."""
+"""State of a `PairCalibration` as arrays of fixed size, the names of their indices, and buffers of bodies' frames."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mocapella.model.topology import Topology
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Of the pair of sensors. Values that fade are multiplied by the same factor as the moments, at every frame.
+# Indices in the state of the pair of sensors. Fading values are multiplied by the moments' factor at every frame.
 MOTION: Final = 0
 """Index of the duration of shared motion so far [s]; standing still hardly counts."""
 BLOCKS: Final = 1
-"""Number of independent samples in memory, as the fading sum Σf of their weights f; `BLOCKS_SQ` is Σf²."""
+"""Index of Σf, the fading number of independent samples of weight f; at `BLOCKS_SQ` is Σf²."""
 BLOCKS_SQ: Final = 2
 COST: Final = 3
-"""Fading sum of the residuals, weighted by motion.
+"""Index of the fading sum of the residuals, weighted by motion.
 
-`COST_WEIGHT` is the sum of the weights, `APART_SQ` that of the centres' squared distances.
+At `COST_WEIGHT` is the sum of the weights, at `APART_SQ` that of the centres' squared distances.
 """
 COST_WEIGHT: Final = 4
 APART_SQ: Final = 5
@@ -32,30 +32,30 @@ OFFSET: Final = 6
 """Index of an offset [s] that is added to the one at `REFERENCE_OFFSET`: their sum is b's clock minus a's."""
 REFERENCE_OFFSET: Final = 7
 CENTRE: Final = 8
-"""Index of three numbers: the mean position of people in a's frame [m], weighted like `COST`."""
+"""Index of three numbers: the sum of people's positions in a's frame [m], weighted like `COST`."""
 STEPS: Final = 11
 BLOCKS_CLOSED: Final = 12
-"""Number of independent samples so far, not fading."""
+"""Index of the number of independent samples so far, not fading."""
 OWN_SD: Final = 13
-"""Error of the estimate itself where people walk [m]; 0 while it is not trusted. While it is above 0, frames whose two
-centres are farther apart than usual are left out: a sensor moved, or these are two people.
+"""Index of the standard deviation of the estimate where people walk [m]; 0 while it is not trusted. While it is above
+0, frames whose two centres are farther apart than usual are left out: a sensor moved, or these are two people.
 """
 FOLLOWED: Final = 14
-"""`BLOCKS_CLOSED` at the last adjustment of b's clock."""
+"""Index of the value of `BLOCKS_CLOSED` at the last adjustment of b's clock."""
 PAIR_SCALARS: Final = 15
 
-# Of the two clocks, in a separate array: over blocks, a = Σ u_a·u_b and g = Σ z·r of `time_offset`; they fade.
+# Indices in the clocks' array of fading sums over blocks, with a = Σ u_a·u_b and g = Σ z·r of `time_offset`.
 CLOCK_A: Final = 0
 CLOCK_G: Final = 1
 CLOCK_AA: Final = 2
-"""Sum Σ a² over the blocks; `CLOCK_AG` is Σ a g, `CLOCK_GG` is Σ g²."""
+"""Index of Σ a² over the blocks; at `CLOCK_AG` is Σ a g, at `CLOCK_GG` Σ g²."""
 CLOCK_AG: Final = 3
 CLOCK_GG: Final = 4
 CLOCK_SUMS: Final = 5
 
-# Of a pair of bodies.
+# Indices in the state of a pair of bodies, one in each sensor.
 LAST: Final = 0
-"""Capture time of the newest frame of a that was processed [s]."""
+"""Index of the capture time of the newest frame of a that was processed [s]."""
 MIRRORED: Final = 1
 ANCHOR: Final = 2
 """Index of three numbers: the body's position at the start of the block of frames that becomes one sample."""
@@ -63,19 +63,19 @@ ANCHORED: Final = 5
 GRADIENT: Final = 6
 """Index of seven numbers: the gradient summed over the block."""
 APART: Final = 13
-"""Distance between the two views of the body's centre [m]; `RESIDUAL` is the mean distance of the joints [m]."""
+"""Index of the distance between both views' centres [m]; at `RESIDUAL` is the mean distance of the joints [m]."""
 RESIDUAL: Final = 14
 DISAGREES_SINCE: Final = 15
-"""Time since when the centres are farther apart than usual [s]; NaN if they are not."""
+"""Index of the time since when the centres are farther apart than usual [s]; NaN if they are not."""
 AGREED: Final = 16
-"""Total time for which the centres were not farther apart than usual [s]."""
+"""Index of the total time for which the centres were not farther apart than usual [s]."""
 STEP_AT: Final = 17
-"""Capture time of the last frame that was used [s]."""
+"""Index of the capture time of the last frame that was compared with the estimate, used or left out [s]."""
 BLOCK_A: Final = 18
-"""The block's part of `CLOCK_A`; `BLOCK_G` is its part of `CLOCK_G`."""
+"""Index of the block's part of `CLOCK_A`; at `BLOCK_G` is that of `CLOCK_G`."""
 BLOCK_G: Final = 19
 STOOD: Final = 20
-"""Time of standing since the block began [s]."""
+"""Index of the time of standing since the block began [s]."""
 BODY_SCALARS: Final = 21
 
 FRAMES_KEPT: Final = 48
@@ -157,7 +157,7 @@ class BodyTrack:
     """One sensor's newest frames of one body, in the order of their times.
 
     Attributes:
-        times: (2·kept,) capture times, on the common clock [s].
+        times: (2·kept,) capture times, on the common clock [s]; kept is `FRAMES_KEPT`.
         points: (2·kept, joints, 3) in camera space [m].
         weights: (2·kept, joints), 0 where not seen.
         held: (2,) int64 index of the first stored frame, and index after the last one.

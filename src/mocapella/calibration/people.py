@@ -56,7 +56,7 @@ REFRESH_PART: Final = 0.05
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
 MOST_TURNS: Final = 3
-"""Largest number of people without a new frame that are skipped in a row."""
+"""Largest number of people whom a refinement of a pair tries until one has a new frame."""
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)

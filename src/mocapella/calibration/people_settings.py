@@ -20,8 +20,8 @@ class PeopleCalibrationSettings:
         pair: settings of each pair of sensors.
         match_within_m: bodies of two sensors whose centres are nearer are one person, where identities are not given
             [m].
-        moved_after_s: a sensor that contradicts all others for this long was moved, and is calibrated again; larger:
-            fewer false alarms [s].
+        moved_after_s: time for which two sensors must disagree about all people until one of them counts as moved, and
+            is calibrated again; larger: fewer false alarms [s].
         frozen_after_s: a sensor whose bodies do not change at all for this long is not used [s].
         gone_after_s: a body that a sensor has not seen for this long is dropped [s].
         clock_jump_s: largest delay of a sensor's times behind other sensors' that is not reported as a wrong clock [s].

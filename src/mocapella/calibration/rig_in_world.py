@@ -29,7 +29,7 @@ Float64 = NDArray[np.float64]
 _SCALE_M: Final = 0.05
 """Typical difference of joints between the two kinds of measurement [m]."""
 _FEWEST: Final = 4
-"""Fewest joints known to both."""
+"""Fewest joints of a sample, known in both the body and the person."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class RigAlignment:
     def update(self, bodies: Mapping[str, Float64], people: Mapping[int, Float64], at_s: float) -> None:
         """Take a sample of the bodies and people at one time, and renew `found` if it is due.
 
-        Which body is which person is found out. A call sooner than ``every_s`` after the last sample does nothing; an
+        It also decides which person a body is. A call sooner than ``every_s`` after the last sample does nothing; an
         estimate stays until a better one replaces it. A time before that of the last sample resets everything, because
         the clock was set back.
 
@@ -165,9 +165,8 @@ def _joined(samples: list[deque[tuple[Float64, Float64]]]) -> tuple[Float64, Flo
 def _residual(p: Float64, q: Float64) -> tuple[Float64, float]:
     """Return ``T_p_q``, and the median residual distance [m].
 
-    Sensors swap left and right at times: first the midpoints of left and right joints are aligned, then all joints,
-        with the
-    labels at each time that agree better.
+    Sensors swap left and right at times. So the midpoints of left and right joints are aligned first, then all joints,
+    at each time with the labels that agree better.
     """
     T = _aligned(0.5 * (p[:, ::2] + p[:, 1::2]), 0.5 * (q[:, ::2] + q[:, 1::2]))
     swapped = np.stack([p[:, 1::2], p[:, ::2]], axis=2).reshape(p.shape)

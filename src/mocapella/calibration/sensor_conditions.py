@@ -17,9 +17,9 @@ Float64 = NDArray[np.float64]
 REPORTED_FOR_S: Final = 5.0
 """A clock jump is reported for this long [s]."""
 ONE_PLACE_M: Final = 0.1
-"""Largest distance of two sensors that count as at one position, if their axes agree, too [m]."""
+"""Largest distance of two sensors that count as at one place, if their orientations agree, too [m]."""
 ONE_PLACE_TURN: Final = np.radians(5.0)
-"""Largest angle between their optical axes [rad]; both sensors then see nothing different."""
+"""Largest rotation between two such sensors, which then have one field of view [rad]."""
 
 
 class StreamFaults(msgspec.Struct, frozen=True):

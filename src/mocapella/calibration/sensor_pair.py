@@ -39,16 +39,16 @@ class PairOfSensors:
         cold: hypotheses; empty while nothing contradicts the accepted estimate.
         told: source of the estimate until people confirm it: `BY_LAYOUT`, or ``others`` for other pairs' poses; empty
             once confirmed.
-        shown: whether people have confirmed it once; it then stays in use while it is less certain.
+        shown: whether people have confirmed the estimate once; it then stays in use even if it becomes less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: person of each tracking id in a and in b; ``matched`` was derived from it.
-        turn: counter that selects among the matched bodies.
+        owners: person of each tracking id, in a and in b, that ``matched`` was derived from; empty mappings if none.
+        turn: counter that selects the matched bodies in turn, one pair of bodies for each refinement.
         due: capture time of the next refinement [s].
         trying: whether the hypotheses are tried.
         agreed_at: capture time at which a body last was at the same position in both sensors [s].
         seen_since: capture time since when both sensors see bodies without a break [s].
         estimate: result of the last refresh with new data.
-        judged_steps: number of steps that ``estimate`` includes.
+        judged_steps: number of frames in the calibration (`pair_memory.STEPS`) when ``estimate`` was computed.
         wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
     """
 
@@ -69,7 +69,7 @@ class PairOfSensors:
 
     @property
     def unproven(self) -> bool:
-        """Whether the estimate is a hypothesis with much agreement, which is refined but not used yet."""
+        """Whether the estimate is a hypothesis that most bodies agree with, refined but not yet confirmed."""
         return self.calibration is not None and not self.shown and not self.told
 
     @property
@@ -99,7 +99,8 @@ def covariance_of(pair: PairOfSensors) -> Float64:
 def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
     """Return the pairs whose relative pose is used.
 
-    One from single postures may match two people. It is used only for sensors that nothing better connects.
+    A pose from single postures may come from two different people, so it is used only where no better pairs connect
+    its sensors.
     """
     used, groups = set[Pair](), dict[str, set[str]]()
     trusted = [key for key, pair in pairs.items() if pair.trusted]
@@ -126,7 +127,7 @@ def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
 def best_pairs(
     placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair], partners: int
 ) -> frozenset[Pair] | None:
-    """Choose the pairs to refine: None (all) with few sensors, else the best ``partners`` of each sensor."""
+    """Choose the pairs to refine: the best ``partners`` of each sensor, and all of unconnected ones; None for all."""
     if len(placed) <= partners + 1:
         return None
     kept = {

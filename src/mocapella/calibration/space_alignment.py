@@ -51,7 +51,7 @@ class SpaceAlignmentSettings:
         delay_within_s: largest delay in either direction [s].
         longest_gap_s: largest gap between poses that is interpolated [s].
         least_instants: least number of simultaneous observations.
-        least_space_m: least motion of the marker: standard deviation in its second direction [m].
+        least_space_m: least motion of the marker: standard deviation along its second principal axis [m].
         least_turn_rad: least rotation of the body about two axes, as a standard deviation [rad].
         largest_residual_m: above this residual it is not the same rigid object [m].
         largest_sd_m: largest standard deviation of a point, and of the lever arm [m].
@@ -238,7 +238,7 @@ class _Track:
 
 
 def _spread(p: Float64, vertical: bool) -> float:
-    """Return the extent of positions (n, 3) in their second direction; if ``vertical``, in the first horizontal one."""
+    """Return the standard deviation of positions (n, 3) along principal axis 2; if ``vertical``, horizontal axis 1."""
     centred = (p - p.mean(axis=0))[:, [0, 2] if vertical else [0, 1, 2]]
     return float(np.linalg.svd(centred, compute_uv=False)[0 if vertical else 1] / math.sqrt(len(p)))
 

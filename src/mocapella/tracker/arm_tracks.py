@@ -35,12 +35,12 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""(4, 4) from a sensor's space (x left, y up) to a camera's (x right, y down), and back."""
+"""(4, 4) from a sensor's space (x left, y up) to a camera's (x right, y down); it is its own inverse."""
 _OF_EITHER_SIDE: Final = [WRIST, PALM, ELBOW]
-"""Points whose position does not depend on the side that a hand was detected as."""
+"""Points that a detector places correctly even if it takes a left hand for a right one."""
 _SIDE_CAP: Final = 12.0
 _SIDE_STEP: Final = 2.0
-"""Evidence of the side is a logarithm of odds: bounds of the total (`_SIDE_CAP`), and of one view."""
+"""Largest log-odds of left against right: of a track (`_SIDE_CAP`), and added by one view (`_SIDE_STEP`)."""
 _FASTEST_M_S: Final = 6.0
 
 
@@ -191,7 +191,7 @@ class ArmTracks:
     def update(self, camera: str, arms: Iterable[SeenArm], at_s: float, places: Mapping[str, Float64]) -> None:
         """Assign the arms of a camera's frame to tracks, and fuse the views; `tracked_arms` returns the result.
 
-        An arm that matches no track begins one. A track that this camera does not see any more loses its view.
+        An arm that matches no track begins one. A track without an arm in this frame loses this camera's view.
 
         Args:
             camera: name of the camera.
@@ -235,7 +235,7 @@ class ArmTracks:
             track.views.pop(camera, None)
 
     def tracked_arms(self) -> tuple[TrackedArm, ...]:
-        """Return the present arms, predicted to `now_s`, in the world and in the order of their ids, without persons.
+        """Return the present arms, predicted to `now_s`, in the world, in the order of their ids; ``person`` is −1.
 
         An arm that no camera has seen within ``fresh_s`` is inferred, and one unseen for longer than ``shown_for_s`` is
         missing.
@@ -331,9 +331,9 @@ class ArmTracks:
             self._note_distances([camera for camera, _ in fresh], points)
 
     def _of_the_side(self, track: ArmTrack, views: list[ArmView]) -> NDArray[np.bool_]:
-        """Return which views (views,) have the arm's side, or all if none has.
+        """Return which views (views,) were detected as the track's side, or all if none was.
 
-        On the wrong side, fingers are mislabelled.
+        The fingers of the others are mislabelled.
         """
         right = np.array([view.arm.left == track.left for view in views])
         return right if right.any() else ~right
@@ -409,7 +409,7 @@ def _middle(points: Float64) -> int:
 
 
 def _side_of(arm: SeenArm) -> float:
-    """Return the evidence of a left arm, as a logarithm of odds."""
+    """Return the log-odds that a detected arm is a left one, within ± `_SIDE_STEP`."""
     sure = min(max(arm.left_sure, 0.5), 1.0 - 1e-9)
     odds = min(math.log(sure / (1.0 - sure)), _SIDE_STEP)
     return odds if arm.left else -odds

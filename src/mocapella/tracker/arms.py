@@ -74,7 +74,7 @@ class ArmsTracker:
         sensors: tilt and height by camera name, for a first camera without a rig.
 
     Attributes:
-        camera_rig: the rig.
+        camera_rig: the argument ``rig``.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class ArmsTracker:
         self._state = TrackerState(phase, reason=reason)
 
     def _begin_places(self) -> None:
-        """Forget the found poses; `_given` are the other ones: a rig's, or the first camera's."""
+        """Forget the calibrated poses; `_given` becomes the rig's and the layout's, empty without them."""
         self._calibration.reset()
         cameras = {} if self.camera_rig is None else self.camera_rig.cameras
         kept = {name: np.array(sensor.T_world_sensor) @ TO_SENSOR for name, sensor in self._kept.items()}
@@ -163,7 +163,7 @@ class ArmsTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
         own, tracks, calibration = unpack(data, _REMEMBERED)
         if not all(isinstance(kept, LayoutSensor) for kept in own["_kept"].values()):  # `reset` uses them
@@ -180,7 +180,7 @@ class ArmsTracker:
 
     @property
     def delays_s(self) -> Mapping[str, float]:
-        """Delay of each camera that was calibrated from an arm, relative to the first camera [s]."""
+        """Delay of the frames of each camera calibrated from an arm, relative to the calibrated one [s]."""
         return self._delay_s
 
     @property
@@ -288,7 +288,7 @@ class ArmsTracker:
 
 
 def _one_part(reason: str) -> str:
-    """Replace ``; ``, which separates the parts of a state's reason."""
+    """Replace each ``; `` by a comma, because it separates the cameras' parts of a state's reason."""
     return reason.replace("; ", ", ")
 
 

@@ -48,7 +48,7 @@ class BodiesFitter:
         self._followed: set[str] = set()
 
     def start(self, name: str, pose: TreePose, time_ns: int) -> None:
-        """Begin to track a body from an approximate pose, without motion, or restart it there with its backgrounds.
+        """Begin or restart the tracking of a body at an approximate pose, at rest; a restart keeps its backgrounds.
 
         Args:
             name: name of the body.
@@ -56,7 +56,7 @@ class BodiesFitter:
             time_ns: time of the pose, on the common clock.
 
         Raises:
-            SettingsError: no body has that name, or no camera sees a body there.
+            SettingsError: no body has that name, or no camera sees it there at its first start.
         """
         if name not in self.fitters:
             raise SettingsError(f"there is no body {name!r}; known: {one_of(name, self.fitters)}")
@@ -103,7 +103,7 @@ class BodiesFitter:
         Args:
             images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
             time_ns: capture time, on the common clock.
-            waiting: names of lost bodies; they are searched at their last pose and cover nothing there.
+            waiting: names of lost bodies; they are fitted, but their predicted pixels stay evidence for other bodies.
 
         Returns:
             The fitted bodies, by name; a body that was not started, or was stopped, is missing.

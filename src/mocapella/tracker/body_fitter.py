@@ -44,11 +44,11 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 SAMPLES_HIGH = 200
-"""Approximate height of a body in an image, in samples."""
+"""Number of samples along the longer side of a body's window; a camera's stride follows from it."""
 HALF_LIFE_S = 0.15
 """Half-life of an unseen part's predicted velocity [s]."""
 SETTLING = 4
-"""Factor of the number of rounds in the first frame, whose initial pose is rough."""
+"""Factor of the number of pose fits (`SilhouetteSettings.rounds`) in the first frame, whose pose is rough."""
 
 
 class FittedBody(msgspec.Struct, frozen=True, eq=False):
@@ -131,7 +131,7 @@ class BodyFitter:
     def start(self, pose: TreePose, time_ns: int) -> None:
         """Begin to track from an approximate pose, without motion.
 
-        Called again, for a lost body, it restarts there and keeps the cameras' sampling and backgrounds.
+        Called again, for a lost body, it restarts there and keeps the cameras' strides and backgrounds.
 
         Args:
             pose: the approximate pose.

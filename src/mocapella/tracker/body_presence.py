@@ -1,8 +1,8 @@
 """Decide which bodies are visible and which are lost, and re-acquire lost ones.
 
-A body is visible if a camera's two outlines agree and differ from the empty room. Without that its motion is
-extrapolated for a moment; then it is lost, and searched where the images differ from the empty room, or else at its
-last pose.
+A camera sees a body if the segmented contour overlaps the model's outline and stands out from the empty room. A body
+that no camera sees is extrapolated for `LOST_AFTER_S`. Then it is lost: it is searched where the images differ from the
+empty room, or else at its *waiting pose*, the last one that was seen well.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 SEEN_FROM: Final = 0.5
-"""Least overlap of the outlines for a camera to count as seeing the body."""
+"""Least overlap (IoU) of contour and model outline for a camera to count as seeing the body."""
 HIDDEN_FROM: Final = 0.7
-"""Least fraction of a body covered by others for a camera to be ignored for it."""
+"""Least fraction of a body behind other bodies for a camera not to count as seeing it."""
 STANDS_OUT: Final = 0.3
-"""Least foreground share of the segmented body."""
+"""Least fraction of the segmented body that differs from the empty room, for a camera to see it."""
 STANDS_OUT_WELL: Final = 0.75
-"""Least foreground share, the mean over the cameras, of a body in whose pose it is searched once it is lost."""
+"""Least mean of that fraction over the cameras for a pose to become the waiting pose."""
 STANDS_OUT_HALF: Final = 0.5
-"""Foreground share below which a body may be elsewhere in the image."""
+"""That fraction, in one camera, below which the body may be elsewhere in its image."""
 ELSEWHERE: Final = 0.5
 """Least area of a foreground object beside the body, in units of the body's, for the body to be there instead."""
 LOST_AFTER_S: Final = 0.5
 """Time unseen after which a body is lost [s]."""
 WITNESSES: Final = 2
-"""Fewest cameras, if there are as many, that must see a lost body to re-acquire it: one alone accepts any object."""
+"""Number of cameras, or all if fewer, that must see a lost body to re-acquire it: one alone accepts any object."""
 
 
 class BodyPresence(msgspec.Struct, eq=False):
@@ -54,13 +54,14 @@ class BodyPresence(msgspec.Struct, eq=False):
 
     Attributes:
         initial: the pose given to `SilhouettePresence.start`.
-        pose: the last one that enough cameras saw completely and clearly; a lost body waits there.
-        landmarks: (n, 3) in that pose [m].
+        pose: the waiting pose: the last one that `WITNESSES` cameras saw completely and clearly.
+        landmarks: (n, 3) in that pose, in the world [m].
         seen_ns: capture time of the last frame that showed the body, on the common clock.
-        whole_in: number of images that showed the whole body then.
+        whole_in: number of cameras whose image contained the whole body in that pose.
         lost: whether the body is lost.
-        came: whether the body has been seen at all.
-        placed: whether a person can stand at the pose where a lost body is searched.
+        came: False for a body that has not appeared yet in a room that was empty at first (`wait`).
+        placed: whether the last search of a lost body found foreground of its shape, or knew too few empty rooms to
+            tell; otherwise the body cannot be re-acquired.
     """
 
     initial: TreePose
@@ -135,7 +136,7 @@ class SilhouettePresence:
             body.lost, body.came = True, False
 
     def waiting(self, name: str) -> SeenBody:
-        """Return a body as lost, at its waiting pose, without a search; after `start`."""
+        """Return a body as lost, at its waiting pose, without a search; only after `start`."""
         body = self._bodies[name]
         fit = FittedBody(body.seen_ns, body.pose, body.landmarks, {}, {})
         return SeenBody(fit, True, self._covers(name, body.pose))
@@ -183,9 +184,8 @@ class SilhouettePresence:
     def _look_for(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
         """Record when a body was seen, and the pose to wait at.
 
-        It waits only in a pose that enough cameras saw. A lost body is re-acquired only if all of it is visible, if it
-        ever was,
-        and if the foreground shows a person: legs alone are soon lost again.
+        A lost body is re-acquired only if enough cameras see it, whole if its waiting pose was, and at foreground of
+        its shape; if only legs were seen, it would soon be lost again.
         """
         body, others = self._bodies[name], self._fitters.others[name]
         good = elsewhere = 0
@@ -214,7 +214,7 @@ class SilhouettePresence:
         self.empty.learn({camera: images[camera] for camera in without}, covered_by_all(found, self._rig))
 
     def _look_again(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Restart the fitter where the images differ from the empty room, or else at the body's last pose."""
+        """Restart the fitter where the images differ from the empty room, or else at the waiting pose."""
         body, fitter, others = self._bodies[name], self._fitters.fitters[name], self._fitters.others[name]
         strange = {
             camera: self.empty.silhouette(camera, image, others=others.get(camera))
@@ -240,7 +240,7 @@ class SilhouettePresence:
         return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
 
     def _elsewhere(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
-        """Whether a camera shows the empty room at much of this body, and somebody beside it.
+        """Whether a camera shows the empty room at much of this body, and foreground of about its size beside it.
 
         The room alone is no evidence: the body may be behind furniture.
         """
@@ -262,7 +262,7 @@ class SilhouettePresence:
         return not known or float(np.mean(known)) >= STANDS_OUT_WELL
 
     def _covers(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
-        """Return the pixels that a body covers where it waits, by camera that shows it there."""
+        """Return the silhouette of a body in its waiting pose, by camera that shows it there."""
         if name not in self._waits or self._waits[name][0] is not pose:
             covered = self._fitters.fitters[name].covered(pose)
             drawn = {

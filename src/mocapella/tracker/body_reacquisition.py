@@ -137,5 +137,5 @@ def _on_grid(outline: Outline, shape: tuple[int, ...]) -> Bool:
 
 
 def _coarse(silhouette: Silhouette, size_px: tuple[int, int]) -> Bool:
-    """Sample a silhouette every `STEP_PX` px of an image (rows, columns)."""
+    """Return the mask (rows, columns) of a silhouette in the image, sampled every `STEP_PX` px."""
     return silhouette.mask(size_px)[::STEP_PX, ::STEP_PX]

@@ -155,7 +155,7 @@ class DefaultTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)
@@ -183,7 +183,7 @@ class DefaultTracker:
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """Return the estimated poses of the sensors, to be kept; None before two sensors have a relative pose."""
+        """Return the sensors' estimated poses, to be kept; None before people have confirmed the pose of a pair."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
@@ -272,7 +272,7 @@ class DefaultTracker:
         """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring.
 
         Raises:
-            SettingsError: there is no such model.
+            SettingsError: the participant was in the training data of every model.
         """
         if self.joint_bias is not None:
             self.joint_bias = self.joint_bias.without(participant)
@@ -330,7 +330,7 @@ class DefaultTracker:
         self._places = self._sensor_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
-        """The root sensor, whose space defines the world: kept until more sensors are tied to each other without it."""
+        """Return the root sensor, whose space defines the world: the old one, unless more others are connected."""
         tied: dict[str, list[str]] = {}
         for name, sensor in sensors.items():
             if sensor.trusted:

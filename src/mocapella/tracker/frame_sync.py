@@ -31,15 +31,15 @@ from mocapella.settings import check
 INTERVALS: Final = 15
 """Number of intervals whose median is a camera's period."""
 FEWEST: Final = 5
-"""Fewest intervals, or delays, for an estimate of a camera's period or delay."""
+"""Fewest intervals to predict a camera's next frame; its typical delay needs more delays than this."""
 WITHIN: Final = 0.9
 """Largest span of a set, in periods."""
 OVERDUE: Final = 1.5
-"""A camera is waited for until another one is this many periods later."""
+"""A camera is waited for until the newest time is this many periods, and its delay, after the oldest frame."""
 NEARER: Final = 0.125
-"""A frame is dropped if the camera's next one shortens the set by this many periods."""
+"""A frame is dropped if the camera's next one makes the set's span shorter by this many periods."""
 STEADY: Final = 0.5
-"""A camera's delay is known if half of its delays differ by less than this many periods."""
+"""Largest interquartile range, in periods, of a camera's delays for its typical delay to be known."""
 LATEST_S: Final = 0.5
 """Longest delay that is waited for, which bounds the number of stored images [s]."""
 

@@ -125,7 +125,7 @@ class HandsSettings:
 
 
 class _Taken(NamedTuple):
-    """Handlers of a frame type: why a frame cannot be used (empty if it can), and the update by it."""
+    """Handlers of a frame type: ``problem`` says why a frame is rejected (empty if it is not), ``see`` processes it."""
 
     problem: Callable[[Any], str]
     see: Callable[[Arrival], None]
@@ -226,7 +226,7 @@ class HandsTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)
@@ -369,7 +369,7 @@ class _Said(msgspec.Struct, frozen=True, eq=False):
 
 
 _PALM_SIDE_M: Final = -0.0125
-"""Offset of the base markers, which are on the palm, from the joints [m]."""
+"""Height of the base markers over the joints, negative because they are on the palm, not the back [m]."""
 
 
 def _place(name: str, T_camera_world: Float64) -> SensorPlace:

@@ -39,7 +39,7 @@ FEWEST_CAMERAS = 2
 EVERY_LIMB = 12
 """Interval, in frames, at which the next whole limb is searched without a suspicion."""
 LOOSE = 1e-3
-"""Weight of a limb's centre relative to its axes."""
+"""Weight of a limb's centre, relative to its joint axes, in the least squares for its attachment point."""
 STRETCHED = 1.1
 """Reach of a limb from its root, as a factor of its length at rest."""
 
@@ -170,9 +170,9 @@ def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> T
 
 
 def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, Ball]:
-    """Return the part that a limb starts with, and the ball that contains the limb, in that part's rest frame.
+    """Return the part that a limb starts with, and the ball that the limb can reach, in the rest pose.
 
-    Its centre is the point nearest to that part's axes and to the limb.
+    The ball's centre is the attachment point: nearest to that part's joint axes, and of these nearest to the limb.
     """
     part, points = int(limb.part.min()), mesh.vertices[limb.vertices]
     axes = mesh.tree.twists[mesh.tree.joint_parts == part]

@@ -32,7 +32,7 @@ class Method:
         frame_types: classes of the frames that it accepts; others are rejected with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
         make: creates a tracker.
-        warm_up_run: compiles kernels before the first frame; None if nothing has to be compiled.
+        warm_up_run: creates a tracker and frames that compile its kernels; None if nothing has to be compiled.
         warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``; they
             are compiled in other processes at the same time (`mocapella.live.compilation`).
         camera_rig: whether it needs the poses of calibrated cameras, as ``rig`` in its settings.

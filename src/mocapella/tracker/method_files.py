@@ -15,12 +15,12 @@ from mocapella.model.space import as_settings, load_space
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read a camera rig file into the setting ``rig``: its text, as encoded again after decoding.
+    """Read a camera rig file into the setting ``rig``: its checked content, encoded as text again.
 
     ``paths`` is the list of the files given with the option; it must have one.
 
     Raises:
-        InputError: the file cannot be used; for a sensor layout, the message names the setting ``layout``.
+        InputError: the file cannot be used; if it is a sensor layout, the message names the setting for it, ``layout``.
         SettingsError: none or several are given.
     """
     path = _one(paths, "--rig")

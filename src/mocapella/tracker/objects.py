@@ -38,9 +38,9 @@ _LEAST_MARKERS: Final = 3
 _HEARD: Final = 8
 """Number of another tracker's poses that are kept."""
 _BASE_S, _AHEAD_S = 0.03, 0.05
-"""Beyond the newest pose, the motion since this time before (`_BASE_S`) is extrapolated up to `_AHEAD_S`."""
+"""Extrapolation of the newest pose: its velocity is the mean over at least `_BASE_S`, used up to `_AHEAD_S` [s]."""
 _FLAT_M: Final = 0.001
-"""Largest distance of markers from a common plane."""
+"""Largest root sum of squared distances of markers from a plane for them to lie on it [m]."""
 UNSAID_SD_PX: Final = 0.5
 """Standard deviation of a marker's coordinate that is assumed for a camera that reports none [px]."""
 
@@ -148,7 +148,7 @@ class ObjectSettings:
 
     @property
     def planes(self) -> tuple[tuple[int, ...], ...]:
-        """Groups of four or more points on a plane, as indices in `points`."""
+        """Groups of points on one plane, as indices in `points`: each tag's corners; four or more markers if flat."""
         n = len(self.markers)
         planes = [tuple(range(n + 4 * k, n + 4 * k + 4)) for k in range(len(self.all_tags))]
         if n >= 4:
@@ -163,8 +163,8 @@ class HeardPose(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         at_s: capture time, on the rig's clock [s].
-        T: (4, 4) from the object's frame to the world.
-        state: its `JointState`.
+        T: (4, 4) from the object's frame, not that of ``body``, to the world.
+        state: `JointState` of the pose.
     """
 
     at_s: float

@@ -76,8 +76,8 @@ class PeopleSettings:
             views are turned in part; larger: uncertain facings are used, too [rad].
         least_worth: weight of a view along the shoulders, relative to a frontal one; larger: such views count more [0
             to 1].
-        swap_m: left and right are swapped, for the joint bias and without ``people.facing``, where the view then is
-            nearer to the other views by this; larger: labels change more rarely [m].
+        swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
+            joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
     """
 
@@ -119,8 +119,8 @@ class People:
         topology: names and order of the joints.
 
     Attributes:
-        numbers: (people,) person numbers, by row.
-        sensors: names, by column.
+        numbers: (people,) ids of the persons, by row.
+        sensors: names of the sensors, by column.
         memory: state of all people; changed in place, and replaced if rows or columns change.
         mirror: (joints,) index of each joint's counterpart on the other side.
         middle: (middle,) indices of the joints on the body's middle line.
@@ -277,7 +277,7 @@ class People:
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
     def move_sensor(self, sensor: str, T_new_old: Float64) -> None:
-        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people glide to the new position.
+        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people follow gradually.
 
         An unknown sensor is ignored.
         """
@@ -308,7 +308,7 @@ class People:
     def join(self, stays: int, gone: int) -> None:
         """Merge two tracks of one person under the number ``stays``.
 
-        The state is kept from the track that was seen last, each sensor's view from the one with the newer; the number
+        The person's state is that of the track seen last; each sensor's view is the newer of the two. The number
         ``gone`` is dropped.
 
         Raises:
@@ -350,7 +350,7 @@ def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
 
 
 def _parameters(s: PeopleSettings) -> PeopleParameters:
-    """Return the settings for the kernels; as floats, for which alone these are compiled."""
+    """Return the settings as floats for the kernels, which another type would compile again."""
     numbers = (
         s.motion.acceleration_density, s.motion.forget_after_s, s.motion.speed_sd**2, s.noise_gain, s.noise_memory_s,
         s.view_age_s, s.speed_memory_s, s.swap_m, s.swap_s, s.turn_s, s.still_m_s, s.sure_sd, s.least_worth,

@@ -38,7 +38,7 @@ class PeopleArmsSettings:
     """Poses of depth cameras, and tracking of their arms.
 
     Attributes:
-        depth_of: the body sensor that a depth camera is a part of, by depth camera; both share one lens.
+        depth_of: name of the body sensor that a depth camera is a part of, by camera name; both have one pose.
         rig: text of a camera rig file with one of these depth cameras and others beside it; empty for none.
         tracks: tracking and fusion of arms.
         owners: assignment to people.

@@ -115,7 +115,7 @@ class PeopleBodies:
         Args:
             arrival: a camera's frame with an image.
             people: the tracked people, in the world, for the pose of the rig.
-            topology: topology of the people's skeletons; None, before the first body frame, keeps the pose.
+            topology: topology of the people's skeletons; None, before the first body frame, keeps the rig's pose.
         """
         if self._tracker is None:
             return NOT_CONFIGURED

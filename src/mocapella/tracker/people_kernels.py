@@ -149,7 +149,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict the people's Kalman filters to ``now_s`` on the common clock [s], in place; later ones stay.
+    """Predict the people's Kalman filters to ``now_s`` on the common clock [s], in place; later states stay.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.

@@ -44,16 +44,16 @@ class ViewArrays(NamedTuple):
         at_s: capture time on the common clock [s]; −inf where there is no view.
         positions, states, variances: (..., joints, 3) in the space of the people [m], (..., joints) `JointState`,
             (..., joints) variance of a coordinate [m²]; with the sensor's labels.
-        noise: (..., joints) learnt variance of a joint's jumps [m²].
+        noise: (..., joints) learnt noise variance of a coordinate [m²].
         bias: (..., joints, 3) correction of the sensor's bias, to add to the positions [m].
-        mirrored: whether left and right are swapped in the view.
-        swapped: whether to swap left and right so that the sensors agree.
-        advantage: how much nearer the view was lately to the other sensors' views with the labels that are not in use,
-            exponentially averaged [m].
+        mirrored: whether the fusion exchanges left and right, as the facing filter decides; without it, ``swapped``.
+        swapped: whether left and right must be exchanged so that the sensors agree.
+        advantage: how much nearer a change of ``swapped`` would bring the view to the other sensors' views, as a mean
+            over joints, exponentially averaged [m].
         toward: yaw from the person to the sensor [rad].
         reported: yaw that the view's repaired labels imply [rad].
-        turn: (..., 2) rotation of the shoulders and of the hips [rad].
-        offsets: (..., joints, 3) learnt offset from the person, with the person's labels [m]; NaN restarts it.
+        turn: (..., 2) correction of the yaw of the shoulders and of the hips [rad].
+        offsets: (..., joints, 3) learnt offset, view minus person, with the person's labels [m]; NaN restarts it.
     """
 
     at_s: Float64

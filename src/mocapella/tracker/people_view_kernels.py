@@ -213,7 +213,7 @@ def turn_views(
     Each of the ``lines`` (lines, 2) of a left and a right joint is turned by its own error, because a sensor's errors
     at shoulders and hips differ. An uncertain facing, above ``sure_sd`` [rad], changes no labels, and turns lines less
     the more uncertain it is. If the labels change while the person stands, slower than ``still_m_s``, the old labels
-    were wrong: the view restarts at the person's position and glides to its own.
+    were wrong: the view's offsets are learnt anew, so that it begins at the person's position.
 
     Args:
         rows: (bodies,) row of each body's person.

@@ -44,8 +44,8 @@ class SensorViews(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         T_world_sensor: (4, 4) pose of each sensor in the world, shared by all people; missing sensors are unknown.
-        time_offset_s: delay of a sensor's frames relative to their ``at_ns``, by sensor [s]. Views of two sensors that
-            both have a delay are predicted to one time; others are compared without correction.
+        time_offset_s: correction to add to ``at_ns`` of a sensor's frames, by sensor [s]. Views of two sensors that
+            both have one are brought to one time; others are compared without correction.
         swapped: views whose left and right labels must be swapped so that the sensors agree.
     """
 
@@ -105,7 +105,7 @@ class Tracker(Protocol):
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
 
     @property

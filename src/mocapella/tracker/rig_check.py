@@ -1,7 +1,7 @@
 """Check whether the cameras are at the rig's poses, in the first frames, from motion and from the empty room.
 
 The outlines alone cannot show it, because they are searched at the predicted body. So the foreground relative to the
-empty room is compared, or motion if the room is not known.
+empty room, where that is known, and the motion in the images are compared with the bodies.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class RigCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Start again."""
+        """Forget all comparisons and messages."""
         self.said: list[str] = []
         self._moved, self._shares = MovedSince(), dict[str, list[float]]()
         self._compared = False

@@ -29,21 +29,21 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 MOST_AT_FIRST = 0.6
-"""Largest change of a background before its usual change is known."""
+"""Threshold of a changed fraction before the first value of `Usually`."""
 LEAST_JUMP, BEYOND = 0.04, 6.0
-"""A change of a background is significant above this, and above `BEYOND` usual deviations …"""
+"""A changed fraction is an outlier if it is above the mean by more than this and `BEYOND` mean deviations."""
 LEAST_LOSS = 0.25
-"""… and so is a loss of the outlines' usual overlap by this."""
+"""An overlap is an outlier if it is below the mean by more than this and `BEYOND` mean deviations."""
 LEARNT = 0.2
-"""Learning rate of the usual value and its deviation."""
+"""Learning rate of the mean and the mean deviation of `Usually`."""
 WIDE = 2.0
 """Factor of the search distance of outlines if the pose is rough, as in the first frame."""
 FARTHER, EVERY = 0.3, 3
-"""Margin around the body's window for the search of limbs, as a fraction of it, and the sampling step there."""
+"""Search of limbs: margin around the body's window, as a fraction of it, and sampling step, in strides."""
 NEAREST_LIMB_M = 0.3
 """A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
 USUAL_STEP_PX = 2
-"""Reference sampling step of a region's settings in pixels; they are scaled for others."""
+"""Stride for which `RegionSettings` give lengths and areas; they are scaled to a camera's stride [px]."""
 
 
 class SeenIn(msgspec.Struct, frozen=True, eq=False):
@@ -165,7 +165,7 @@ class SilhouetteCamera:
         return float("nan") if self.background is None else self.background.unlike(image, self._expected())
 
     def forget_background(self) -> None:
-        """Forget the background; the next learnt image becomes the new one. It must not be None."""
+        """Forget the background; the next learnt image becomes the new one. `background` must not be None."""
         assert self.background is not None
         self.background.reset()
         self.usually = Usually()
@@ -340,7 +340,7 @@ class Usually:
 
 
 def _scaled(region: RegionSettings, step_px: int) -> RegionSettings:
-    """Scale settings for samples of `USUAL_STEP_PX` to samples of another step."""
+    """Scale settings for a stride of `USUAL_STEP_PX` to another stride."""
     scale = step_px / USUAL_STEP_PX
     return dataclasses.replace(
         region,

@@ -1,6 +1,6 @@
 """Report which cameras are left out for which bodies, once that has lasted for some frames.
 
-A camera is left out for a body while its image fails `image_rejection`. Short rejections are not reported (debouncing).
+A camera is left out for a body while its image is missing or fails `image_rejection`, or the body is outside of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ SAID_AFTER: Final = 3
 
 
 class CameraConditions:
-    """Counts for how many frames each camera's image is rejected for each body.
+    """Counts for how many consecutive frames each camera is left out for each body.
 
     Args:
         rig: the cameras.
@@ -76,6 +76,6 @@ class CameraConditions:
 
     @staticmethod
     def _reason(camera: str, name: str, body: SeenBody) -> str:
-        """Return why a camera is left out for a body; empty if it is not, or if the body is lost."""
+        """Return why a camera is left out for a body; empty if it is not. A lost body counts as inside the image."""
         silent = camera in body.fit.seen or body.lost
         return body.fit.left_out.get(camera, "" if silent else f"{called(name)} is outside of its image")

@@ -29,9 +29,9 @@ class Steadiness:
     Attributes:
         point_m_per_s2: standard deviation of the acceleration of a point of the surface at rest; larger: less lag, more
             jitter [m/s²].
-        point_per_s: that of a moving point is greater by this times its speed; larger: less lag in motion, more jitter
-            [1/s].
-        point_per_past: that of a point is greater by this times its recent acceleration; larger: less lag after sudden
+        point_per_s: this times a point's speed is added to its standard deviation, in squares; larger: less lag in
+            motion, more jitter [1/s].
+        point_per_past: this times a point's recent acceleration is added likewise; larger: less lag after sudden
             motion, more jitter [ratio].
         root_m_per_s2: standard deviation of the acceleration of the body's position; larger: less lag, more jitter
             [m/s²].
@@ -66,12 +66,13 @@ class Steadiness:
         """Return the weights of the smoothness prior on deviations of root and angles from the predicted pose.
 
         Args:
-            per_s2: 1 / T², T the time between two frames: an acceleration a displaces the body by a · T² [1/s²].
+            per_s2: 1 / T², T the time between two frames: an acceleration a displaces the body from the
+                prediction at constant velocity by a · T² [1/s²].
         """
         return JitterPenalty(per_s2 / self.root_m_per_s2, per_s2 / self.root_rad_per_s2, per_s2 / self.angle_rad_per_s2)
 
     def times(self, weight: float) -> Steadiness:
-        """Return a penalty whose weight in the cost is multiplied by ``weight``, above 0: a larger one holds more."""
+        """Return settings whose penalty is multiplied by ``weight``, above 0; larger: less jitter, more lag."""
         s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
         times = {one.name: float(s * getattr(self, one.name)) for one in fields(self)}
         return Steadiness(**{**times, "beside_skin": self.beside_skin})
@@ -103,8 +104,8 @@ class SilhouetteSettings:
             work, less accurate [samples].
         usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it; larger:
             hidden limbs stay nearer to it [1/rad].
-        unlike: share of the usually unchanged background above whose change an image is rejected; larger: fewer images
-            are rejected [0 to 1].
+        unlike: an image is rejected if more than this fraction of the usually unchanged background has changed; larger:
+            fewer images are rejected [0 to 1].
         something_else_s: after being rejected for so long, an image becomes the new background, because the light has
             changed or the camera has moved [s].
     """

@@ -43,7 +43,7 @@ ENOUGH: Final = {"legs": ("shank", "thigh"), **dict.fromkeys(("male", "female"),
 FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
-"""Least distance between the centres of two bodies at the start [m]."""
+"""Least distance between the roots of two bodies at the start [m]."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
 """Largest reprojection error of points, as a fraction of the image's longer side, and its lower bound [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
@@ -85,7 +85,7 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
         frame: index of the frame to use, from 0.
 
     Raises:
-        InputError: a camera that the rig does not have, no such frame, or unknown names.
+        InputError: a camera that the rig does not have, no such frame, or no point named like a joint.
         CalibrationError: the cameras' points do not meet in space.
     """
     if not 0 <= frame < len(tracks.frames):
@@ -158,7 +158,8 @@ def body_of(model: str, height_m: float | None, joints: Mapping[str, Float64]) -
         joints: positions (3,) in the world [m], by the names of a body's landmarks.
 
     Raises:
-        SettingsError: no such model, or neither the joints nor a height give the person's size.
+        SettingsError: no such model, or an implausible height.
+        InputError: no height, and the joints lack the segments of `ENOUGH`.
         CalibrationError: the joints do not fit a person.
     """
     if model not in MODELS:
@@ -189,7 +190,7 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
         proportions: lengths of segments [m], by name.
 
     Raises:
-        SettingsError: there is no such model.
+        SettingsError: no such model, or an implausible height or length.
     """
     if model not in MODELS:
         raise SettingsError(f"model is {model!r}; it must be one of {one_of(model, MODELS)}, or a mesh's file")
@@ -208,7 +209,7 @@ def start_pose(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose:
         joints: positions (3,) in the world [m], by landmark name; joints that the body lacks are ignored.
 
     Raises:
-        SettingsError: fewer than three joints that the body has.
+        SettingsError: fewer than three joints that the body has, or all on a line.
         CalibrationError: no pose is near the joints: their median distance is above `FAR_M`.
     """
     known = {name: at for name, at in joints.items() if name in mesh.landmarks}

@@ -23,7 +23,7 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
     """One body in one frame.
 
     Attributes:
-        fit: pose, landmarks, and outlines by camera; for a lost body at its initial or last seen pose.
+        fit: pose, landmarks, and outlines by camera; for a lost body in its waiting pose, see `body_presence`.
         lost: whether the person is absent: not yet arrived, or gone.
         waits: silhouette of a lost body in its waiting pose, by camera that shows it there; empty for a present body.
     """

@@ -73,7 +73,7 @@ class SilhouettesTracker:
         waiting: whether the room is empty at first: bodies count as lost, and are searched, until they are seen.
 
     Attributes:
-        bodies, rig: as given.
+        bodies, rig: the arguments of these names.
         seen: the last frame with its fits; None before the first.
 
     Raises:
@@ -173,7 +173,7 @@ class SilhouettesTracker:
         `seen` is None until the next complete set of images.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
         """
         kind, own, memories = unpack(data, _REMEMBERED)
         if kind != _FORMAT:

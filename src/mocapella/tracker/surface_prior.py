@@ -62,7 +62,8 @@ class SurfacePrior:
         Args:
             stands: the body in its predicted pose.
             since_s: time since the last frame [s].
-            per_s2: 1 / T², T the time between two frames: an acceleration a displaces a point by a · T² [1/s²].
+            per_s2: 1 / T², T the time between two frames: an acceleration a displaces a point from the
+                prediction at constant velocity by a · T² [1/s²].
         """
         s = self._steadiness
         self._onward, self._since_s, self._per_s2 = stands.vertices[self._body.skin], since_s, per_s2
