@@ -25,7 +25,7 @@ RATE_OF: Final = 10
 TOO_FEW: Final = 0.9
 """A source whose frame rate is below this fraction of its nominal rate is reported as too slow."""
 FROZEN_OF: Final = 10
-"""Equal images, at least, of a camera that is reported as frozen: noise changes every image."""
+"""Least number of equal images in a row after which a camera is reported as frozen: noise makes images differ."""
 _EVERY_PX: Final = 4
 
 
@@ -36,9 +36,9 @@ class AcquisitionSettings:
     Attributes:
         retry_s, longest_retry_s: first and longest wait before a lost camera is reopened [s]; the wait doubles each
             time.
-        silent_s: time without an image after which a camera is reported as silent, and without a different one after
-            which it is reported as frozen [s].
-        close_s: longest wait at the end for a driver that does not answer [s].
+        silent_s: time without an image after which a camera is reported as silent; also, time for which its images must
+            have been equal before it is reported as frozen [s].
+        close_s: longest wait for the thread to end when the acquisition is closed [s].
     """
 
     retry_s: float = 0.5
@@ -59,8 +59,8 @@ class AcquisitionReport:
 
     Attributes:
         taken: number of images received from the source.
-        dropped: number of these images that a newer one replaced before they were taken.
-        lost: number of losses of the camera.
+        dropped: number of these images that a newer one replaced before the caller took them.
+        lost: number of times that the camera was lost.
         fps: measured frame rate of the last seconds, by the capture times [Hz]; 0 while unknown.
         asked_fps: requested or stated frame rate [Hz]; None if unknown.
         live: whether the source is a camera.
@@ -75,7 +75,7 @@ class AcquisitionReport:
 
     @property
     def too_few(self) -> str:
-        """Message that the frame rate is too low; empty if it is not, or not yet known."""
+        """Message if the rate is below `TOO_FEW` of ``asked_fps``; empty if it is not, or if a rate is unknown."""
         if not self.asked_fps or not self.fps or self.fps >= TOO_FEW * self.asked_fps:
             return ""
         camera = "shorten the exposure, make the pictures smaller, or try --set fourcc=MJPG"
@@ -91,8 +91,8 @@ class Acquisition:
     Args:
         source: the source, not opened yet; the constructor opens it.
         settings: the timing.
-        say: receives messages when the source is lost, silent, frozen, and available again; partly called by the
-            thread.
+        say: receives messages when the source is lost, silent, frozen, and available again; called by the thread, and
+            by `take` and `take_all` for a silent source.
         changed: notified when an image arrives or the source ends; several acquisitions may share one, to be waited
             for together. None for one of its own.
 
@@ -126,7 +126,7 @@ class Acquisition:
         self._thread: threading.Thread | None = None
 
     def start(self, zero_s: float | None = None) -> None:
-        """Start the thread, once; ``zero_s`` is the source's time 0 on the monotonic clock [s], None for now."""
+        """Start the thread; call it once. ``zero_s``: the source's time 0 on the monotonic clock [s], None for now."""
         self.source.begin(time.monotonic() if zero_s is None else zero_s)
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -146,7 +146,7 @@ class Acquisition:
         shared ``changed``.
 
         Raises:
-            MocapellaError: the source has failed for good; raised once.
+            MocapellaError: the source raised it, and is not read any more; raised once.
         """
         found = self.take_all(timeout)
         with self._changed:
@@ -159,7 +159,7 @@ class Acquisition:
         The list is empty if none arrives in that time. The wait is shorter in the cases that `take` names.
 
         Raises:
-            MocapellaError: the source has failed for good; raised once.
+            MocapellaError: the source raised it, and is not read any more; raised once.
         """
         with self._changed:
             if not self._slot and not self._ended:

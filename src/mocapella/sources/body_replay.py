@@ -20,7 +20,7 @@ class BodyReplay:
 
     Args:
         rows: the file.
-        sensor: name of the sensor, which the file does not name; that of its topology if None.
+        sensor: name of the sensor, which is not in the file; None for the name of its topology.
 
     Attributes:
         sensor: name of the sensor.
@@ -49,7 +49,7 @@ class BodyReplay:
         return float(self._due_s()[-1])
 
     def frames(self, sensor: str) -> Iterator[tuple[float, BodyFrame]]:
-        """Yield the frames in the order of capture, under any name of a sensor, each with its due time.
+        """Yield the frames in the order of capture, with ``sensor`` as the sensor's name, each with its due time.
 
         ``node_id`` and ``sent_ns`` are 0: the publisher sets them.
 
@@ -63,7 +63,7 @@ class BodyReplay:
         return ((due_s, track.frame(number)) for number, due_s in enumerate(self._due_s().tolist()))
 
     def arrivals(self) -> Iterator[Arrival]:
-        """Yield the frames in the order of capture, for tracking without a network; ``at_ns`` is the sensor's time."""
+        """Yield the frames in the order of capture, for tracking without a network; ``at_ns`` is the file's time."""
         for number, at_ns in enumerate(self._track.at_ns.tolist()):
             yield Arrival(self._track.frame(number), at_ns)
 

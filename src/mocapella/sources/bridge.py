@@ -103,7 +103,7 @@ class Bridge:
     """TCP server that runs from `start` to `stop` in its own thread. A context manager that starts and stops it.
 
     All callbacks are called by that thread, one at a time. A sensor belongs to the first connection that sends its
-    frames; another connection that sends them is refused.
+    frames, until that one ends; another connection that sends them is ended.
 
     Args:
         on_frame: receives each valid frame. It may refuse a frame by raising a `MocapellaError`, such as
@@ -278,10 +278,10 @@ class Bridge:
 
 
 def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:
-    """Refuse a frame that the server would drop as a repetition, without any notice.
+    """Refuse a frame that the server would silently drop as a repetition.
 
     Raises:
-        WireError: node id, sequence number or time does not follow the last frame's.
+        WireError: the node id is 0; or it is the last frame's, and sequence number or time does not rise.
     """
     if frame.node_id == 0:
         raise WireError("BodyFrame.node_id is 0; take a random number at each start of the program")

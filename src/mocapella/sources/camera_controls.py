@@ -113,7 +113,7 @@ def _format_problems(capture: Any, wishes: CameraWishes) -> list[str]:
 
 
 def _switched_off(capture: Any, name: str) -> bool:
-    """Switch an automatic mode off; whether that succeeded. A mode unknown to the driver is off only for the focus."""
+    """Switch an automatic mode off; whether it is off. Of modes unknown to the driver, only the focus counts as off."""
     prop = _AUTOMATIC[name]
     offs = _MANUAL_EXPOSURE.get(_back_end(capture), (1.0, 0.25, 0.0)) if name == "exposure" else (0.0,)
     for off in offs:

@@ -33,13 +33,13 @@ class CaptureCamera:
     """A local camera or a network stream.
 
     Capture times are on the monotonic clock. Where the driver stamps frames on that clock (Linux, V4L2), its stamp is
-    used. Elsewhere, and after the first stamp that is not within `NEWEST_S` before the frame's arrival, the capture
-    time is the arrival.
+    used. Elsewhere, and from the first stamp on that is not within `NEWEST_S` before the frame's arrival or does not
+    rise, the capture time is the arrival.
 
     Args:
         target: number of the camera, or address of the stream.
         name: name of the source, as the user wrote it.
-        wishes: requested settings; of a stream none is set, and ``fps`` is only reported as its rate.
+        wishes: requested settings; they have no effect on a stream, whose rate is reported as ``wishes.fps``.
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the monotonic clock, in seconds.
 

@@ -21,15 +21,15 @@ from mocapella.sources.datagram_settings import DatagramSettings, PortReport
 from mocapella.sources.datagram_sockets import address_text, prepare, receive, socket_for
 
 _MOST_READ: Final = 64
-"""Datagrams read from a socket at a time."""
+"""Largest number of datagrams read from a socket at a time."""
 _MOST_DECODED: Final = 8
-"""Datagrams tried, from the newest on, until one can be decoded."""
+"""Largest number of waiting datagrams to decode, the newest first, until one is readable."""
 _NEAR: Final = 1000
 """A sequence number farther than this from the last one means that the program has restarted."""
 _CLOCK_WINDOW_NS: Final = 5 * NS_PER_S
 _CLOCK_JUMP_NS: Final = NS_PER_S // 5
 _OLDEST_NS: Final = NS_PER_S
-"""An older arrival time of the kernel is ignored: the wall clock was set in between."""
+"""Greatest plausible age of the kernel's arrival time; beyond it, the wall clock was set in between [ns]."""
 
 
 class _Received(NamedTuple):
@@ -112,7 +112,7 @@ class DatagramPort:
         """Read the waiting datagrams without blocking, and decode the newest readable one into a frame.
 
         Older waiting datagrams are counted as superseded. None is returned if none is readable, or if the newest one's
-        sequence number does not rise.
+        sequence number does not rise and is not that of a restarted program.
 
         Args:
             now_ns: the present time on the monotonic clock [ns].
@@ -160,7 +160,7 @@ class DatagramPort:
             return None
 
     def _in_order(self, datagram: MarkerDatagram, skipped: int) -> bool:
-        """Whether a datagram's sequence number is above the last one; missing numbers are counted."""
+        """Count repeated, late and missing sequence numbers; False for a repeated or late one."""
         last, now = self._sequence, datagram.sequence
         if last is not None and now is not None and -_NEAR <= now - last <= 0:
             self._counts["out_of_order" if now < last else "repeated"] += 1
@@ -232,9 +232,9 @@ class DatagramPort:
 
 
 class SenderClock:
-    """Converts times of a sender's clock to this machine's clock, by the least delay of the last seconds.
+    """Converts times of a sender's clock to this machine's clock, by the least delay of the last 5 to 10 s.
 
-    With this window, clocks whose rates differ by 50 parts in a million cause an error of a quarter of a millisecond.
+    With this window, clocks whose rates differ by 50 parts in a million cause an error of at most half a millisecond.
     """
 
     def __init__(self) -> None:

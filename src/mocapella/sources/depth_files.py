@@ -175,7 +175,7 @@ def read_depth_png(path: Path) -> UInt16:
 
     Raises:
         DamagedImageError: it is truncated, or a chunk has a wrong checksum.
-        InputError: it does not exist, is not a PNG, or is a PNG of another pixel format.
+        InputError: it does not exist, is not a PNG, or has another pixel format or more than `MOST_PX` pixels.
     """
     data = read_whole(path, fix="name a file that is there")
     _check_png(data, path)

@@ -24,24 +24,24 @@ KINECT_RAW: Final = "kinect-raw"
 """Value of ``--unit`` for images that are a Kinect v1's disparities."""
 NARROWEST_DEG: Final = 15.0
 WIDEST_DEG: Final = 140.0
-"""Range of plausible horizontal fields of view of depth cameras [deg]."""
+"""`NARROWEST_DEG` to `WIDEST_DEG` is the range of plausible horizontal fields of view of depth cameras [deg]."""
 NEAREST_M: Final = 0.05
 FARTHEST_M: Final = 20.0
-"""Range of plausible median distances in a depth image [m]."""
+"""`NEAREST_M` to `FARTHEST_M` is the range of plausible median distances in a depth image [m]."""
 _USUAL_M: Final = (0.2, 6.0)
-"""Range of usual median distances; a unit that gives one is suggested."""
+"""Range of usual median distances in a depth image [m]; units that give one are suggested."""
 _UNITS_M: Final = (0.001, 0.000125, 0.0001, 0.00025, 0.0002, 0.01, 1e-6)
-"""Units of cameras and data sets, the most common first."""
+"""Units of depth in cameras and data sets, the most common first [m]."""
 _FOCAL_PX: Final = {
     (640, 480): 575.8, (320, 240): 287.9, (512, 424): 365.5, (848, 480): 425.0, (1280, 720): 640.0,
     (640, 576): 504.0, (640, 400): 475.0, (1280, 800): 620.0,
 }  # fmt: skip
-"""Focal lengths of common cameras by image size, for suggestions."""
+"""Focal lengths of common cameras by image size, for suggestions [px]."""
 SHORTEST_HAND_M: Final = 0.14
 LONGEST_HAND_M: Final = 0.235
-"""Range of hand lengths, from the wrist to the tip of the middle finger, including errors of the fit [m]."""
+"""Longest hand, from wrist to middle fingertip; like `SHORTEST_HAND_M`, it includes errors of the fit [m]."""
 _SHORTEST_BENT_M: Final = 0.12
-"""Shortest hand with bent or partly hidden fingers, whose fitted lengths are inferred and mostly too short."""
+"""Shortest hand with bent or partly hidden fingers, whose fitted lengths are inferred and mostly too short [m]."""
 _HAND_M: Final = 0.186
 _LEAST_M, _MOST_M = 0.03, 1.0
 _HANDS_WANTED: Final = 5
@@ -50,8 +50,8 @@ _MIDDLE: Final = (0, 9, 10, 11, 12)
 _STRAIGHT: Final = 0.9
 """Least ratio of the distance from wrist to middle fingertip to the length along the bones; a fist's is 0.3 to 0.6."""
 _ALIKE: Final = 0.45
-"""Largest log ratio at which a common value is suggested: sizes are fitted within limits and show only part of an
-error."""
+"""Largest |ln| of the ratio of a common focal length or unit to the computed one at which the common one is suggested.
+It is large because detectors limit a hand's size, which then shows only part of an error."""
 _ENOUGH_PX: Final = 100
 """Least number of measured pixels for a check of the unit."""
 
@@ -188,15 +188,15 @@ def complete(state: SourceState, source: object) -> Camera:
 
 
 class UnitCheck:
-    """Check of the unit on the first image with enough measured pixels; later images are only counted.
+    """Check of the unit, on the first image with enough measured pixels; later images are only counted.
 
     Args:
         unit_m: length of a unit of the images [m].
         source: named in the error.
 
     Attributes:
-        images: number of images checked.
-        empty: number of checked images without a measured pixel.
+        images: number of images given to `update`.
+        empty: number of these images without a measured pixel.
     """
 
     def __init__(self, unit_m: float, source: object) -> None:
@@ -278,8 +278,8 @@ def unit_problem(there: UInt16, unit_m: float) -> tuple[str, str] | None:
 class HandSizeCheck:
     """Check of lens and unit by the size of the detected hands.
 
-    A wrong focal length or unit scales a hand by the same factor; a detector that fits sizes shows most of that. Only
-    hands with a straight and measured middle finger count, or all hands if these are too few.
+    A wrong focal length or unit changes all lengths by one factor, which appears in the hands of a detector that
+    estimates sizes. Only hands with a straight and measured middle finger count, or all hands if these are too few.
 
     Args:
         lens: (9,) intrinsics and distortion in use: fx fy cx cy [px], k1 k2 p1 p2 k3.
@@ -293,7 +293,7 @@ class HandSizeCheck:
         self._straight_m: deque[float] = deque(maxlen=_HANDS_KEPT)
 
     def update(self, arms: Sequence[SeenArm]) -> None:
-        """Add the arms of the next image; an arm whose middle finger has a NaN joint is ignored.
+        """Add the arms of the next image; a hand with a NaN in the middle finger or of absurd length is ignored.
 
         The last 300 hands count.
         """

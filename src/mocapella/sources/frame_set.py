@@ -24,7 +24,7 @@ OTHER_SIZES: Final = {
     "scale": "the whole picture was made larger or smaller",
 }
 RATIO_WITHIN: Final = 0.01
-"""Largest relative difference of the horizontal and the vertical scale of an image that was only scaled."""
+"""Largest relative difference of the horizontal and vertical scale factors at which ``scale`` is accepted."""
 
 
 class FrameSet(msgspec.Struct, frozen=True, eq=False):

@@ -94,8 +94,8 @@ class MarkerDatagrams:
 
         Returns:
             At most one frame per camera, the newest, in no fixed order; empty if none has arrived. A frame's
-            ``time_ns`` is on the monotonic clock, the settings' ``delay`` before the arrival; node and sequence number
-            are 0, and the publisher sets them.
+            ``time_ns`` is on the monotonic clock: the settings' ``delay`` before the arrival, or before the program's
+            own time (see `SenderClock`). Node and sequence number are 0; the publisher sets them.
         """
         until_ns = self._clock() + round(timeout * NS_PER_S)
         while True:

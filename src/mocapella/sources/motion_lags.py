@@ -32,20 +32,20 @@ LEAST_S: Final = 6.0
 STEP_S: Final = 0.01
 """Sampling interval of the signals, and step of the shift [s]."""
 SLOW_S: Final = 1.5
-"""Period of the high-pass filter: slower changes, such as the light, do not count [s]."""
+"""Length of the moving average that is subtracted, so that slow changes, such as of the light, do not count [s]."""
 ALIKE: Final = 0.5
-"""Least correlation of two signals of the same motion."""
+"""Least correlation at which two signals are taken to show one motion."""
 RIVAL: Final = 0.9
 """Share of the best correlation at which a second maximum makes the shift ambiguous."""
 AGREE_S: Final = 0.03
-"""Largest residual of the shifts of all pairs of cameras [s]."""
+"""Largest residual of a pair's shift, given all cameras' lags, at which the shifts are consistent [s]."""
 APART_S: Final = 0.1
-"""Least distance of two different maxima [s]."""
+"""Distance from the best shift beyond which a second maximum is another one [s]."""
 GAP_S: Final = 0.4
 """A longer gap between two images of a camera clears its signal [s]."""
 _WIDE_PX: Final = 80
 _NOISE: Final = 10
-"""Change of a pixel by noise, in grey levels."""
+"""Change of a pixel that is attributed to noise and subtracted, in grey levels."""
 
 
 class MotionLags:
@@ -84,7 +84,7 @@ class MotionLags:
                 course.popleft()
 
     def measure(self) -> dict[str, float]:
-        """Estimate each camera's lag behind the camera with the least latency, which has 0 [s].
+        """Estimate each camera's lag [s] behind the camera with the least latency, whose lag is 0.
 
         Cameras without an estimate are omitted. The result is empty without distinct shared motion, or if the shifts of
         pairs contradict each other.
@@ -124,7 +124,7 @@ def _late(shifts: Mapping[tuple[str, str], float]) -> dict[str, float]:
 
 
 def _shift(a: Float64, b: Float64) -> float | None:
-    """Lag of the signal ``b`` (n, 2) [s, any unit] behind ``a`` [s]; None if it is not distinct."""
+    """Lag [s] of the signal ``b`` behind ``a``, both (n, 2) times [s] and values; None if it is not distinct."""
     if min(len(a), len(b)) < 2:
         return None
     begin, end = max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0])

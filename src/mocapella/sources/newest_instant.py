@@ -22,21 +22,21 @@ from mocapella.settings import check
 from mocapella.sources.picture_source import Picture
 
 INTERVALS: Final = 15
-"""Number of the last intervals; a camera's period is their median."""
+"""Number of a camera's last frame intervals, whose median is its period; also of its last latencies."""
 FEWEST: Final = 5
 """Least number of intervals for a period."""
 OVERDUE: Final = 1.5
 """Time after a camera's last image until its next one is no longer expected, in periods."""
 NEARER: Final = 0.125
-"""Least gain in synchrony for which a frame waits, in periods."""
+"""Least decrease of the time span of a frame's images for which the frame waits, in periods."""
 LONGEST: Final = 2.0
-"""Longest wait for a frame, in periods."""
+"""Longest time for which a frame waits for better images, in periods."""
 LATE, LATE_AGAIN = 1.0, 0.5
-"""Additional latency from which a camera counts as late, and below which no longer, in periods."""
+"""Latency above the least one from which a camera counts as late, and below which no longer, in periods."""
 STEADY: Final = 0.5
 """Largest interquartile range of a camera's latency at which it is known, in periods."""
 LATEST_S: Final = 0.5
-"""Largest additional latency that the other cameras wait for; it limits the number of images kept [s]."""
+"""Largest latency above the least one that the other cameras wait for; it limits the number of images kept [s]."""
 
 
 class PictureSet(msgspec.Struct, frozen=True, eq=False):
@@ -85,7 +85,7 @@ class _Camera:
         return known[len(known) // 2] if len(known) >= FEWEST else None
 
     def late_ns(self, period_ns: float) -> float | None:
-        """Latency: arrival minus capture time, on a clock of all cameras; None while unknown."""
+        """Median latency (arrival minus capture time) [ns]; None while it is unknown or varies, see `STEADY`."""
         known = sorted(self._late)
         count = len(known)
         if count <= FEWEST or known[3 * count // 4] - known[count // 4] > STEADY * period_ns:
@@ -143,7 +143,7 @@ class NewestInstant:
 
     @property
     def held_ns(self) -> float | None:
-        """Latency to which all images are delayed because of a late camera [ns]; None if they are not delayed."""
+        """Latency of the late camera, to which the others' images are delayed [ns]; None if no camera is late."""
         return self._out_ns
 
     def late_ns(self) -> dict[str, float]:

@@ -17,7 +17,7 @@ from mocapella.sources.paced_depth import PacedDepth
 from mocapella.sources.picture_source import PictureSource
 
 RAW: Final = "freenect"
-"""The only kind of camera that can also give disparities."""
+"""The only kind of depth camera that can also give its raw disparities instead of depths."""
 RENDERED: Final = "rendered"
 KINDS: Final = (
     "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL, orbbec:0 or rendered:SCENE/SEED"

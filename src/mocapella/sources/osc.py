@@ -32,7 +32,7 @@ from mocapella.model.poses import PoseFrame, pose_frame, quaternion_of
 Float64 = NDArray[np.float64]
 
 MOST_BYTES: Final = 65_507
-"""Largest UDP datagram."""
+"""Largest payload of a UDP datagram [bytes]."""
 _MOST_MESSAGES: Final = 1024
 _DEEPEST: Final = 4
 _MOST_BODIES: Final = 256
@@ -320,5 +320,5 @@ def bundle(*parts: bytes) -> bytes:
 
 
 def as_json(report: OscReport) -> Mapping[str, Any]:
-    """Return the counts of a report by name, as JSON types, for ``--json``."""
+    """Return a report's fields by name, as JSON types, for ``--json``."""
     return {**vars(report), "refused": dict(report.refused)}

@@ -70,7 +70,7 @@ class SourceState:
 
 
 class PictureSource(Protocol):
-    """A source of images. It is opened and read by one thread at a time; reading ends early when ``stop`` is set."""
+    """A source of images. It is opened and read by one thread at a time."""
 
     name: str
     """Name of the source, as the user wrote it."""
@@ -95,7 +95,10 @@ class PictureSource(Protocol):
         ...
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None if a recording has ended, a camera is lost, or ``stop`` is set."""
+        """Wait for the next image; None if a recording has ended, a camera is lost, or ``stop`` is set.
+
+        Setting ``stop`` ends the wait early, except in drivers that cannot be interrupted.
+        """
         ...
 
     def close(self) -> None:

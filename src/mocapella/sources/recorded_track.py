@@ -14,7 +14,7 @@ from mocapella.model.topology import Topology
 MAX_STEP_BACK: Final = 0.5
 """Out-of-order frames of a sensor are sorted, up to this far back [s]."""
 MAX_LENGTH: Final = 86_400.0
-"""Longest time between a sensor's rows in one file [s]."""
+"""Longest time from a sensor's first row in a file to any later row [s]."""
 ONE_RUN: Final = "a file is one run of the sensors: split it where the time restarts"
 """Advice for a file whose times go back or leap."""
 
@@ -72,11 +72,11 @@ class RecordedTrack(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         sensor: its name.
         topology: names and order of the joints.
-        bodies: fields of `BodyFrame` over the bodies of all frames, in the order of capture.
+        bodies: fields of `BodyFrame` by name, each an array over the bodies of all frames, in the order of capture.
         starts: (frames + 1,), frame i has the bodies ``starts[i]`` to ``starts[i + 1] - 1``.
-        tilt, height: (frames,), 0 if the file has none.
-        time_ns: (frames,), on the sensor's own clock; strictly rising.
-        at_ns: (frames,), Unix time, or the sensor's own if the file has no other.
+        tilt, height: (frames,) tilt of the sensor [rad] and its height above the floor [m]; 0 if the file has none.
+        time_ns: (frames,) capture times on the sensor's own clock, strictly rising [ns].
+        at_ns: (frames,) capture times in Unix time, or on the sensor's clock if the file has no other [ns].
         duplicates_dropped, sorted: see `ReplayReport`.
     """
 
@@ -92,7 +92,7 @@ class RecordedTrack(msgspec.Struct, frozen=True, eq=False):
     sorted: int
 
     def frame(self, number: int) -> BodyFrame:
-        """Make the sensor's frame with that number."""
+        """Make the sensor's frame of this number, from 0."""
         first, end = self.starts[number], self.starts[number + 1]
         return BodyFrame(
             sensor=self.sensor,

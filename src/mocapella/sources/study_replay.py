@@ -53,9 +53,9 @@ class StudyReplay:
         placement: key of `mocapella.model.session.PLACEMENTS`; empty if the file has one sensor and states none.
         T_reference_second: (4, 4), from the nominal camera frame of the second sensor to the reference's; the identity
             without a second sensor.
-        T_reference_second_of: transform (4, 4) of each person's logged skeletons. The first person's is
-            ``T_reference_second``; the others' differ from it as the thesis' calibrations for the two people differ, so
-            that the replayed sensor has one camera frame.
+        T_reference_second_of: (4, 4) by person id; its inverse transforms the second sensor's logged skeletons of that
+            person into the replayed camera frame. It is ``T_reference_second`` for the first person; for others, the
+            difference between the thesis' calibrations for the two people is corrected.
         report: counts of rows and frames.
 
     Raises:

@@ -183,8 +183,8 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
 
     It is a rotation about the vertical axis where people stood, or a translation for parallel sensors.
 
-    The placement gives the angle, but not its sign, because either sensor can be the reference. The sign is that of the
-    difference of a person's two stand-still angles, since θ grows by a sensor's rotation.
+    The placement gives the angle, but not its sign, because either sensor can be the reference. The sign is that of θ,
+    a standing person's logged angle, in the second sensor minus θ in the reference; if none is logged, right is minus.
 
     Args:
         log: the file.

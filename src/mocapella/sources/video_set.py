@@ -24,7 +24,7 @@ from mocapella.sources.video import IMAGES, Frames, open_video, pictures
 UInt8 = NDArray[np.uint8]
 
 RATES_WITHIN: Final = 2e-4
-"""Largest relative difference of equal frame rates: at 29.97 and 30 Hz videos are a frame apart after half a minute."""
+"""Largest relative difference of frame rates that count as equal; 29.97 and 30 Hz do not, a frame apart after 33 s."""
 
 
 class Video(msgspec.Struct, frozen=True):

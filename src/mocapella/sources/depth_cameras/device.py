@@ -41,9 +41,9 @@ class Stamped(NamedTuple):
 class DepthDevice(ABC):
     """A live depth camera; a `mocapella.sources.picture_source.PictureSource`.
 
-    Capture times are the device's stamps, brought to the monotonic clock by the arrival of the first image. Without
-    stamps, they are the arrivals. Images are (height, width) uint16 distances along the optical axis in the unit of the
-    state that `open` returns; 0 is not measured. The constructor does not open the camera.
+    Capture times are the device's stamps plus a clock offset: the first image's arrival on the monotonic clock minus
+    its stamp. Without stamps, they are the arrivals. Images are (height, width) uint16 distances along the optical axis
+    in the unit of the state that `open` returns; 0 is not measured. The constructor does not open the camera.
 
     Args:
         which: number of the camera, or its serial number, as the subclass states.
@@ -157,7 +157,7 @@ class DepthDevice(ABC):
             self._stop_quietly(self._package)
 
     def _at(self, stamp_s: float | None, came_s: float) -> float:
-        """Capture time of an image on the monotonic clock, up to the latency of the first image."""
+        """Capture time of an image on the monotonic clock [s], too late by the latency of the first image."""
         if stamp_s is None:
             return came_s
         if self._shift_s is None or abs(came_s - stamp_s - self._shift_s) > JUMP_S:

@@ -12,7 +12,7 @@ of its surface, `mocapella.model.hand_flesh`.
 
 **Rest pose.** The arm is straight along z; all angles are 0 except the fingers' abductions, `REST_ANGLES`.
 
-**Fingertips**: see `mocapella.model.hand_flesh`; r is `ArmMesh.tip_radii_m`.
+**Fingertips.** The surface ends 0.6 `ArmMesh.tip_radii_m` beyond a tip's landmark; see `mocapella.model.hand_flesh`.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ BONES: Final = (
 )
 UPPER_ARM, ELBOW_END, WRIST_END, PALM_BONE, FIRST_DIGIT = range(5)
 PARTS: Final = (*BONES, *(f"{digit} tip" for digit in DIGITS))
-"""Part of each triangle: the bone with the largest weight; a fingertip, from 8 mm before its landmark on, is a part of
-its own."""
+"""Names of the parts that label triangles: the bone with the largest weight, or a fingertip from 8 mm before its
+landmark on."""
 FIRST_TIP: Final = len(BONES)
 TIP_PATCH_M: Final = 0.008
 SHOULDER: Final = 23
@@ -63,8 +63,8 @@ WRIST_FLEXION_RAD: Final = (np.radians(-70), np.radians(75))
 WRIST_DEVIATION_RAD: Final = (np.radians(-35), np.radians(22))
 ELBOW_FLEXION_RAD: Final = (0.0, np.radians(145))
 PRONATION_RAD: Final = (np.radians(-90), np.radians(90))
-"""Joint limits of the arm [rad]: American Academy of Orthopaedic Surgeons, *Joint motion: method of measuring and
-recording* (1965)."""
+"""Joint limits of the forearm's pronation [rad]. This and the arm's other limits are from: American Academy of
+Orthopaedic Surgeons, *Joint motion: method of measuring and recording* (1965)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class ArmShape:
         hand_length_m: length of the hand from the wrist to the tip of the middle finger [m].
         hand_breadth_m: breadth of the hand across the knuckles [m].
         finger_thickness: thickness of the fingers, relative to the reference hand of the same length.
-        finger_length: length of the fingers, relative to their share of the reference hand's length.
+        finger_length: length of the fingers without the thumb, relative to the reference hand of the same length.
         forearm_m, upper_arm_m: lengths of forearm and upper arm from joint to joint [m].
         forearm_thickness: thickness of the forearm, relative to the reference.
         sleeve_from_m: distance of the sleeve's end from the wrist; 0 for a bare arm [m].
@@ -125,8 +125,8 @@ class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
         joints: (4,) flexion of the elbow; pronation of the forearm, 0 with the thumb on the upper arm's side of a bent
-            elbow, π/2 with the palm facing away from it; flexion of the wrist towards the palm; deviation of the wrist
-            towards the thumb [rad].
+            elbow, π/2 with the palm facing away from the upper arm; flexion of the wrist towards the palm; deviation of
+            the wrist towards the thumb [rad].
         T_camera_shoulder: (4, 4) from the shoulder's frame, with z along the upper arm towards the elbow, to the camera
             frame. A left arm's frame is chosen so that the arm, mirrored in x, is a right arm.
     """
@@ -154,7 +154,7 @@ class ArmMesh:
         parts: (m,) index in `PARTS` of each triangle's part.
         bones_of, weights: (n, 4) indices in `BONES` of the bones that move a vertex, and their weights, which sum to 1.
         limbs: (k, 9) tapered limbs of a right arm in the rest pose, relative to the wrist: two ends (3 + 3) and the
-            radii there [m], and the index of the group that they blend in.
+            radii there [m], and the index of a group, within which limbs blend smoothly.
         tip_radii_m: (5,) radii of the fingertips, thumb to little finger [m].
     """
 
@@ -202,12 +202,12 @@ class ArmMesh:
 
     @cached_property
     def palm_parts(self) -> NDArray[np.bool_]:
-        """Whether each triangle (m,) belongs to the palm or a digit."""
+        """Whether each triangle (m,) belongs to the palm or to a digit; False for forearm and upper arm."""
         return self.parts >= PALM_BONE
 
     @cached_property
     def digit_of(self) -> Int64:
-        """Index of each triangle's digit (m,); -1 for none."""
+        """Index of each triangle's digit (m,), 0 for the thumb to 4; -1 for none."""
         bones = np.where(self.parts >= FIRST_TIP, -1, (self.parts.astype(np.int64) - FIRST_DIGIT) // 3)
         return np.where(self.parts >= FIRST_TIP, self.parts.astype(np.int64) - FIRST_TIP, np.maximum(bones, -1))
 
@@ -328,7 +328,7 @@ def _limbs(shape: ArmShape, at_rest: Float64) -> tuple[Float64, Float64]:
 
 
 def _grid(limbs: Float64, fine: float) -> Float64:
-    """Grid nodes (a, b, c, 3), ``fine`` apart at the hand, and up to four times that along the arm."""
+    """Grid nodes (a, b, c, 3), ``fine`` apart [m] at the hand, and up to 3.4 times as far apart along the arm."""
     low = (np.minimum(limbs[:, :3], limbs[:, 3:6]) - limbs[:, 6:8].max(axis=1)[:, None]).min(axis=0)
     high = (np.maximum(limbs[:, :3], limbs[:, 3:6]) + limbs[:, 6:8].max(axis=1)[:, None]).max(axis=0)
 

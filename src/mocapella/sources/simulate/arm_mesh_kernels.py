@@ -33,14 +33,14 @@ def turned(R: Float64, axis: int, angle: float) -> None:
 
 @njit(cache=True)
 def _place(point: Float64, p: Float64) -> None:
-    """Write a point (3,)."""
+    """Copy p (3,) into ``point`` (3,)."""
     for i in range(3):
         point[i] = p[i]
 
 
 @njit(cache=True)
 def _stand(bone: Float64, R: Float64, p: Float64) -> None:
-    """Write a bone's pose (3, 4)."""
+    """Write rotation R (3, 3) and position p (3,) into ``bone`` (3, 4)."""
     for i in range(3):
         for k in range(3):
             bone[i, k] = R[i, k]

@@ -51,8 +51,8 @@ class Posture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     A digit without values is as in ``open``.
 
     Attributes:
-        touch: two digits that touch: the tips of the thumb, named first, and another digit, or two fingers' sides; none
-            by default.
+        touch: names of two digits that touch: the thumb, named first, and a finger with their tips, or two fingers with
+            their sides; None for no contact.
         gesture: name of the gesture; empty for none.
     """
 
@@ -73,7 +73,7 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         move_s: duration of the motion to this key [s].
         hold_s: duration of the pause at this key [s].
         elbow_deg, pronation_deg, wrist_deg, deviation_deg: joint angles, see `ArmMeshPose.joints` [deg].
-        roll_deg: rotation of the whole arm about the optical axis through its middle, clockwise in the image [deg].
+        roll_deg: rotation of the whole arm about the viewing direction through `ArmMotion.middle`, clockwise [deg].
         turn_deg: rotation of the whole arm about its shoulder, as a rotation vector in the camera frame [deg].
         shift_m: translation of the whole arm, in the camera frame [m].
     """
@@ -117,9 +117,9 @@ class ArmMotion:
         keys: key poses, at least one.
         postures: known postures by name; ``open`` must be among them and have values for all digits.
         start: the pose that the keys are relative to.
-        middle: (3,) centre of the roll in the camera frame [m].
-        rate: factor of the speed of the keys.
-        peak_m_s: the palm's greatest speed, which determines the rate [m/s]; 0 keeps ``rate``.
+        middle: (3,) centre of the roll of `Key.roll_deg`, in the camera frame [m].
+        rate: speed of the motion, relative to the keys' durations.
+        peak_m_s: the palm's greatest speed, which replaces ``rate`` by a suitable one [m/s]; 0 keeps ``rate``.
         phase: start within the keys' period, from 0 to 1.
         amount_deg: standard deviation of the random change of each posture's angles [deg].
         seed: random seed of that change.
@@ -178,7 +178,7 @@ class ArmMotion:
         return HeldArm(self._arm(angles, self._mixed(before, after, part)), self._gestures[after] if sure else "")
 
     def _touch(self, before: int, after: int, part: float) -> Float64:
-        """Touching digits (2, 3) before and after, with weights that vanish between the keys."""
+        """Touching digits (2, 3) of the keys before and after, as for `untangled`; weights vanish between the keys."""
         touch = np.zeros((2, 3))
         for row, k, amount in ((0, before, 1.0 - part), (1, after, part)):
             pair = self._touches[k]
@@ -311,7 +311,8 @@ def untangled(
         mesh: mesh of the hand.
         wished: (21,) wished angles, in the order of `mocapella.model.hand.ANGLES` [rad].
         start: (21,) start of the search [rad]; None for the wished angles.
-        touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
+        touch: (n, 3) indices of two digits that must touch, and a weight from 0 to 1. The thumb (0) is first and
+            touches with its tip; two fingers touch with their sides.
         flesh: radii of the capsules: of the digits (5, 4), and half the palm's thickness [m]; None for the mesh's own.
     """
     radii, palm_m = flesh or _flesh(mesh)
@@ -327,8 +328,8 @@ def untangled(
 def worst_overlap(mesh: ArmMesh, angles: Float64) -> float:
     """Return the largest overlap of a finger with another or with the palm [m]; 0 without any.
 
-    The hand is modelled as tapered capsules around the bones; of the first bones of neighbouring
-    fingers, the 45 % of their length next to the knuckle are ignored.
+    The hand is modelled as tapered capsules around the bones; of each digit's first bone, the 45 % of its length next
+    to the palm are ignored, since neighbouring digits merge there.
 
     Args:
         mesh: mesh of the hand.

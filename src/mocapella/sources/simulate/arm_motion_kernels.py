@@ -139,7 +139,7 @@ def overlaps(limbs: Float64, out: Float64) -> None:
 
 @njit(cache=True)
 def limit(angles: Float64, hand: HandGeometry) -> None:
-    """Clamp angles (21,) [rad] to the joint limits, in place, towards the centres of their cones and ranges."""
+    """Clamp angles (21,) [rad] to the joint limits and, of each digit's base, to its elliptic cone, in place."""
     which, cones, limits = hand.which, hand.cones, hand.limits
     for i in range(len(angles)):
         angles[i] = min(max(angles[i], limits[i, 0]), limits[i, 1])
@@ -232,7 +232,7 @@ def untangle(
         hand: the hand's geometry.
         wished: (21,) wished angles [rad].
         start: (21,) angles at which the search begins [rad].
-        touch: (n, 3) two digits that must touch, the thumb first and with its tip, and the weight from 0 to 1.
+        touch: (n, 3) indices of two digits that must touch, and a weight, as in `arm_motion.untangled`.
         allowed_m: smaller overlaps are accepted [m].
         angles: (21,) written [rad].
     """

@@ -48,8 +48,8 @@ class RoomLight(NamedTuple):
         strength: (3,) strength of the directed light.
         sky, ground: (3,) strength of the ambient light from above and from below.
         towards: (3,) unit vector towards the directed light.
-        softness: spread of the light's direction, for penumbrae.
-        lamps: (3,) factor of the light that a `WINDOW` emits.
+        softness: range of the random change of each component of ``towards`` from sample to sample, for penumbrae.
+        lamps: (3,) light that a `WINDOW` of reflectance 1 emits.
     """
 
     strength: Float64
@@ -235,7 +235,7 @@ def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Fl
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def passes(o: Float64, d: Float64, box: Float64) -> bool:
-    """Return whether a ray, origin o (3,) and direction d (3,), misses a box's bounding sphere or points away."""
+    """Return whether a ray from o (3,) in direction d (3,) misses the bounding sphere of a box (8,)."""
     x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
     along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]

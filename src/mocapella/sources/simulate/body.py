@@ -32,10 +32,10 @@ class BodyTemplate:
     """Properties that all people share.
 
     Attributes:
-        parents: (25,) index of the joint at the other end of each joint's bone; the root's is itself.
+        parents: (25,) index of each joint's parent, where the joint's bone begins; the root's is itself.
         offsets: (25, 3) from parent to joint, in fractions of stature: left, up, forward; the arms are out sideways.
         radii: (25,) radii of the bones' capsules in fractions of stature; 0 for the root.
-        chain: (25, 25) 1 if the bone of the column is between the root and the joint of the row, else 0.
+        chain: (25, 25) 1 if the bone of the column is on the way from the root to the joint of the row, else 0.
         within: (25, 25) whether the joint of the row is inside the capsule of the bone of the column, arms out.
     """
 
@@ -99,7 +99,7 @@ def facing(positions: Float64) -> Float64:
 
 @cache
 def simulated_joints(name: str) -> JointMapping:
-    """Return where a topology's joints are on the body, to simulate a sensor with it.
+    """Return the mapping from the body's joints to a topology's, to simulate a sensor with it.
 
     Args:
         name: name of the topology.

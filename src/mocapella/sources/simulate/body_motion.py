@@ -38,16 +38,16 @@ GRAVITY_M_PER_S2: Final = 9.81
 _CONTACT_M: Final = 0.006
 _IN_THE_AIR_M: Final = 1e-3
 _THROUGH_AIR: Final = 0.5
-"""Horizontal speed in the air, relative to that before and after: rotation about the feet is faster than flight."""
+"""Horizontal speed in the air, relative to that before and after, which rotation about the feet makes higher."""
 _TURNS: Final = ("yaw", "pitch", "roll")
-"""Rotations of the whole body: about y, then x (positive forwards), then z (positive to the right)."""
+"""Rotations of the whole body: about y, x (positive forwards) and z (positive to the right); see `turned`."""
 _WORDS: Final = {
     "bend": ("waist bend forwards",), "lean": ("waist bend to the left",), "swing": ("shoulder swing forwards",),
     "raise": ("shoulder raise sidewards",), "turn": ("shoulder turn outwards",), "elbow": ("elbow flexion",),
     "hip": ("hip flexion",), "open": ("hip abduction",), "outwards": ("hip turn outwards",), "knee": ("knee flexion",),
     "ankle": ("ankle flexion",),
 }  # fmt: skip
-"""Joint angles by the words of the keys; with "left " or "right " in front, of one side."""
+"""Joint angles by the words that keys use for them; "left " or "right " before a word means one side only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class BodyMotion:
 
     Attributes:
         seconds: duration of the motion [s].
-        angles: spline of the joint angles [rad].
-        turns: spline of yaw, pitch and roll [rad].
-        place: spline of the root point's position, world [m].
+        angles: spline from times [s] to joint angles (..., joints) [rad].
+        turns: spline from times [s] to yaw, pitch and roll of the whole body (..., 3) [rad]; see `turned`.
+        place: spline from times [s] to the root point's position (..., 3), world [m].
         root: (3,) the root point in the rest pose [m].
     """
 
@@ -300,7 +300,7 @@ def _strides(
     keys: Sequence[tuple[float, float, float, float]], period: float, seconds: float, *, arm: float, elbow: float,
     still: Mapping[str, float], above: Callable[[float], float],
 ) -> list[Key]:  # fmt: skip
-    """A gait: legs half a period apart, arms against them."""
+    """A gait: legs half a period apart, and each arm swings against the leg of its side."""
     poses: list[Key] = []
     for phase in np.arange(24) / 24:
         swing = arm * math.cos(2 * math.pi * phase)

@@ -35,7 +35,7 @@ _FINE: Final = 10
 """Number of colour samples along a face's side: 2 to 3 mm apart on a body."""
 _CELL_M: Final = 0.015
 _MARGIN: Final = 12
-"""Margin of the shadow map around the shadow, for its soft edge."""
+"""Margin of the shadow map around the shadow, for its soft edge, in cells."""
 _PENUMBRA_CELLS: Final = 2.2
 
 
@@ -96,8 +96,8 @@ class LitBodies:
         vertices: (n, 3) in the world frame, y up, the floor at 0 [m].
         normals: (n, 3) of the vertices, outwards.
         light: the light in the room.
-        tops: (k, l) shadow map over cells of the floor, in z and x: height of the first surface in the light plus 1 m,
-            or 0 without a surface [m].
+        tops: (k, l) shadow map: height plus 1 m of the first surface that the light hits on its way to each cell of the
+            floor, in z and x; 0 without a surface [m].
         shade: (k, l) float32 fraction of the directed light that is blocked from the floor, 0 to 1.
         first_m: (2,) x and z of the first cell [m].
     """

@@ -44,7 +44,7 @@ class PaintedSurface(NamedTuple):
 
 
 class LightHeights(NamedTuple):
-    """A shadow map: the height of the first surface in the light, over cells of the floor.
+    """A shadow map: the height of the first surface that the light hits on its way to each cell of the floor.
 
     Attributes:
         tops: (k, l) height plus 1 m over cells in z and x; 0 without a surface [m].
@@ -183,7 +183,7 @@ def bake(
         spots: (s, 5) middle (3) [m], radius [m], index of the material.
         materials: (k, 10), rows as in `worn`.
         baked: (m, n, n, 4) float32, written: red, green, blue, gloss at the barycentric coordinates (i + ½)/n and
-            (j + ½)/n of the first two corners.
+            (j + ½)/n of the first two corners; unchanged outside the triangle.
     """
     n, c, q = baked.shape[1], np.empty(3), np.empty(3)
     for t in range(len(triangles)):

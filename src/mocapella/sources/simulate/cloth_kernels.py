@@ -164,8 +164,8 @@ def collide(
         moved: (m, 4) change of ``spheres`` in this step [m].
         thickness: distance that the cloth keeps from a sphere [m].
         friction: Coulomb's friction coefficient.
-        most: a particle that begins inside a sphere, because a hand held it there, is pushed out by at most this beyond
-            the sphere's own motion [m].
+        most: a particle is pushed out by at most this plus the sphere's own motion, so that one that a hand held inside
+            a sphere does not jump [m].
     """
     for i in range(len(x)):
         if fixed[i]:

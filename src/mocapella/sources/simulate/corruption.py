@@ -35,7 +35,7 @@ class Corruption:
     Attributes:
         noise: fraction of the pixels that are replaced by random values, 0 to 1.
         rectangles: number of rectangles per image, with random positions, sizes, colours and textures.
-        rectangle_share: longest side of a rectangle, relative to the image's.
+        rectangle_share: greatest width and height of a rectangle, relative to the image's longer side.
         wrong: probability that a frame is wrong in all cameras at once.
         wrong_frames: indices of frames that are always wrong, in all cameras.
         wrong_each: probability that a frame is wrong, for each camera independently.
@@ -71,7 +71,7 @@ class Corruption:
 
         Args:
             frame: index of the frame.
-            camera: index of a camera, for its own wrong frames, too; None for frames that are wrong in all cameras.
+            camera: index of a camera, to include its own wrong frames; None for frames that are wrong in all cameras.
         """
         if frame in self.wrong_frames or (frame >= self.wrong_from and self._by_chance(self.wrong, 1, frame)):
             return True

@@ -21,7 +21,7 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 NOTHING, BEHIND, BODY, FIRST_ARM = 0, 1, 2, 3
-"""Values of `DepthShot.parts`; arm n of `DepthShot.arms` has `FIRST_ARM` + n · len(PARTS) + part."""
+"""Labels in `DepthShot.parts`: no surface, background, person; part p of arm n is `FIRST_ARM` + n · len(PARTS) + p."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class DepthImages:
 def body_mesh(arms: int) -> tuple[Float64, Int64]:
     """Return the vertices (n, 3) [m] and triangles (m, 3) of the body of a person whose right arm is in the scene.
 
-    Torso, neck and head; if ``arms``, the number of arms in the scene, is 1, also the left upper arm and forearm. The
+    Torso, neck and head; if ``arms``, the number of arms in the scene, is 1, also the left arm without its hand. The
     origin is the right shoulder, x to the person's left, y down, z backwards. The arrays are cached: do not change
     them.
     """

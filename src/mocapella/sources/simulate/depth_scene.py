@@ -66,7 +66,7 @@ VIEWS: Final = {
     "palm": np.stack([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]], axis=1),
     "back": np.stack([[-1.0, 0, 0], [0, 0, -1.0], [0, -1.0, 0]], axis=1),
 }
-"""``R_camera_palm`` of a right hand whose fingers point up."""
+"""``R_camera_palm`` of a right hand whose fingers point up, by the side that faces the camera."""
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,7 +126,7 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         left: whether it is a left arm.
         points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
-            landmark, see `arm_mesh`.
+            landmark, see `mocapella.model.hand_flesh`.
         shoulder: (3,) position of the shoulder, which is none of ``points`` [m].
         angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
         T_camera_palm: (4, 4) pose of the palm's frame, see `mocapella.model.hand`.
@@ -217,7 +217,7 @@ class DepthScene:
 
     Attributes:
         name, seed, settings, sensor, T_camera_first: as given.
-        period_s: period of everything except the noise [s].
+        period_s: period of the first arm's motion [s]; a second arm has its own.
     """
 
     def __init__(
@@ -301,7 +301,7 @@ class DepthScene:
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
-        """Render a sequence of images; without an end, one period.
+        """Render a sequence of images; without an end, one `period_s`.
 
         Args:
             fps: frame rate [Hz].

@@ -48,13 +48,13 @@ def draw(
     seen: Float64, triangles: Integers, labels: UInt8, first: np.uint8, vertices: Float64, depth: Float32, ids: UInt8,
     slope: Float32,
 ) -> None:  # fmt: skip
-    """Draw triangles with a depth buffer; a triangle that comes too near is not drawn.
+    """Draw triangles that face the camera with a depth buffer, if no vertex is nearer than `NEAR_M`.
 
     A triangle covers a pixel if the pixel's middle is inside or on an edge.
 
     Args:
         seen: (n, 3) of `project`.
-        triangles: (m, 3) indices of vertices.
+        triangles: (m, 3) indices of vertices, anticlockwise as seen from the side that is drawn.
         labels: (m,) label of each triangle, relative to ``first``.
         first: label that is added to ``labels``.
         vertices: (n, 3) in the camera frame [m].

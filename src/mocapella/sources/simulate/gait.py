@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 
 SIDES = ("Left", "Right")
 DOUBLE_SUPPORT = 0.12
-"""Share of a step, at its beginning and at its end, with both feet on the floor."""
+"""Share of a step for which both feet are on the floor, at its beginning and again at its end."""
 STANCE_HALF_WIDTH = 0.055
 """Half the distance of the feet, in fractions of stature."""
 ANKLE_HEIGHT = 0.039
@@ -221,7 +221,7 @@ class _HeldArm:
 
 
 def _held(yaw: Float64, side: str, weights: list[Float64]) -> list[_HeldArm]:
-    """The postures of an arm, by the weights of both arms' ones: reach, lap, across and wave."""
+    """Held postures of one arm, with weights (4, poses) of reach, lap, across and wave (the last two: right arm)."""
     ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
     up, right = np.broadcast_to(UP, ahead.shape), float(side == "Right")
     reach, lap, across, wave = weights

@@ -29,7 +29,7 @@ _CLEARLY: Final = 0.85
 
 
 class HandCameraFrame(NamedTuple):
-    """Markers detected in a rendered image: the frame, its due time on the scene's clock [s], and the image."""
+    """The markers detected in a rendered image, its due time on the scene's clock [s], and image with ground truth."""
 
     due_s: float
     frame: MarkerFrame
@@ -37,7 +37,7 @@ class HandCameraFrame(NamedTuple):
 
 
 class SimulatedHandCamera:
-    """One camera of a scene with a marker detector, whose colours are learnt from marked images, as by a user.
+    """One camera of a scene with a marker detector, which learns the colours from images marked as by a user.
 
     The constructor renders images until enough show all markers.
 

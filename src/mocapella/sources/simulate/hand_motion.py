@@ -31,7 +31,7 @@ class HandMotionSettings:
         centre_m: centre of the motion in the world [m].
         travel_m: amplitude of the translation along x, y, z [m].
         travel_hz: frequency of the translation [Hz].
-        turn_deg: amplitude of the rotation about the hand's own x, y and z, from upright [deg].
+        turn_deg: amplitude of the rotation about the world's x, y and z, from upright [deg].
         posture_s: time from one posture to the next [s].
         bend: range of the flexions, from 0 (a hand at rest) to 1 (all within the joint limits).
         spread: range of the abductions, likewise from 0 to 1.

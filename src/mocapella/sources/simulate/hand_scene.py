@@ -38,7 +38,7 @@ UInt8 = NDArray[np.uint8]
 
 _STEP_S: Final = 1e-4
 _BONE_RADII_M: Final = ((0.0135, 0.0108, 0.0095), *[(0.0095, 0.0085, 0.0076)] * 4)
-"""Radii of thumb and fingers of a hand of the reference length."""
+"""Radii of the three bones of thumb and fingers, for a hand of the reference length [m]."""
 _PALM_RADIUS_M: Final = 0.0125
 _TIP_HALF_M: Final = 0.004
 _BALL_M: Final = 0.009

@@ -45,7 +45,7 @@ _FINGERS: Final = (  # base x, y; direction from straight up, to the right [deg]
     (0.13, -1.03, 6.0, 0.86, 0.115, 0.094),
     (0.36, -0.90, 17.0, 0.66, 0.10, 0.085),
 )
-"""Thumb to little finger, in units of the palm's width; y down, the wrist at (0, 0)."""
+"""x and y of the base, direction [deg], length and two radii of thumb to little finger, in palm widths; y down."""
 _BASE: Final = (0.0, -0.35)
 
 
@@ -135,7 +135,7 @@ class MarkerShot:
         image: (height, width, 3) uint8 BGR.
         centres_px: (markers, 2) x, y of the markers' centres, at the middle of the exposure of their row [px].
         visible: (markers,) fraction of the marker's area that is in the image and not occluded.
-        radii_px: (markers,) square root of the product of the half axes [px].
+        radii_px: (markers,) geometric mean of the half axes of the markers' ellipses [px].
 
     In a scene without the hand, ``centres_px`` and ``radii_px`` are NaN and ``visible`` is 0.
     """
@@ -263,7 +263,7 @@ def wall(size_px: tuple[int, int], clutter: float, rng: np.random.Generator) -> 
 
     Args:
         size_px: (width, height) of the image.
-        clutter: colourfulness, 0 to 1.
+        clutter: colourfulness and number of rectangles, 0 to 1.
         rng: random numbers.
     """
     width, height = size_px

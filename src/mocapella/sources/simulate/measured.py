@@ -38,14 +38,14 @@ SIDES_DEG: Final = (60.0, 120.0)
 BIAS_BINS: Final = 12
 """Number of bins of the bias: bin i is α = i · 30°; between them it is interpolated."""
 SPEEDS: Final = (0.1, 0.4)
-"""A person slower than the first is still, a person faster than the second moves [m/s]."""
+"""A person slower than the first is still, a person faster than the second moves; between, shares are mixed [m/s]."""
 TURNED: Final = [JOINT[part + side] for part in ("Shoulder", "Elbow", "Hip") for side in ("Left", "Right")]
 """Joints that rotate about the spine with an error of the facing; rotating the others does not fit better."""
 LOSS_WITHIN: Final = 10.0
 """Interval with at most one loss of a person [s]."""
 TILT_SD: Final = np.radians(1.0)
 HEIGHT_SD: Final = 0.02
-"""Standard deviations of a sensor's reported tilt [rad] and height [m]; assumed, since recordings do not show them."""
+"""Standard deviation of a sensor's reported height [m]; like `TILT_SD` [rad] assumed: recordings do not show them."""
 _TRUNK: Final = [JOINT[name] for name in ("SpineBase", "SpineMid", "SpineShoulder")]
 
 
@@ -59,7 +59,7 @@ class SensorErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         alpha_deg: (bins,) |α| at which the next five tables are given [deg].
         mirrored: (bins,) probability that left and right are swapped.
         yaw_deg, yaw_sd_deg: (bins,) mean and standard deviation of the reported yaw relative to the direction to the
-            sensor, with correct labels [deg].
+            sensor, with correct labels, for α ≥ 0; for α < 0, its sign is reversed [deg].
         mirrored_yaw_deg, mirrored_yaw_sd_deg: (bins,) mean and standard deviation of that yaw with swapped labels
             [deg].
         bias_m: (25, `BIAS_BINS`, 3) bias of each joint to the side, up, and towards the sensor [m]; see `view_axes`.
@@ -136,7 +136,7 @@ class Errors:
         """Knot spacings of all splines [s]; the last decides about mirrored labels."""
 
     def noise(self, splines: Float64, white: Float64, speed: Float64) -> tuple[Float64, Float64, Float64]:
-        """Mix independent values of variance 1 into the noise that `put_on` takes.
+        """Mix independent values of variance 1 to the correlated noise that `put_on` takes.
 
         Args:
             splines: (spacings, n, 77) values for the 75 coordinates, the yaw, and the decision about labels.
@@ -233,7 +233,7 @@ class Course:
         return np.stack(out)
 
     def lost(self, room_ns: int) -> Bools:
-        """Return whether the sensor has lost each person (people,), as if all were in view, at a room time [ns].
+        """Return whether the sensor has lost each person (people,), in view or not, at a room time [ns].
 
         There is at most one loss in `LOSS_WITHIN` seconds.
         """

@@ -15,7 +15,7 @@ from mocapella.sources.picture_source import Image, Picture
 class RenderedSource(ABC):
     """A `mocapella.sources.picture_source.PictureSource` without `open`, which must call `restart`.
 
-    Its clock is the scene's, from 1 ns. Images are skipped if there is no time to render them. It does not end.
+    Capture times are the scene's time plus 1 ns. Images that cannot be rendered in time are skipped. It does not end.
 
     Args:
         name: name of the source, as the user wrote it.

@@ -1,6 +1,6 @@
 """Retarget a BVH file to a person of the room: joints by name, in metres, on the floor, facing the main sensor.
 
-Only joint positions are used: bones take the directions of the file's, with the person's own lengths.
+Only joint positions are used: bones have the file's directions and the medians of its lengths, scaled to the person.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
     shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres per unit, (people, 25, 3) joints
 
 Bones are tapered capsules with the same radii as for occlusion in the room (`body`), in front of a floor and a wall.
-Camera and noise are as in `depth_scene`. The camera is at the room's first sensor and looks horizontally.
+Camera and noise are as in `depth_scene`. The camera is at the room's first sensor and looks along the world's z axis.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ UInt8 = NDArray[np.uint8]
 WALL_M: Final = 5.0
 """Distance of the wall from the camera [m]."""
 FLOOR, WALL, FIRST_PERSON = 1, 2, 3
-"""Values of `RoomShot.parts`; 0 is nothing."""
+"""Labels in `RoomShot.parts`; person n is `FIRST_PERSON` + n."""
 _AROUND, _ALONG = 24, 6
 _ABOVE_EYES: Final = 1.23
-"""Height of the head above its joint, which is at the eyes' height, in its radii: 0.064 of the stature."""
+"""Height of the head above its joint, which is at eye level, in radii of the head: 0.064 of the stature."""
 
 
 class RoomShot(Shot, frozen=True, eq=False):

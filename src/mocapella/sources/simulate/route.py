@@ -1,4 +1,4 @@
-"""A person's route on the floor, as legs with numbers of steps, for the gait.
+"""A person's route on the floor: a sequence of stretches, called legs, each with a number of steps.
 
 `mocapella.sources.simulate.gait` animates a body along it.
 """
@@ -36,7 +36,7 @@ class Spot:
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a route: standing (no steps), a straight line, or an arc about a centre, with an even rotation.
+    """A part of a route: standing, a straight line or an arc about a centre; the body rotates with its progress.
 
     Attributes:
         start, end: first and last position; headings are not wrapped, so ``end.heading - start.heading`` is the body's
@@ -44,7 +44,7 @@ class Leg:
         steps: number of steps; 0 stands still.
         seconds: duration [s].
         centre: centre of the arc (world x, z) [m]; None without an arc.
-        posture: what the person does besides.
+        posture: posture that is assumed during the leg and left at its end.
     """
 
     start: Spot
@@ -67,7 +67,7 @@ class Leg:
 
     @property
     def left_first(self) -> bool:
-        """Whether the left foot steps first: the foot on the side that the leg goes or turns to does."""
+        """Whether the left foot steps first: True if the person moves or turns to the left."""
         h, dx, dz = self.start.heading, self.end.x - self.start.x, self.end.z - self.start.z
         sideways = dx * math.cos(h) - dz * math.sin(h)
         return sideways + 0.2 * (self.end.heading - self.start.heading) > 0
@@ -121,7 +121,7 @@ class Route:
         self.shift(to)
 
     def around(self, centre: Point, by: float) -> None:
-        """Turn onto the circle around a centre and go along it by an angle [rad]; positive is to the left.
+        """Turn onto the circle around a centre and go along it by an angle [rad]; positive turns left.
 
         The first turn always takes the time of half a turn, so that two people who go around together stay opposite.
         """

@@ -11,7 +11,7 @@ from mocapella.sources.simulate.postures import POSTURES, posture
 from mocapella.sources.simulate.route import HALF_TURN_S, Point, Route, Spot
 
 STILL_S = 6.6
-"""Time for which all people stand still at first: 120 frames at 30 Hz take 4 s, also for a late sensor [s]."""
+"""Time for which all people stand still at first: 120 frames (4 s) even of a sensor that starts late [s]."""
 
 FACING_MAIN = math.pi
 """Heading of a person who faces the main sensor, which is near the world's origin and looks along z [rad]."""

@@ -1,4 +1,4 @@
-"""The named scenes of ``data/scenes.toml``: simulated rooms with people and the depth sensors that see them."""
+"""The named scenes of ``data/scenes.toml``: simulated rooms with people and the body sensors that see them."""
 
 from __future__ import annotations
 

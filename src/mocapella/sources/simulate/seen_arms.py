@@ -71,7 +71,7 @@ class SimulatedArms:
         """Detect the arms in a simulated depth image; return their joints in the camera frame [m].
 
         An arm with neither wrist nor palm visible is not detected. A detected arm's angles and palm are exact.
-        Without any, the result has no arms and states that.
+        If no arm is detected, the result has no arms and a message.
         """
         s, rng = self.settings, self._rng
         keep = math.exp(-max(shot.at_s - self._at_s, 0.0) / s.lasts_s)

@@ -72,7 +72,7 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """The random numbers of one frame; their count is constant, so that they do not depend on the visibility."""
+    """The random numbers of one frame; equally many for each frame, so that they do not depend on the visibility."""
 
     lost: float
     jitter: float
@@ -105,8 +105,8 @@ class SimulatedSensor:
     Args:
         room: the room that it is in.
         sensor: its name, or its number from 1.
-        errors: errors of a sensor whose settings state ``kinect-v2-measured``; None for the shipped errors. Others
-            ignore them.
+        errors: errors of a sensor whose settings state ``kinect-v2-measured``; None for the shipped errors. Sensors
+            with the error model ``model`` ignore them.
 
     Attributes:
         room: as given.

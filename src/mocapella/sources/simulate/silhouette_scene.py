@@ -46,7 +46,7 @@ _APART_M: Final = 1.1
 _BEHIND_M: Final = 0.9
 """Least distance between cameras and walls, where furniture stands."""
 _FILLED: Final = 0.94
-"""Share of the image's half that the people's extent fills."""
+"""Fraction of the way from the image's centre to its border that the people's extent fills."""
 _TABLE: Final = 1 << 17
 
 
@@ -59,7 +59,7 @@ class CameraLook:
         photons: number of electrons at full scale; fewer give more photon noise.
         read_noise: standard deviation of the read noise, relative to full scale.
         flicker: relative standard deviation of the brightness from image to image.
-        drift: relative change of the brightness over ten seconds.
+        drift: greatest relative change of the brightness, in a wave with a period of ten seconds.
         exposure_s: exposure time; 0 gives no motion blur [s].
     """
 
