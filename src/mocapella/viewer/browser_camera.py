@@ -16,9 +16,9 @@ from mocapella.viewer.layout import Look
 Float64 = NDArray[np.float64]
 
 _ASIDE: Final = 1e-3
-"""[m]."""
+"""Offset of a pose that is sent first, so that the pose itself always counts as changed [m]."""
 _SETTLED: Final = 30
-"""Calls after a move of ours during which the browser may still report its camera's previous position."""
+"""Number of `BrowserCamera.beat` calls after a pose was sent, while the browser may report its previous position."""
 _ELSEWHERE_M: Final = 0.02
 REMEMBERED: Final = 600
 """Number of remembered positions sent to the browser, because a slow browser reports its camera's position late."""

@@ -18,16 +18,16 @@ from mocapella.viewer.pointing import MARKERS, SKIN, Point, Pointing, asks_for, 
 
 NONE: Final = "–"
 _PANEL_PX, _LARGE_PX = 480, 1280
-"""So wide a picture is asked for, beside the stages and before them."""
+"""Width of the requested image in the panel, and of the large image [px]."""
 _MOST_BACKGROUNDS: Final = 6
-"""Of the pictures that a node keeps."""
+"""Largest number of images without the hand, because a node keeps only a few images."""
 
 Say = Callable[[str, str, bool], None]
 """Shows a short notice: title, text, and False for an error."""
 
 
 class Lesson(Enum):
-    """Step of learning the marker colours: the image is frozen, the user points at markers, the node learns."""
+    """Step of learning colours: none; fetching a frozen image; the user points; the node learns; learnt, not saved."""
 
     NONE = auto()
     FREEZING = auto()

@@ -99,6 +99,6 @@ def _title(verb: str) -> str:
 
 
 def _raise_again(done: Future[None]) -> None:
-    """Let an error of the program itself be logged, instead of vanishing with the future."""
+    """Raise an unexpected error of a task, so that it is logged."""
     if not done.cancelled():
         done.result()

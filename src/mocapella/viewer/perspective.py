@@ -115,8 +115,8 @@ class Floors:
     def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
         """Update the height of the world's origin above the floor, and the sensors' poses, which replace earlier ones.
 
-        The height is 0 if the parts define the world's pose, or if no sensor is at the world's origin. Else it follows
-        the lowest joint of the people.
+        The height is 0 if the parts define the world's pose, or if sensors' poses are known and none is at the world's
+        origin. Else it follows the lowest joint of the people.
 
         Args:
             scene: the newest scene.
