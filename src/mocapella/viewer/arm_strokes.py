@@ -62,7 +62,7 @@ def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
 
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in the image.
+    """Return the lines and the balls of a depth camera's lane: the image's border, bones and joints of the arms in it.
 
     The arms are projected without the lens's distortion; inferred joints have paler balls.
 

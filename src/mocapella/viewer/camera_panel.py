@@ -129,7 +129,7 @@ class CameraPanel:
         if self._lesson in (Lesson.POINTING, Lesson.LEARNING) and self._frozen is not None:
             words = "Learning …" if self._lesson is Lesson.LEARNING else asks_for(self._pointing.next)
             return Large(self._frozen, self._pointing.points, words, True)
-        if answer is None:  # what stands there stays until the first of the other kind has come
+        if answer is None:  # the present image stays until the first of the new type arrives
             return None if self.large is None else replace(self.large, points={}, words=f"{camera} · {shown} …")
         return Large(
             answer, camera_html.found(answer) if shown is FeedMode.PICTURE else {}, f"{camera} · {shown}", False

@@ -55,7 +55,7 @@ class Chart:
         """
         if tuple(names) != self._names:
             self._names, self._groups = tuple(names), groups(names)
-            self._choice.options = tuple(self._groups)  # one that it does not have becomes the first that it has
+            self._choice.options = tuple(self._groups)  # viser replaces a choice that is missing by the first option
         chosen = str(self._choice.value)
         columns = self._groups[chosen]
         data = (at_s, *(np.degrees(angles[:, k]) for k in columns))

@@ -122,7 +122,7 @@ class SurfaceNode:
         if self._handle is None or self._made_of != made_of:
             if self._handle is not None:
                 self._handle.remove()
-            self._faces, self._made_of = mesh.faces, made_of  # held, so that no other has its id
+            self._faces, self._made_of = mesh.faces, made_of  # held, so that no other array gets its id
             self._handle = self._scene.add_mesh_simple(
                 self._name,
                 mesh.vertices,

@@ -183,7 +183,7 @@ class _LoopEvent(asyncio.Event):
         if asyncio._get_running_loop() is self._loop_of_page:
             super().set()
         elif not self._asked:
-            self._asked = True  # until the loop has heard, so that it is not woken for each message of a drawing
+            self._asked = True  # until `_hear`, so that the loop is not woken for each message of a drawing
             with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
                 self._loop_of_page.call_soon_threadsafe(self._hear)
 
@@ -256,7 +256,7 @@ class _Connection(ServerConnection):
         data = await super().recv(decode=False)
         if not self._quota.take(time.monotonic()):
             self._seats.refusals.add("messages", f"a page sent more than {MESSAGES_HZ:.0f} messages a second")
-            self.transport.abort()  # what it has sent besides is dropped
+            self.transport.abort()  # its further messages are dropped
             raise ConnectionClosedError(None, None)
         return data
 
@@ -328,7 +328,7 @@ class _GuardedSockets:
 def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
     """Let a `viser.ViserServer` that is made within the ``with`` block use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
-    _INFRA.AsyncMessageBuffer = _Messages  # stays: pages that come later have theirs by this name, too
+    _INFRA.AsyncMessageBuffer = _Messages  # stays, because later pages create their buffers by this name, too
     usual = infra.WebsockServer
     infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
     _INFRA.websockets = _GuardedSockets()

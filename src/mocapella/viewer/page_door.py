@@ -112,7 +112,7 @@ class PageDoor:
 def _in_query(path: str) -> str:
     try:
         return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
-    except ValueError:  # a path that is none, such as //[
+    except ValueError:  # an invalid path, such as //[
         return ""
 
 

@@ -124,7 +124,7 @@ def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
     y[axis] = np.sign(up[axis])
     forward = first.T_world_model[:3, 2]
     ahead = forward - (forward @ y) * y
-    if np.linalg.norm(ahead) < 0.1:  # it lies: any way will do
+    if np.linalg.norm(ahead) < 0.1:  # the body lies: any horizontal direction will do
         ahead = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
     z = -ahead / np.linalg.norm(ahead)
     R = np.stack([np.cross(y, z), y, z])
@@ -202,7 +202,7 @@ def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
         ends += [outside, inside]
         colours += [Rgb(*OUTSIDE)] * len(outside) + [Rgb(*INSIDE)] * len(inside)
         words.append(f"{body.name} {view_words(view)}".strip())
-    for k, _, view in told:  # on top: what differs by less than a line is wide does not show
+    for k, _, view in told:  # on top, so that they hide deviations of less than a line's width
         model = pieces(view.outline_px)
         ends.append(model)
         colours += [Rgb(*body_colour(k))] * len(model)

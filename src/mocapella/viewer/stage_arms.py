@@ -244,7 +244,7 @@ def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag]
     """
     known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
     aside = rotation_about_y(np.arctan2(PANELS[0].left_m, _EYE_M))
-    thumb = -1.0 if p[_TIPS[0], 0] < p[_TIPS[-1], 0] else 1.0  # the side that it is on; x is to the left
+    thumb = -1.0 if p[_TIPS[0], 0] < p[_TIPS[-1], 0] else 1.0  # the thumb's side; x is to the left
     tags, leads, taken = [], [], np.inf
     for k, name in enumerate(ARM_JOINT_NAMES):
         if k in _TIPS:

@@ -21,7 +21,7 @@ from mocapella.viewer.stage import Stage
 KEPT_BYTES: Final = 300_000_000
 """Largest memory of the timeline, in bytes: first images and frames of the oldest moments are dropped, then moments."""
 KEPT_FRAMES: Final = 36_000
-"""Number of moments that are always kept, as far as the memory suffices; beyond, the oldest `LET_GO` are dropped."""
+"""Number of moments that are kept at least, memory permitting; at `LET_GO` more, the oldest `LET_GO` are dropped."""
 LET_GO: Final = 1_000
 LATEST_S: Final = 0.5
 """Largest age at which a camera's last image is shown in a run on files, if the scene has no image of it [s]."""
@@ -162,7 +162,7 @@ class Timeline:
         return self._at_s[begin:end], scenes
 
     def _make_thin(self, k: int) -> None:
-        """Drop the images and frames of stored moment ``k``; all that the next moment shares then count for the next."""
+        """Drop the images and frames of stored moment ``k``; all that the next moment shares then count for it."""
         old, after = self._moments[k], self._moments[k + 1]
         self._moments[k] = replace(old, frames={}, pictures={})
         moved = _fresh_bytes(after, None) - _fresh_bytes(after, old)
@@ -268,7 +268,7 @@ class Playhead:
         if self._played_s is not None:
             due_s = timeline[self.shown].at_s + (now_s - self._played_s)
             self.number = max(self.shown, timeline.number_at(due_s))
-            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # the rest of this beat counts in the next
+            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # the remaining time counts in the next update
         self._played_s = now_s
 
     def _at_the_end(self, now_s: float, *, rested: bool) -> None:

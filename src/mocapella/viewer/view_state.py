@@ -48,7 +48,7 @@ class Ground:
         if scene.step < self._step:
             self.space = None
         self._step = scene.step
-        name, parts = next(iter(scene.parts.items()), ("", ()))  # what the scene is about
+        name, parts = next(iter(scene.parts.items()), ("", ()))  # the scene's main part type
         if self.space is None and parts:
             how = drawing_of(name, troubles)
             if how is not None:
