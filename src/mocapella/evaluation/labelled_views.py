@@ -65,7 +65,7 @@ def signed_alpha(alpha: Float64, toward: Float64) -> Float64:
     """Return the facing α (frames,) relative to the first sensor, positive towards the side of the second one [rad].
 
     Args:
-        alpha: (frames,) the same, positive about +y [rad].
+        alpha: (frames,) facing relative to the first sensor, positive about +y [rad].
         toward: (frames, 2) yaw from the person to each sensor [rad].
     """
     return np.asarray(alpha * np.sign(np.median(wrap(toward[:, 1] - toward[:, 0]))))

@@ -67,7 +67,7 @@ from mocapella.sources.simulate.scenarios import STILL_S
 Float64 = NDArray[np.float64]
 
 MIRROR_KNOTS_S: Final = 1.0
-"""Knot spacing of the spline that times label swaps; with it, simulated labels swap as often as real ones [s]."""
+"""Knot spacing of the spline that times label swaps; simulated and real labels then swap about equally often [s]."""
 SHARPER: Final = 2.0
 """Factor on the normal deviate of the probability of swapped labels. The facing is itself estimated, which blurs that
 probability over α. With this factor, swapping the labels of one of two simulated sensors side by side brings their

@@ -16,7 +16,7 @@ _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe2
 
 
 def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Group joint angles for charts: return the indices of a left and right pair, or of one joint, by sideless name.
+    """Group joint angles for charts: return the indices of left and right, or of one joint, by name without side.
 
     Args:
         joint_names: names of the body model's joint angles, such as ``left knee flexion``, in their order.

@@ -15,7 +15,7 @@ FIRST_TAKE = "take-1"
 
 @dataclass(frozen=True)
 class Allowed:
-    """Whether each command to the server is possible now; the controls of the others are disabled."""
+    """Whether each command to the server is possible now, by command; the controls of the others are disabled."""
 
     start: bool = False
     stop: bool = False

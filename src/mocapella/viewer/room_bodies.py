@@ -36,7 +36,7 @@ HALF_M: Final = 0.45
 _TAG_M: Final = 0.08
 """Height of a body's label above its highest point [m]."""
 _OVER_PERSON_M: Final = 0.38
-"""The same, if the scene has the body's person, whose own label is below [m]."""
+"""Height of a body's label above its highest point if its person's own label is between the two [m]."""
 _SOLE_M: Final = 0.02
 """Height of the toes' landmarks above the ground [m]."""
 _LINE_M, _BALL_M = 0.022, 0.03
