@@ -1,7 +1,7 @@
 """Scores detectors of arms and fingertips on rendered depth images with ground truth.
 
-A true arm is matched to the detected arm with the nearest palm, within 10 cm. Nothing is corrected, and
-a detector has no information about the scene.
+A true arm is matched to the detected arm with the nearest palm, within 10 cm. Detections are scored without alignment
+or other corrections, and a detector has no information about the scene.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ class ArmScores:
         frames: number of true arms in the images, summed over frames.
         followed: number of these arms that are matched to a detected arm.
         tips: errors of visible fingertips that the detector measured [m].
-        inferred: number of visible fingertips that the detector did not measure.
-        named: number of visible fingertips whose nearest detected tip, or one near enough, has the right name.
-        visible: number of visible fingertips.
+        inferred: number of visible fingertips of matched arms that the detector did not measure.
+        named: number of visible fingertips whose nearest detected tip, or one within `FOUND_M`, has the right name.
+        visible: number of visible fingertips, also of arms without a match.
         occluded, occluded_found: number of visible fingertips in front of the palm or of other digits, and number of
-            these that are detected.
+            these that are measured within `FOUND_M`.
         hidden: errors of fingertips without pixels in the image [m].
-        wrist, palm, elbow: errors of these joints [m].
-        sided: number of frames in which the arm's side is correct.
-        lost: length of the longest run of frames without the arm, after its first detection.
+        wrist, palm, elbow: errors of these joints, of the elbow only if it is visible [m].
+        sided: number of matched arms whose side, left or right, is correct.
+        lost: length of the longest run of frames without a match for an arm, after its first match.
     """
 
     frames: int = 0
@@ -72,7 +72,7 @@ class ArmScores:
     def table(self) -> dict[str, float]:
         """Return the figures: errors [mm] and shares, 0 to 1; NaN where nothing was counted.
 
-        A visible fingertip without a measurement, and each of an arm that was not detected, counts as misnamed.
+        A visible fingertip without a detected position, and each of an arm without a match, counts as misnamed.
         """
 
         def of(values: list[float], q: float) -> float:

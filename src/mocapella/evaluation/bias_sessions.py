@@ -52,7 +52,7 @@ class BiasSession(msgspec.Struct, frozen=True, eq=False):
 def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker]:
     """Return a factory of trackers of the method `default`, with the joint bias ``model`` instead of the shipped one.
 
-    The factory's argument is the number of sensors; a ``model`` of None subtracts no bias.
+    The factory's argument is the number of sensors; with a ``model`` of None, trackers apply no bias.
     """
 
     def make(sensors: int) -> DefaultTracker:
@@ -64,7 +64,7 @@ def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker
 
 
 def bias_session(study: StudySession) -> BiasSession | None:
-    """Convert a study log to training data; None unless it has one person in Walk, and two sensors.
+    """Convert a study log to training data; None unless it has two sensors, one person, and the task Walk.
 
     Labels, clock offsets, facings and positions are the estimates of the method `default` without a bias at each frame;
     the sensors' motions are fitted anew in training.

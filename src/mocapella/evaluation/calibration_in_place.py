@@ -49,7 +49,7 @@ class CalibratingTracker(Protocol):
 
     @property
     def calibrated_sensors(self) -> Mapping[str, CalibratedSensor]:
-        """Present pose of each sensor, by name."""
+        """Present pose and clock of each sensor, by name."""
 
     def update(self, arrival: Arrival) -> Scene:
         """Process one frame."""
@@ -78,8 +78,9 @@ class InPlaceResult(msgspec.Struct, frozen=True):
     """Result of one session.
 
     Attributes:
-        calibrated_s: time from the first frame until both sensors are used in one frame; infinite if never [s].
-        errors: errors at the wanted times; a time is missing while the pose is not known.
+        calibrated_s: time from the first frame until both sensors have trusted poses in one world frame; infinite if
+            never [s].
+        errors: errors at the given times; a time is missing if such poses were not known.
     """
 
     calibrated_s: float

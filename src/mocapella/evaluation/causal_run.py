@@ -23,13 +23,13 @@ from mocapella.tracker.protocol import SensorViews
 Float64 = NDArray[np.float64]
 
 MAX_TIME_OFFSET = 1.0
-"""Largest clock offset between two sensors of ordered arrivals [s]."""
+"""Largest clock offset that a method may report [s]."""
 TO_FIND_IT = 1.0
 """Path length that the estimated motions between sensors may take at first without counting as wandering [m]."""
 LONGEST_STEP = 1.0
-"""A longer gap between two frames is a pause of the log, and does not count as time [s]."""
+"""A longer gap between two frames is a pause of the log, and counts as this long [s]."""
 _PERSON_AREA = np.array([[0.0, 0.0, 2.4], [0.5, 0.0, 2.4], [0.0, 0.5, 2.4]])
-"""Three points where people stand, camera space [m]."""
+"""Three points where people stand (3, 3), in each sensor's camera space [m]."""
 
 
 class PersonThen(msgspec.Struct, frozen=True, eq=False):
@@ -47,19 +47,19 @@ class PersonThen(msgspec.Struct, frozen=True, eq=False):
 
 
 class CausalRun(msgspec.Struct, frozen=True, eq=False):
-    """A method's estimates: entry k is from *before* arrival k, so entry 0 is the initial one.
+    """A method's estimates. In arrays (arrivals + 1, …), entry k is from *before* arrival k; entry 0 the initial one.
 
     Attributes:
         sensors: names of the sensors, the reference sensor first.
         T_reference_sensor: (arrivals + 1, sensors, 4, 4) from each sensor's camera space to the reference sensor's; NaN
             where unknown.
-        time_offset_s: (arrivals + 1, sensors) clock offsets [s]; NaN if not estimated.
+        time_offset_s: (arrivals + 1, sensors) offsets to add to a sensor's capture times [s]; NaN if not estimated.
         swapped: (arrivals + 1,) views with swapped labels, each as sensor and tracking id.
-        people: (arrivals,) people of each scene.
+        people: (arrivals,) people of each scene, entry k *after* arrival k.
         at_ns: (arrivals,) capture times, on the common clock.
         joint_bias: the method's bias, which it declares before the first frame; None without one.
-        wander_m_per_min: path length of a point at people's positions under the changing estimates of the motions
-            between sensors, per minute, less the `TO_FIND_IT` metres allowed for the initial estimation.
+        wander_m_per_min: path length of points at people's positions under the changing estimates of a sensor's pose,
+            largest of the sensors, less the `TO_FIND_IT` metres allowed for the initial estimation, per minute.
     """
 
     sensors: tuple[str, ...]
@@ -90,7 +90,7 @@ def run_causally(
             study log.
 
     Raises:
-        EvaluationError: a motion is not rigid, or a value is invalid.
+        EvaluationError: a motion is not rigid, or a clock offset is above `MAX_TIME_OFFSET`.
     """
     tracker = make(len(sensors))
     tracker.start_from({sensor: T.copy() for sensor, T in layout.items()})

@@ -34,7 +34,8 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
         step: only every ``step``-th of the odd and of the even frames is used, for a quick check.
 
     Returns:
-        JSON-like: ``calibration``; ``scored`` for this calibration and the reference; and the targets that are met.
+        JSON-like: ``calibration``; ``scored``, quality of this calibration (``ours``) and the reference; ``targets``,
+        each with its limit, and whether ours meets it.
 
     Raises:
         EvaluationError: the folder has fewer than two videos.

@@ -35,7 +35,7 @@ TASKS: Final = tuple(SCENARIOS[name] for name in TASK_NAMES)
 """Scenario_Id of the tasks that are used; in the first two, people face the front sensor throughout."""
 FRONT: Final = "front"
 VELOCITY_OVER: Final = 0.25
-"""Interval of a velocity, into the past [s]."""
+"""Interval into the past over which a velocity is measured [s]."""
 BACKWARD: Final = np.radians(120.0)
 """Smallest angle between motion and facing that counts as walking backward, not sideways [rad]."""
 
@@ -45,7 +45,7 @@ _TRUNK = [TOPOLOGY.index(name) for name in ("SpineBase", "SpineMid", "SpineShoul
 
 
 class FacingSession(msgspec.Struct, frozen=True, eq=False):
-    """Sequence of one study log; the world is the reference sensor's camera space.
+    """One study log as a sequence of the person's facing; the world is the reference sensor's camera space.
 
     Attributes:
         participant, name: Study_Id, and the file's name.
@@ -89,11 +89,11 @@ class AlignedViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def aligned_views(session: StudySession) -> AlignedViews | None:
-    """Transform a study log's pairs to one space; None unless it has one person in all three tasks, and a `FRONT`.
+    """Transform a study log's pairs to one space; None unless it has one person in all of `TASKS`, and sensor `FRONT`.
 
     The second sensor's rows are transformed to the reference's camera space by a robust rigid motion that is fitted to
-    Stationary and Steps. The second sensor's position follows from its logged stand-still calibration: the angle and
-    the distance C.z, with C.x taken as 0, since the sensor was aimed at the person.
+    Stationary and Steps. The second sensor's position follows from the logged stand-still calibration: from the angle
+    between the sensors, and from the person's distance along its axis, on which the person is assumed to stand.
     """
     log = session.log
     pairs = session.pairs.where(np.isin(session.pairs.task, TASKS))
@@ -142,7 +142,7 @@ def facing_session(session: StudySession) -> FacingSession | None:
 def facing_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> list[FacingSession]:
-    """Return the `facing_session` of each suitable study log of a folder, by participant and file name.
+    """Return the `facing_session` of each suitable study log of a folder, in the order of participant and file name.
 
     A log is suitable if it has one person in all of Stationary, Steps and Walk, and a front sensor. Others are skipped.
 
@@ -199,7 +199,7 @@ def _velocity(at_s: Float64, points: Float64, before_s: float, after_s: float) -
 
 
 class OfParticipant(Protocol):
-    """A session of one participant."""
+    """Interface of a session that has one participant."""
 
     @property
     def participant(self) -> int:
@@ -272,7 +272,7 @@ def _is_off(yaw: Float64, other: Float64, by: float = np.pi / 2) -> NDArray[np.b
 
 
 def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> list[Float64]:
-    """Estimate reference facings (frames,) of each session [rad], from past and future yaws and shapes.
+    """Estimate reference facings (frames,) of each session [rad], from the views' yaws and shapes, past and future.
 
     There is no ground truth. Because motion is not used, these facings show whether a person really walked backward.
     """
@@ -298,7 +298,8 @@ def left_out(
         settings: settings with which the model will be used.
 
     Returns:
-        Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` is the shipped model.
+        Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` has ``settings``, and
+        other names say which weights differ from these; ``untrained`` is the model without training.
     """
     settings = settings or FacingSettings()
     variants = {
@@ -326,10 +327,10 @@ def left_out(
 
 
 def split(sessions: Iterable[OfParticipant], folds: int) -> list[set[int]]:
-    """Divide the participants into ``folds`` sets of their numbers, each with every n-th participant.
+    """Divide the participants into ``folds`` sets of their numbers, in turn in ascending order.
 
     Raises:
-        SettingsError: there are fewer participants than folds.
+        SettingsError: there are fewer participants than folds, or fewer than two folds.
     """
     participants = sorted({session.participant for session in sessions})
     if not 2 <= folds <= len(participants):

@@ -44,7 +44,7 @@ class SimulatedFigures(msgspec.Struct, frozen=True):
 
 
 def simulated_figures(room: Room, facings: FacingFilter, seconds: float) -> SimulatedFigures:
-    """Run a filter on all frames of a room's sensors from its beginning.
+    """Run a filter on the frames of a room's sensors in the first ``seconds``, and score its results.
 
     Args:
         room: the simulated room.

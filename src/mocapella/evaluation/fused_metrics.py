@@ -28,7 +28,7 @@ REVERSED_WITHIN: Final = 0.4
 COLLAPSED: Final = 0.6
 """A narrower shoulder width, as a fraction of the median width, counts as collapsed."""
 _LAG_STEPS = 12
-"""Number of steps of 1/60 s: a velocity over that time does not depend on the interpolation between frames."""
+"""Interval of a velocity in steps of 1/60 s, so long that the interpolation between frames does not matter."""
 _KINECT = topology("kinect_v2")
 _PARENTS, _CHILDREN = (list(ends) for ends in zip(*_KINECT.bones, strict=True))
 _ROOT = _KINECT.parts["root"]
@@ -111,7 +111,7 @@ def facing_against_motion(positions: Float64, at_s: Float64) -> float:
 
 
 def facing_away(positions: Float64, towards: Float64) -> float:
-    """Return the share of frames with a facing more than 90° away from a point.
+    """Return the fraction of frames with a facing more than 90° away from a point, 0 to 1.
 
     Args:
         positions: (frames, joints, 3), y up [m]; a frame with an unknown facing counts as not away.
@@ -184,7 +184,7 @@ def lag(positions: Float64, raw: Float64, at_s: Float64, most: float = 0.3) -> f
 
 
 def _at(times: Float64, at_s: Float64, points: Float64) -> Float64:
-    """(times, 3): points (frames, 3), linearly interpolated."""
+    """Interpolate points (frames, 3) linearly; return (times, 3)."""
     return np.stack([np.interp(times, at_s, column) for column in points.T], axis=1)
 
 

@@ -55,8 +55,8 @@ class GestureScores:
     def table(self) -> dict[str, float]:
         """Return the figures: fractions, 0 to 1, and the median delay [ms]; NaN where nothing was counted.
 
-        ``NAME_right`` and ``right`` are the fractions of frames with the right gesture, of one and of all; ``none``
-        those without a reported gesture; ``never_told`` is the fraction of gestures that were never detected.
+        ``NAME_right`` and ``right`` are the fractions of frames with the right gesture, of one gesture and of all;
+        ``none`` is that of frames without a reported gesture; ``never_told`` that of gestures that were never detected.
         """
 
         def part(some: int, of_all: int) -> float:

@@ -31,7 +31,7 @@ BEGIN_S: Final = 10.0
 SETTLE_S: Final = 0.3
 LASTS_S: Final = 3.0
 CLEARLY: Final = 0.6
-"""A marker must be found if a larger fraction of it is visible, 0 to 1."""
+"""A marker must be found if at least this fraction of it is visible, 0 to 1."""
 NEAR_PX: Final = 6.0
 """A detection farther from the marker's true position is a false one [px]."""
 
@@ -89,10 +89,11 @@ def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Fram
         settings: fields of `HandsSettings`, by name.
 
     Returns:
-        For each camera frame and marker, (frames, markers): ``wanted``, ``found`` and ``false`` (bool), and ``off_px``.
-        For each frame after `SETTLE_S`: ``marker_mm`` and ``depth_percent`` (frames, 5) of the triangulated fingertips;
-        ``landmark_mm`` (frames, 21), ``tip_off_m`` (frames, 5, 3) less its mean, ``angle_deg`` (frames, 21) and
-        ``measured`` (frames, 5) of the hand. NaN where there is no marker or hand.
+        For each camera frame and marker, (frames, markers): whether it must be found, ``wanted``, is ``found``, or is
+        detected in a wrong place, ``false``; and its error ``off_px``. For each frame after `SETTLE_S`: errors
+        ``marker_mm`` and ``depth_percent`` (frames, 5) of the triangulated fingertips; errors of the hand,
+        ``landmark_mm`` (frames, 21), ``tip_off_m`` (frames, 5, 3) less their mean, and ``angle_deg`` (frames, 21); and
+        whether its fingertips are ``measured`` (frames, 5). NaN where there is no marker or hand.
     """
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}

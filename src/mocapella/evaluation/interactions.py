@@ -103,9 +103,9 @@ def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
 
 
 def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
-    """Return the numbers of ``labels``, of labels without a person nearby (``missed``), and of ``identity_switches``.
+    """Return the numbers of labelled people (``labels``), of these not found (``missed``), and ``identity_switches``.
 
-    A person within `NEAR` is nearby. ``frames`` are results of `label_frame` for a file, in the order of time.
+    A person is found within `NEAR` of the label. ``frames`` are results of `label_frame` for a file, in order of time.
     """
     labels = sum(len(frame.true_ids) for frame in frames)
     missed = sum(int((frame.similarity.max(axis=1, initial=0.0) < 0.5).sum()) for frame in frames)

@@ -61,7 +61,7 @@ _FIRST: Final = (
     *("stationary", "steps", "steps-second-half", "steps-second-half-refined"),
     *("walk", "walk-frozen", "walk-cold"),
 )
-"""Order of the rows; the other tasks follow by their number in the log."""
+"""Order of the tables' rows; the other tasks follow by their number in the log."""
 
 
 class Output(Protocol):
@@ -240,7 +240,7 @@ def _logged_turn(log: StudyLog) -> float:
 
 
 def _from_front(session: StudySession, turn: float) -> float:
-    """Return the yaw of the side sensor seen from the front one, to the right, whichever is the reference [rad]."""
+    """Return the yaw of the side sensor seen from the front one, right positive, whichever is the reference [rad]."""
     return float(angles.wrap(turn if session.replay.sensors[1:] == (FRONT,) else -turn))
 
 
@@ -249,7 +249,7 @@ class Tally:
 
     Attributes:
         scored: scored pairs of each session, by scoring (a row of the tables) and placement.
-        fused: figures of the fused skeleton of each session with one person, by placement.
+        fused: figures of the fused skeleton of each session of one person with Walk, by placement.
         yaw_deg: yaw between the sensors of these sessions, by placement [deg].
         interactions: figures of sessions with two people, by file name.
         distances: (pairs, joints) Δd of these sessions [m].
@@ -387,14 +387,14 @@ def _lag(session: StudySession, output: Output, pairs: Pairs) -> float:
 
 
 def _known_frames(at_s: Float64, skeleton: Float64) -> tuple[Float64, Float64]:
-    """Return rising times, without missing skeletons."""
+    """Return times, strictly rising, and skeletons, without missing ones."""
     there = np.isfinite(skeleton).any(axis=(1, 2))
     at_s, skeleton = fused_metrics.rising(at_s[there], skeleton[there])
     return at_s, skeleton
 
 
 def _front_place(session: StudySession) -> Float64:
-    """Return the nominal position (3,) of the front sensor, reference camera space [m]: accurate enough for a side."""
+    """Return the nominal position (3,) of the front sensor, reference camera space [m]; enough for `facing_away`."""
     is_second = session.replay.sensors[1:] == (FRONT,)
     return session.replay.T_reference_second[:3, 3] if is_second else np.zeros(3)
 
@@ -407,7 +407,7 @@ def _means(sessions: Sequence[Mapping[str, float]]) -> dict[str, Any]:
 
 
 def _mean_and_sd(values: Sequence[float]) -> dict[str, Any]:
-    """N − 1; the angles of one placement are near to each other, so they need no circular mean."""
+    """Return mean and standard deviation (N − 1) of angles so close together that no circular mean is needed."""
     sd = float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
     return {"mean": float(np.mean(values)), "sd": sd, "sessions": len(values)}
 
@@ -423,7 +423,7 @@ def evaluate(
 
     Args:
         folder: folder of the study logs.
-        methods: keys of `mocapella.tracker.METHODS`.
+        methods: names, optionally with settings, see `mocapella.evaluation.methods.method_with_settings`.
         participants: numbers of the participants whose logs are scored; None for all.
         on_step: called with the current step, in words.
         makers: further methods by name: functions that create a tracker for a number of sensors.

@@ -39,8 +39,8 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
         placement: the sensors' placement.
         participant: the participant's number.
         raw: the aligned views before the corrections, in the reference sensor's camera space.
-        alpha: (frames, 2) facing from the direction to the sensor [rad].
-        reported: (frames, 2) yaw that the sensor's labels imply, from the direction to the sensor [rad].
+        alpha: (frames, 2) facing α, relative to the direction from the person to each sensor [rad].
+        reported: (frames, 2) yaw of the shoulders by the sensor's labels, relative to the same direction [rad].
         mirrored: (frames, 2) whether left and right were swapped.
         positions: (frames, 2, joints, 3) corrected joints, in the reference sensor's camera space [m].
         hidden: (frames, 2, joints) whether the person's own body hides the joint.
@@ -65,7 +65,7 @@ def signed_alpha(alpha: Float64, toward: Float64) -> Float64:
     """Return the facing α (frames,) relative to the first sensor, positive towards the side of the second one [rad].
 
     Args:
-        alpha: (frames, 2) facing relative to each sensor [rad].
+        alpha: (frames,) facing relative to the first sensor, positive about +y [rad].
         toward: (frames, 2) yaw from the person to each sensor [rad].
     """
     return np.asarray(alpha * np.sign(np.median(wrap(toward[:, 1] - toward[:, 0]))))
@@ -81,7 +81,7 @@ def mirrored_better(one: Float64, other: Float64) -> float:
 
 
 def labelled_views(session: StudySession) -> LabelledViews | None:
-    """Correct the labels of a session's views by the facing; None if the session has no two views of one person."""
+    """Correct the labels of a session's views by the facing; None if it has no `aligned_views`."""
     raw, facing = aligned_views(session), facing_session(session)
     if raw is None or facing is None:
         return None
@@ -111,7 +111,7 @@ def shoulder_yaw(positions: Float64) -> Float64:
 
 
 def _at_one_time(positions: Float64, raw: AlignedViews) -> Float64:
-    """Interpolate the second view at the first one's instants, with the constant offset of the least distance."""
+    """Interpolate the second view at the first one's times plus the constant offset that brings the views nearest."""
     moving = raw.task != STATIONARY
     flat = positions[:, 1].reshape(len(positions), -1)
 

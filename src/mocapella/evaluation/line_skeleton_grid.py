@@ -1,6 +1,6 @@
 """Measures time and accuracy of the detector `line-skeleton` over its grid: 1, 2, 4, 5, 8 and 10 pixels.
 
-The grid is the stride of the sampled points on the arm, from which the nearest depth of each joint is taken.
+The grid is the stride of the pixels of the arm that the detector samples; a joint takes the depth of the nearest one.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Float64 = NDArray[np.float64]
 GRIDS_PX: Final = (1, 2, 4, 5, 8, 10)
 SCENES: Final = ("open-close", "counting", "each-finger-before-palm", "still")
 SEEDS: Final = (100, 101, 102, 103)
-"""Scenes of the table; only scenes with a right arm are used, because the detector expects one."""
+"""Seeds of the table's scenes; only scenes with a right arm are used, because the detector expects one."""
 IMAGES: Final = 6
 """Number of images of each scene, evenly over its period."""
 NEAR_M: Final = 0.05
 """Largest error of a found fingertip [m]; a farther one is another part of the hand."""
 _ARM: Final = 3
-"""Elbow, wrist and palm are the first of the eight joints."""
+"""Number of the arm's joints, elbow, wrist and palm, which are the first of the eight."""
 
 
 class GridRow(msgspec.Struct, frozen=True):
@@ -105,7 +105,7 @@ def grid_table(
 def rendered_frames(
     scenes: Sequence[str] = SCENES, seeds: Sequence[int] = SEEDS, sensor: str = "kinect", images: int = IMAGES
 ) -> tuple[Camera, Iterator[tuple[Float32, Float64, float]]]:
-    """Yield frames for `grid_table`: right arms in front of a depth camera, rendered on demand.
+    """Return a depth camera, and frames of right arms for `grid_table` that are rendered on demand.
 
     Args:
         scenes, seeds, sensor: names of scenes, random seeds, and name of the sensor, as in
@@ -164,7 +164,7 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
 
 
 def _off(joints: Float64, states: NDArray[np.uint8], truth: Float64) -> Float64:
-    """Return the errors (8,) [m]; infinite for fingers that were not found, NaN without ground truth."""
+    """Return the errors (8,) [m]; infinite for joints that were not measured, NaN without ground truth."""
     distances = np.linalg.norm(joints - truth[list(ARM_JOINTS)], axis=-1)
     return np.where(states == JointState.TRACKED, distances, np.where(np.isnan(distances), np.nan, np.inf))
 

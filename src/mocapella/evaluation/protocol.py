@@ -24,7 +24,7 @@ RIGID_WITHIN = 1e-6
 
 
 class JointBias(Protocol):
-    """A function that returns the view-dependent correction of the joints; learnt on other people.
+    """Interface of a function that returns the view-dependent correction of the joints; learnt on other people.
 
     Its arguments describe the fused person only, so it cannot depend on the difference of the two views.
     """
@@ -36,7 +36,7 @@ class JointBias(Protocol):
             sensor: name of the view's sensor.
             facing: yaw of the fused person against the line of sight; 0 = towards the sensor [rad].
             position: (3,) of the fused SpineBase, this sensor's camera space [m].
-            velocity: (3,) of the same over the last 0.2 s [m/s].
+            velocity: (3,) of the same joint over the last 0.2 s, in the same space [m/s].
 
         Returns:
             (joints, 3), this sensor's camera space [m].
@@ -45,7 +45,7 @@ class JointBias(Protocol):
 
 @runtime_checkable
 class ScoredTracker(Protocol):
-    """A tracker that reports its estimates of the sensors after every frame."""
+    """Interface of a tracker that reports its estimates of the sensors after every frame."""
 
     @property
     def joint_bias(self) -> JointBias | None:
@@ -63,7 +63,7 @@ class ScoredTracker(Protocol):
 
 @runtime_checkable
 class LearntFromStudies(Protocol):
-    """A tracker with a model that was trained on logs it may be scored on."""
+    """Interface of a tracker with a model that was trained on the logs on which the tracker may be scored."""
 
     def leave_out(self, participant: int) -> None:
         """Use the model that was trained without this participant; called before the first frame.

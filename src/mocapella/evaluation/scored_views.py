@@ -38,7 +38,7 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         raw_labels: (pairs, 2, joints, 3) with the sensors' labels [m]; NaN where missing or unknown.
         repaired: (pairs, 2, joints, 3) with left and right as the method decided before the pair arrived [m].
-        swaps_per_min: number of changes of that decision per minute, over both sensors.
+        swaps_per_min: number of changes of that decision per minute, summed over both sensors.
     """
 
     raw_labels: Float64
@@ -111,7 +111,7 @@ def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64
 
 
 def _changes(swapped: Bool, person: Int64) -> int:
-    """Count changes of a label decision (pairs, 2) from one pair of a person to the next."""
+    """Count the changes of label swaps (pairs, 2) from one pair of a person to the next, over both sensors."""
     return sum(int(np.diff(swapped[person == one], axis=0).sum()) for one in np.unique(person))
 
 
@@ -168,7 +168,7 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
         facing: (pairs, 2) yaw of the fused person, from the direction towards each sensor [rad]; NaN without a fused
             person.
         position: (pairs, 2, 3) of the fused SpineBase, in each sensor's camera space [m].
-        velocity: (pairs, 2, 3) velocity of that joint, in the same space [m/s].
+        velocity: (pairs, 2, 3) velocity of that joint, in the same space [m/s]; 0 if unknown.
     """
 
     facing: Float64

@@ -30,14 +30,14 @@ Bools = NDArray[np.bool_]
 KNOTS_S: Final = (0.1, 0.4, 2.0)
 """Knot spacings of the splines that describe the autocorrelation [s]; more splines hardly improve it."""
 RIDGE: Final = 0.02
-"""Ridge, relative to the mean of the diagonal: a coefficient that no pair of views determines is 0."""
+"""Ridge, relative to the mean of the normal matrix's diagonal; a coefficient that no pair determines becomes 0."""
 LARGEST: Final = 0.3
-"""Larger differences are clipped to this, so that a lost limb does not dominate [m]."""
+"""Larger differences of two views are clipped to this, so that a lost limb does not dominate [m]."""
 MEAN_LENGTH: Final = np.sqrt(8 / np.pi)
 """Mean length of a normal vector in space whose coordinates have variance 1."""
 LAGS: Final = np.array([0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 20, 30, 45])
 LAG_S: Final = 0.035
-"""Interval between two rows of the log [s]."""
+"""Interval between two frames of the log [s]."""
 
 
 def fit_bias(views: Sequence[LabelledViews]) -> Float64:
@@ -88,7 +88,7 @@ def unexplained(view: LabelledViews, bias: Float64) -> Float64:
 
 
 def fit_spread(views: Sequence[LabelledViews], rests: Sequence[Float64]) -> Float64:
-    """Fit the standard deviation (25, 2, 3) of a coordinate of one view [m].
+    """Fit the standard deviation (25, 2, 3) of a coordinate of one view in Walk [m].
 
     The axes are the joint, visible or hidden by the person's own body, and the person's side (front, side, back) that
     the sensor sees. ``rests`` (frames, joints, 3) are the results of `unexplained` for each of ``views`` [m].
@@ -181,7 +181,7 @@ def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], s
 def fit_white_noise(views: Sequence[LabelledViews], sd: Float64, share: Float64) -> Float64:
     """Return the standard deviation (25,) of the white noise of each joint's coordinate [m].
 
-    The person stands and faces the sensor.
+    It is fitted to the jitter of views of a person who stands and faces the sensor.
 
     Args:
         views: the sessions' views.

@@ -67,16 +67,16 @@ from mocapella.sources.simulate.scenarios import STILL_S
 Float64 = NDArray[np.float64]
 
 MIRROR_KNOTS_S: Final = 1.0
-"""With this spacing, simulated and recorded sensors swap labels about equally often (docs/simulation.md) [s]."""
+"""Knot spacing of the spline that times label swaps; simulated and real labels then swap about equally often [s]."""
 SHARPER: Final = 2.0
 """Factor on the normal deviate of the probability of swapped labels. The facing is itself estimated, which blurs that
-probability over α. With this factor, two simulated sensors side by side are nearer with swapped labels about as often
-as the recorded ones."""
+probability over α. With this factor, swapping the labels of one of two simulated sensors side by side brings their
+views nearer about as often as for the recorded ones."""
 LOST_AFTER: Final = 0.12
 """A longer gap of one sensor while the other continues is a loss [s]."""
 _BINS_DEG: Final = np.arange(0, 181, 15)
 _SHARES_DEG: Final = tuple(range(-150, 151, 30))
-"""Limits of the bins of α at the first sensor, positive towards the second."""
+"""Limits of the bins of the facing α at the first sensor, positive towards the second [deg]."""
 _SECOND_SENSOR: Final[dict[str, dict[str, Any]]] = {
     "parallel": {"position": (-0.5, 1.0, 0.0)},
     "45": {"position": (-1.98, 1.0, 0.82), "yaw_deg": 45.0},
@@ -88,7 +88,7 @@ def measure(folder: Path, on_file: Any = lambda name: None) -> SensorErrors:
     """Measure the errors of the sensors in all study logs of a folder; ``on_file`` is called with each file's name.
 
     Raises:
-        InputError: no log, or none of one person in Stationary, Steps and Walk.
+        InputError: no log, or none of one person in Stationary, Steps and Walk with a front sensor.
     """
     sessions = list(study_sessions(folder, None, on_file))
     views = [found for session in sessions if (found := labelled_views(session)) is not None]
@@ -302,13 +302,13 @@ def told_apart(lengths: Sequence[tuple[int, Float64]], near: float, window: int 
 
     Args:
         lengths: for each session the participant, and (frames, views, lengths) [m].
-        near: largest difference of lengths that counts as the same person [m].
-        window: number of frames that are compared with whole sessions.
+        near: largest `size_difference` that counts as the same person [ratio].
+        window: number of frames of a window; its mean lengths are compared with the means of whole sessions.
 
     Returns:
-        Percentages of the windows that are nearer to the same session, or to another session of the same person,
-        than to another person's, and that are within ``near`` of it; and of the windows within ``near`` of another
-        person's. Empty for a single person.
+        Percentages of the comparisons in which a window is nearer to its own session (``same_nearer``), or to another
+        session of the same person, than to another person's session; and in which it is within ``near`` of its own,
+        another of the same person, or another person's session. Empty for a single person.
     """
     if len({person for person, _ in lengths}) < 2:
         return {}

@@ -47,7 +47,7 @@ _WITH, _WITHOUT, _TRUTH = "#1f77b4", "#ff7f0e", "black"
 
 @dataclass(frozen=True)
 class Experiment:
-    """The scenes of an experiment, and its plot.
+    """Scenes, corruptions and penalties of an experiment, and the angles of its plot.
 
     Attributes:
         scenes: names of scenes of `silhouette_scene`.
@@ -69,8 +69,8 @@ STRONG: Final = Experiment(
     {"wrong frames": Corruption(NOISE, wrong_each=WRONG_EACH, wrong_from=WRONG_FROM)},
     ("left knee", "right elbow"),
 )
-"""`python -m benchmarks silhouettes` counts the failed runs. The strength was chosen on seeds below 100, after a fifth
-of the frames had been tried on the counted seeds, too."""
+"""Acrobatics with wrong images, whose failed runs `python -m benchmarks silhouettes` counts. `WRONG_EACH` was chosen on
+seeds below 100, after 0.2 had been tried on the counted seeds, too."""
 EXPERIMENTS: Final[dict[str, Experiment]] = {
     "knee-bend": Experiment(
         ("knee-bend",),
@@ -120,7 +120,7 @@ class RunRow(msgspec.Struct, frozen=True):
 
 
 class PlottedScene(msgspec.Struct, frozen=True, eq=False):
-    """Plotted runs of a scene: one seed, the subject's own mesh, the worst images.
+    """Plotted runs of a scene: the first seed, the first body, and the last corruption of the experiment.
 
     Attributes:
         film: the rendered scene.
@@ -270,7 +270,7 @@ def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: P
 
 
 def _wrong_share(one: PlottedScene) -> Any:
-    """Return the share (frames,) of cameras with wrongly stored frames."""
+    """Return the share (frames,) of cameras whose image is a wrong one, 0 to 1."""
     cameras, worse = len(one.film.scene.rig.cameras), one.corruption or Corruption()
     return np.array([np.mean([worse.is_wrong(k, c) for c in range(cameras)]) for k in range(len(one.film.truth))])
 
@@ -303,7 +303,7 @@ def _mean(rows: Sequence[RunRow], scene: str, images: str, weight: float, name: 
 
 
 def _feet(movement: Movement) -> Any:
-    """Return the mean size (frames − 2,) of the feet's acceleration [m/s²]."""
+    """Return the magnitude (frames − 2,) of the feet's acceleration, mean over `FEET` [m/s²]."""
     places = np.stack([movement.landmarks[name] for name in FEET])
     return np.linalg.norm(np.diff(places, 2, axis=1), axis=-1).mean(axis=0) * movement.fps**2
 

@@ -41,7 +41,7 @@ WEIGHTS: Final = (0.0, 1.0)
 HELD_BY: Final = {0.0: "… and the resting pose", 1.0: "… and the penalty"}
 FPS: Final = 60.0
 AWAY_M: Final = 0.5
-"""Median landmark error of a body that has left the person [m]."""
+"""Median landmark error above which a body has lost the person [m]."""
 ASKED: Final = 8
 """Number of frames of a scene for which the uncertainty is computed."""
 STEP_PX: Final = 2
@@ -58,7 +58,7 @@ class OneCameraRow(msgspec.Struct, frozen=True):
         depth_mm, depth_p95_mm: median and 95th percentile of the landmarks' errors along the camera's axis [mm].
         across_mm, across_p95_mm: median and 95th percentile of their errors perpendicular to the axis [mm].
         depth_jitter, across_jitter: root mean square acceleration of these errors [m/s²].
-        away: share of frames in which the fitted body is off the person.
+        away: share of frames with a median error of the landmarks above `AWAY_M`, 0 to 1.
         free: standard deviation of the pose's least certain direction (eigenvector of the normal matrix), with 1 m
             counted as 1 rad; median over frames.
         outlines: that standard deviation from the outlines alone, without the weak prior of the resting pose.

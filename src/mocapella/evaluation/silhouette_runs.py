@@ -46,7 +46,7 @@ Joints = Mapping[str, Float64]
 ROUGH_M: Final = 0.02
 """Standard deviation of the initial joints, along each axis [m]."""
 EVERY: Final = 10
-"""Masks are compared in every so many frames."""
+"""Stride of the frames whose masks are compared."""
 
 
 class Film(msgspec.Struct, frozen=True, eq=False):
@@ -119,7 +119,7 @@ def measured_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
 
 
 BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"own": own_body, "measured": measured_body}
-"""The ways to make the tracked body."""
+"""Functions that make the tracked body from a scene and rough joints, by name."""
 
 
 def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
@@ -192,7 +192,7 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
     """Pass the images of all cameras at one instant to the tracker, and return its result.
 
     Args:
-        tracker: the tracker, updated.
+        tracker: the tracker, which is updated.
         images: (height, width, 3) uint8 BGR, by camera.
         time_ns: capture time, on the common clock.
         number: number of the frame.
@@ -204,7 +204,7 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
 
 
 def overlaps(film: Film, movement: Movement, every: int = EVERY) -> Float64:
-    """Return the intersection over union (frames, cameras) of the posed mesh and the true mask, in some frames.
+    """Return the intersection over union (compared frames, cameras) of the posed mesh and the true mask.
 
     Frames 0, ``every``, 2 · ``every``, … are compared. A camera that sees neither has 1, one that sees one of them 0.
     """

@@ -29,7 +29,8 @@ class TruthScore(msgspec.Struct, frozen=True):
         angles_deg: mean absolute error by joint angle [deg]. A rotation about the axis of a straight limb shows in no
             outline.
         joints_mm: median distance of the landmarks from their true positions [mm].
-        overlap: mean intersection over union of the model and the true person, over frames and cameras.
+        overlap: mean intersection over union of the model and the true person, over frames and cameras; NaN without
+            any.
     """
 
     frames: int

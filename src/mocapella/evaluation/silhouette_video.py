@@ -49,7 +49,7 @@ class VideoScore(msgspec.Struct, frozen=True):
             [mm].
         joints_mm: median of these distances by joint [mm].
         inside: share of the limbs' confident 2D keypoints within the projected mesh, dilated by 15 px.
-        overlaps: intersection over union with outlines drawn by hand, by a key of camera and frame.
+        overlaps: intersection over union with outlines drawn by hand, by ``camera frame``.
     """
 
     frames: int
@@ -67,7 +67,7 @@ def rig_of(folder: Path) -> CameraRig:
 
 
 def filmed_rig(folder: Path) -> CameraRig:
-    """Adapt the cameras to the videos' image sizes; some are 8 pixels narrower than in the calibration."""
+    """Read the cameras, cropped to the videos' image sizes; some are 8 pixels narrower than in the calibration."""
     cameras = rig_of(folder)
     videos = {name: folder / "videos" / f"{name}.mp4" for name in cameras.cameras}
     return VideoSet(videos, cameras, other_size="crop").rig

@@ -34,7 +34,7 @@ JOINT_OF: Final = {
     **{f"{side} {part}": f"{side} {joint}" for side in ("left", "right") for part, joint in (
         ("upper arm", "shoulder"), ("forearm", "elbow"), ("thigh", "hip"), ("shank", "knee"), ("foot", "ankle"))},
 }  # fmt: skip
-"""The joint between each part and its parent."""
+"""Joint between a part of the body and its parent, by part."""
 HINGES: Final = ("left knee", "right knee", "left elbow", "right elbow")
 """Hinge joints, which a marker system measures well, and the paper compares."""
 FEET: Final = ("left ankle", "right ankle", "left toe", "right toe")
@@ -42,13 +42,13 @@ NEAR_DEG: Final = 5.0
 FAILED_DEG: Final = 10.0
 """A run fails if the mean joint error is larger [°]."""
 LATE_FRAMES: Final = 10
-"""Number of frames at the end of a run whose own mean joint error must also be small."""
+"""Number of frames at the end of a run whose own mean joint error must not exceed `FAILED_DEG`, either."""
 APART_M: Final = 0.10
 """Legs with knees and ankles nearer to each other than this cannot be distinguished [m]."""
 SWAPPED_FRAMES: Final = 3
-"""Smallest number of frames of a swap; the method corrected shorter ones itself."""
+"""A run fails with this many frames with swapped legs; the method corrects shorter swaps itself."""
 THROUGH_MM: Final = 10.0
-"""Largest additional depth of limbs inside each other, compared with the ground truth [mm]."""
+"""Largest penetration depth of limbs, in excess of the ground truth's, of a run that does not fail [mm]."""
 LONGEST_LAG: Final = 20
 
 
@@ -120,7 +120,7 @@ class MovementScore(msgspec.Struct, frozen=True):
         median_mm, p95_mm: median and 95th percentile of the errors of landmarks that both bodies have [mm].
         acceleration, true_acceleration: root mean square acceleration of the landmarks, estimated and true [m/s²].
         jitter: root mean square acceleration of the landmarks' errors [m/s²].
-        feet, true_feet, feet_jitter: the last three figures for the landmarks `FEET` alone [m/s²].
+        feet, true_feet, feet_jitter: the same three accelerations for the landmarks `FEET` alone [m/s²].
     """
 
     frames: int
@@ -291,7 +291,7 @@ def through_itself_mm(found: Movement, true: Movement) -> Float64:
 
 
 def _places(movement: Movement, names: Sequence[str]) -> Float64:
-    """(frames, names, 3)."""
+    """Return positions (frames, names, 3) of landmarks in the world [m]."""
     return np.stack([movement.landmarks[name] for name in names], axis=1)
 
 

@@ -3,7 +3,7 @@
     for item in merge(sensors):  scene = tracker.update(Arrival(item.frame, …));  score.update(item, scene, …)
 
 The tracker receives frames; only the scoring receives the ground truth. Everything is compared at the frames of the
-scene's first sensor, the *main* one, and in its camera space, so a method can choose its world frame.
+scene's first sensor, the *main* one. Its pose aligns the worlds of method and room, so a method can choose its own.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ TARGETS: Final[Mapping[str, tuple[str, float]]] = {
     "time_offset_ms": ("most", 5),
     "wrong_left_right_percent": ("most", 1),
 }
-"""Target of each figure.
+"""Kind and limit of each figure's target, by figure.
 
-``sum`` applies the target to the sum over all runs, ``most`` and ``least`` to the largest and smallest scene's mean.
+``sum`` is an upper limit of the sum over all runs, ``most`` of the scenes' means; ``least`` is a lower limit of these.
 """
 
 
@@ -94,7 +94,7 @@ def evaluate(
         The JSON of docs/evaluation.md.
 
     Raises:
-        SettingsError: an unknown method or scene, or none.
+        SettingsError: no method, scene or seed, or an unknown or invalid one.
     """
     names = list(scene_summaries()) if scenes is None else list(scenes)
     for name in names:
@@ -104,7 +104,7 @@ def evaluate(
         if not chosen:
             raise SettingsError(f"no {what} to score; known: {', '.join(known)}")
     chosen_methods = {text: method_with_settings(text) for text in methods}
-    for method, settings in chosen_methods.values():  # refuses what cannot be used before the first room is made
+    for method, settings in chosen_methods.values():  # reject unusable methods and settings before any room is built
         make_tracker(method, settings=settings)
     if not seeds or min(seeds) < 0:
         raise SettingsError(f"seeds {list(seeds)} cannot be used; give one or more of 0, 1, 2, …")
@@ -126,7 +126,7 @@ def evaluate(
 
 
 def summary(runs: Mapping[str, Sequence[Figures]]) -> dict[str, Any]:
-    """Return the runs and their mean by scene, and over all scenes the figures that have targets.
+    """Return the runs and their mean by scene (``scenes``), and each of `TARGETS` over all scenes (``worst``).
 
     ``runs`` has the figures of each run, by scene.
     """
@@ -152,7 +152,7 @@ def _worst(figure: str, values: Mapping[str, Sequence[float | None]]) -> dict[st
 
 
 def _mean(runs: Sequence[Figures]) -> Figures:
-    """Average a scene's runs; a figure that is missing in one run is unknown."""
+    """Average a scene's runs; a figure that is None in one run is None."""
     out: Figures = {}
     for name in runs[0]:
         values = [run[name] for run in runs]

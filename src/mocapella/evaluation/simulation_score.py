@@ -43,7 +43,7 @@ ALIKE: Final = 0.5
 FRESH: Final = 0.05
 """Largest delay between a sensor's frame and the fused skeleton compared with it [s]."""
 IDENTITY_EVERY: Final = 3
-"""Identities are compared in every so many frames of the main sensor."""
+"""Stride of the main sensor's frames for the identity metrics."""
 
 
 class _SensorNow(msgspec.Struct, frozen=True, eq=False):
@@ -63,7 +63,7 @@ class _SensorNow(msgspec.Struct, frozen=True, eq=False):
 
 
 class _Mean:
-    """A mean of errors."""
+    """Running mean of errors; its value is None without any."""
 
     def __init__(self) -> None:
         self.sum, self.count = 0.0, 0
@@ -126,7 +126,8 @@ class Score:
         Args:
             item: the frame and its ground truth.
             scene: the method's scene.
-            offsets: estimated delay of each sensor's frames, see `mocapella.tracker.protocol.SensorViews` [s].
+            offsets: estimated time to add to the capture times of a sensor's frames, by sensor, see
+                `mocapella.tracker.protocol.SensorViews` [s].
         """
         sensor, truth = item.frame.sensor, item.truth
         self._now[sensor] = _sensor_now(item)
@@ -148,7 +149,7 @@ class Score:
             self._before = truth
 
     def figures(self) -> Figures:
-        """Return all figures of docs/evaluation.md; None if unknown."""
+        """Return all figures of docs/evaluation.md, by name; an unknown figure is None."""
         others = [name for name in self.sensors if name != self.main]
         errors = {name: mean.value for name, mean in self._errors.items()}
         known = {name: sums for name, sums in self._of_sensor.items() if sums[0].count}
@@ -175,7 +176,7 @@ class Score:
         }
 
     def _tied(self) -> set[str]:
-        """Return the sensors whose pose must be known by now, each relative to another."""
+        """Return the sensors whose relative poses must be known by now, with the main one; none before the first."""
         tied = {name for name in self._now if self._shared_s[name] >= SHARED_WALKING}
         return tied | {self.main} if tied or len(self.sensors) == 1 else tied
 
@@ -242,7 +243,7 @@ class Score:
         for person, column in pairs:
             self._compare_joints(person, found[column], people[column][0].states, truth)
         if self._frames % IDENTITY_EVERY == 0:
-            # People who are not expected may be found: they do not count.
+            # Detections of people who are not expected do not count.
             spare = {column for person, column in pairs if person not in wanted}
             columns = [c for c in range(len(people)) if c not in spare]
             ids = tuple(people[c][0].id for c in columns)
@@ -298,7 +299,7 @@ def _places(scene: Scene) -> dict[str, Float64]:
 
 
 def _matches(alike: Float64) -> list[tuple[int, int]]:
-    """Match true and found people who are `ALIKE`, one to one: the most matches, then the most similar."""
+    """Match true and found people of similarity `ALIKE` one to one: as many as possible, then the most similar."""
     good = alike >= ALIKE
     rows, columns = linear_sum_assignment(np.where(good, 10.0 + alike, 0.0), maximize=True)
     return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if good[r, c]]

@@ -27,12 +27,12 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 PLACEMENT_NAMES: Final = {"parallel": "parallel", "right-45": "45", "left-45": "45", "right-90": "90", "left-90": "90"}
-"""Name of each placement of the log in the thesis' tables."""
+"""Name of a placement in the thesis' tables, by its name in the log."""
 TASKS: Final = {number: name for name, number in SCENARIOS.items()}
 
 
 class Pairs(msgspec.Struct, frozen=True, eq=False):
-    """Pairs of rows of the same result and person, in the order of the results.
+    """Pairs of rows with the same person, task and Tracker_Time, in the order of Tracker_Time.
 
     Attributes:
         rows: (pairs, 2) indices of the rows in the file.
@@ -130,13 +130,13 @@ class StudySession:
 
 
 def corrected_tasks(log: StudyLog) -> Int64:
-    """Return the Scenario_Id (rows,) of a log with a logging error corrected: after the first 8, a 4 means 8."""
+    """Return the Scenario_Id (rows,) without a logging error: after the first 8 (``around-second``), a 4 means 8."""
     after = np.maximum.accumulate(log.scenario_id == SCENARIOS["around-second"])
     return np.where(after & (log.scenario_id == SCENARIOS["around-first"]), SCENARIOS["around-second"], log.scenario_id)
 
 
 def pairs_of(log: StudyLog) -> Pairs:
-    """Return the first two rows of each (task, Tracker_Time, person); rows without a partner are left out."""
+    """Pair the first two rows of each (task, Tracker_Time, person); rows without a partner are left out."""
     keys = np.stack([log.tracker_time_ms, log.scenario_id, log.person_id], axis=1)
     _, inverse, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(inverse.reshape(-1), kind="stable")
@@ -148,7 +148,7 @@ def pairs_of(log: StudyLog) -> Pairs:
 def study_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> Iterator[StudySession]:
-    """Read all study logs of a folder, in the order of their names; files with only a header are skipped.
+    """Read the study logs of a folder, by participant and name; files with only a header are skipped.
 
     Args:
         folder: with ``Study_*.csv`` or ``.csv.gz``.

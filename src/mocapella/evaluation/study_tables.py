@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 _TORSO_JOINTS = ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head", "HipLeft", "HipRight")
 TORSO: Final = tuple(TOPOLOGY.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
 MAX_WANDER: Final = 3.0
-"""Largest wander of the estimated motion between two still sensors; fits to single frames wander more [m/min]."""
+"""Largest `wander_m_per_min` of a valid row; fits to single frames wander more [m/min]."""
 _CM: Final = 100.0
 
 
@@ -98,7 +98,7 @@ def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
 
 
 def _figure(means: Float64) -> dict[str, float]:
-    """Of (participants, joints)."""
+    """Return the figures of means (participants, joints) [m] in cm, see `figures`."""
     by_joint = means.mean(axis=0)
     return {
         "mean": float(by_joint.mean() * _CM),
@@ -152,7 +152,7 @@ def problem(found: Count, as_logged: Count, wander_m_per_min: float) -> str:
 
 
 def rounded(value: Any) -> Any:
-    """Return a copy with numbers rounded to 4 decimals, and non-finite ones as None: JSON has no NaN.
+    """Return a copy with floats rounded to 4 decimals, and non-finite ones as None: JSON has no NaN.
 
     Mappings, lists and tuples are copied with all they contain, tuples as lists; other values are returned unchanged.
     """

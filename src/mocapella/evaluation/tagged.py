@@ -39,7 +39,7 @@ _TAG_SD_PX: Final = 0.1
 def evaluate_tag(
     scenes: Sequence[str], seeds: Sequence[int], tell: Callable[[str], None] = lambda text: None
 ) -> dict[str, dict[str, float]]:
-    """Return the scores of a tag, by the scene's name and for all cameras or the first one.
+    """Return the scores of a tag, by scene: ``NAME`` with all cameras, ``NAME, one camera`` with the first alone.
 
     Args:
         scenes: names of scenes; only those in `SCENES` are scored.
@@ -67,7 +67,7 @@ def evaluate_tag(
 def place_at(scene: HandScene, seed: int, at_s: float) -> Float64:
     """Return the pose ``T_world_tag`` (4, 4) of the swinging tag at a time since the scene's start [s].
 
-    It is near the hand's position and faces the cameras, with up to 1 m/s and 230°/s.
+    The tag is near the hand's position, faces the cameras, and moves with at most 0.6 m/s and 210°/s.
     """
     rng = np.random.default_rng([seed, 11])
     phase, rates, lean = rng.uniform(0, 6, (2, 3)), rng.uniform(3, 7, (2, 3)), rng.uniform(-0.5, 0.5, 3)

@@ -52,7 +52,7 @@ class _Errors:
     ids: set[int] = field(default_factory=set)
 
     def add(self, arms: list[Told], true: Float64, seen: Bools, hidden: Bools) -> None:
-        """One instant: ``seen`` by either camera, ``hidden`` from one and seen by the other."""
+        """Add one instant; ``seen`` (23,) by either camera, ``hidden`` (23,) from one and seen by the other."""
         self.frames += 1
         away = [float(np.nan_to_num(np.linalg.norm(arm[0][PALM] - true[PALM]), nan=math.inf)) for arm in arms]
         if not away or min(away) > MATCH_M:
@@ -72,7 +72,7 @@ class _Errors:
                 self.other[name].append(float(error[at]))
 
     def table(self) -> dict[str, float]:
-        """Figures: mm, and parts of 1."""
+        """Return the figures: errors [mm], and fractions, 0 to 1; NaN where nothing was counted."""
 
         def of(values: list[float], q: float) -> float:
             return round(1e3 * float(np.percentile(values, q)), 2) if values else math.nan
@@ -137,7 +137,7 @@ def two_camera_scores(
     Returns:
         Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: the error of the second camera's
         pose, and the time until it was known. A fingertip counts at an instant if at least one camera can see it;
-        ``tips_of_one_camera`` are fingertips hidden from the other one.
+        ``tips_of_one_camera`` are seen by one camera only: in figures of one camera, by the other one only.
     """
     check(scene.settings.arms == 1, "scene", scene.name, "one with one arm")
     scenes = (scene, beside(scene, angle_deg))

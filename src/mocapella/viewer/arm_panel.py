@@ -17,7 +17,7 @@ from mocapella.viewer.part_panel import PanelPlace, PanelState
 EVERY_S: Final = 0.25
 """Shortest time between two updates of the metrics, so that they can be read [s]."""
 _MANY: Final = 6.0
-"""Misdetections a minute from which the panel marks them."""
+"""Rate of misdetections above which the panel shows it in amber [1/min]."""
 
 
 class ArmPanel:
@@ -36,8 +36,8 @@ class ArmPanel:
     def show(self, state: PanelState) -> None:
         """Show or hide the folder, and update the metrics at most every `EVERY_S`.
 
-        While the folder is visible, ``state.shown`` must have an attribute ``quality``, an `ArmQuality`. Without a
-        value or a quality, the earlier metrics stay.
+        While the folder is visible, ``state.shown`` must have an attribute ``quality``, an `ArmQuality`. While one of
+        the two is None, the earlier metrics stay.
         """
         if state.visible != self._visible:
             self._visible = self._folder.visible = state.visible

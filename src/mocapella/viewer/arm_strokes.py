@@ -25,7 +25,7 @@ _RADII_M: Final = np.array([0.024, 0.018, 0.02, *[0.0115] * 5])
 _LINE_M: Final = np.array([0.010, 0.008, *[0.0055] * 5])
 _HOLLOW: Final = 0.45
 _OF_LANE: Final = 0.6
-"""So wide an image of a usual shape is seen whole above the panels."""
+"""Width of an image as a fraction of the lane's, so that the ARMS stage in front of the lane hides none of it."""
 
 
 def arm_strokes(p: Float64, states: NDArray[np.uint8], scale: float) -> tuple[Strokes, Strokes, Strokes]:
@@ -62,7 +62,7 @@ def _hollow(at: Float64, colour: NDArray[np.uint8], radius: float) -> Strokes:
 
 
 def lane_arms(frame: ArmFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """Return the strokes of a depth camera's lane, lines and balls: the image's border, and the arms in the image.
+    """Return the lines and the balls of a depth camera's lane: the image's border, bones and joints of the arms in it.
 
     The arms are projected without the lens's distortion; inferred joints have paler balls.
 

@@ -94,7 +94,7 @@ def _camera(camera: CameraProgress, colours: SensorColours) -> str:
 
 
 def _quality(quality: RigQuality, colours: SensorColours) -> str:
-    """The table lies on its side: a column for each camera, since the panel is narrow."""
+    """Return the rig's quality as an HTML table with a column for each camera, since the panel is narrow."""
     cells = list(zip(*quality.rows, strict=True))
     right = 'style="text-align:right;padding:1px 0 1px 8px"'
     names = "".join(

@@ -22,7 +22,7 @@ KINDS: Final = (CHARUCO, CHESSBOARD, FILE)
 _USUAL: Final = Board("charuco", 5, 7, 0.0352, dictionary="DICT_4X4_50")
 _MM: Final = 1e3
 _TYPED_S: Final = 0.3
-"""Delay before a click counts [s]: a browser may send typed text after a later click, and a wrong size spoils all."""
+"""Delay from a click on Start until the inputs are read [s]: a browser may send typed text after a later click."""
 
 Send = Callable[[str, dict[str, Any]], None]
 
@@ -203,7 +203,7 @@ class BoardPlace:
 
         Args:
             status: status of the session, with its sensors.
-            progress: progress of the calibration; None if the server cannot calibrate.
+            progress: progress of the calibration; None if the server cannot calibrate, which changes nothing.
         """
         if progress is None:
             return

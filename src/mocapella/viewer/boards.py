@@ -22,24 +22,24 @@ from mocapella.viewer.room import ImageLines, called, drawing_of
 Float64 = NDArray[np.float64]
 
 BOARDS: Final = "/board"
-"""Name of the boards' scene node; its children move with the target of the browser's camera."""
+"""Name of the boards' scene node; `BoardNodes.place` moves it, and all boards with it."""
 EMPTY: Final = Rgb(106, 114, 129)
 """Colour of a board without an image, which looks dark in the light from behind."""
 _RIM_M: Final = 0.015
-"""So much a board is wider than its picture, which is before it by as much."""
+"""Width of a board's border around its image, and distance of the image in front of the board [m]."""
 _ROW_HIGH_M, _ROW_WIDE_M, _GAP_M = 1.9, 6.4, 0.06
-"""A row of pictures is as high as this, and no wider than that."""
+"""Largest height and width of the row of images, and gap between two images [m]."""
 _OVER_M, _BEHIND_M = 0.35, 1.2
-"""Where it begins: over the highest head at the start, and behind it."""
+"""Distance of the row above people's initial height, and behind the boards' origin [m]."""
 BOARDS_BEHIND: Final = np.array([0.0, 0.0, layout.SENSORS_ORIGIN[2] - _BEHIND_M])
-"""Origin (3,) of the boards if the camera does not follow people: above the sensors' gallery [m]."""
+"""Origin (3,) of the boards if the camera does not follow people; they then stand above the sensors' gallery [m]."""
 _LINES_LIFT: Final = 0.003
-"""So far lines are before a picture, over its width."""
+"""Distance of the lines in front of an image, as a fraction of its width."""
 _LINE_M: Final = 0.014
 _DEEPER: Final = 0.55
 """Factor of the lines' brightness: unlit lines look fully lit, so bright colours would be nearly white."""
 _NEAR_M: Final = 1e-4
-"""Boards that are so near to where they are to be stay."""
+"""Boards are not moved by less than this [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +89,12 @@ def _joined(told: list[ImageLines]) -> ImageLines:
 def picture_row(sizes_px: Mapping[str, tuple[int, int]], tall_m: float) -> dict[str, Plane]:
     """Return the plane of each camera's image: equally high, side by side from the left of the screen.
 
-    The row is centred above the boards' origin, and the planes' positions are relative to that origin. It is at most
+    The planes' positions are relative to the boards' origin. The row is centred above it and 1.2 m behind it, at most
     1.9 m high and 6.4 m wide, and empty without cameras.
 
     Args:
         sizes_px: (width, height) of each camera's image, by camera.
-        tall_m: height of the people below the images [m].
+        tall_m: height of the people or lanes below the images, which begin 0.35 m above it [m].
     """
     if not sizes_px:
         return {}
@@ -139,8 +139,7 @@ class BoardNodes:
         Args:
             planes: plane of each board, relative to the boards' origin; kept as the attribute.
             boards: content of each board, at least for the cameras of ``planes``.
-            new_pictures: whether images that are already shown are replaced by newer ones. Lines and texts are always
-                replaced.
+            new_pictures: whether a board that shows an image takes a newer one. Lines and texts are always replaced.
         """
         self.planes = planes
         for name, plane in planes.items():

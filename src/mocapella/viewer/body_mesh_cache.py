@@ -51,7 +51,7 @@ class BodyMeshCache:
             mesh = mesh_of_build(build)
         except MocapellaError:
             return  # lines between landmarks are drawn
-        posed(mesh, rest(mesh))  # compiles what drawing needs
+        posed(mesh, rest(mesh))  # compiles the kernels that drawing needs
         self.put(build, mesh)
 
     def _keep(self, build: str, mesh: RiggedMesh | None) -> None:

@@ -19,7 +19,7 @@ WINDOW_S: Final = 5.0
 """Time span of the charts [s]."""
 CHARTS_EVERY_S: Final = 0.2
 CHARTS: Final = ("knee flexion", "hip flexion")
-"""Joint angles shown at first, if the body model has them."""
+"""Groups of joint angles charted at first (`mocapella.viewer.charts.groups`); without these, the body's first two."""
 GOOD_OVERLAP: Final = 0.7
 _PLAIN: Final = Rgb(222, 228, 238)
 

@@ -42,16 +42,16 @@ ROUND: Final = 1.2
 ASPECT: Final = 1.4
 """Width over height of a usual window beside the panel."""
 _TALL: Final = 0.7
-"""Of a telephone held upright: its panel is a sheet that covers three fifths from below."""
+"""Aspect ratio below which a browser is an upright phone, whose panel covers the lower three fifths of the view."""
 _OVER_SHEET: Final = 0.2
 _ELEVATION_ALONG: Final = float(np.radians(9.0))
 _MARGIN_ALONG, _MARGIN_PICTURE = 1.06, 1.02
 _HALF_M: Final = 0.45
-"""So far what the camera goes along with reaches to the front and back at least."""
+"""Smallest half depth of the followed region, along z [m]."""
 _WORDS_M: Final = 0.2
-"""So high are the words over a picture."""
+"""Height of the text above a camera image [m]."""
 STILL_S, LONGEST_STILL_S = 0.5, 5.0
-"""Durations for which the first camera images are not replaced: after the browser's first answer, and without one [s].
+"""Times until the first camera images are replaced: after the browser's first answer; at most after its connection [s].
 
 A browser drops an image that it has not decoded when the next one arrives; a busy browser would therefore show none.
 """
@@ -62,7 +62,7 @@ def new_sight(space: StageSpace, extent: tuple[Float64, Float64] | None, *, free
 
     Args:
         space: pose of the world on the stage, with the initial size of the parts.
-        extent: two opposite corners (3,) of the box around the parts, in the view's space [m]; None if unknown.
+        extent: opposite corners (3,) of the box around the parts, in the view's space [m]; None: the stage's centre.
         free: whether the perspective is `FREE`.
     """
     x, _, z = layout.stage_centre()
@@ -188,7 +188,7 @@ class Browser:
             self._move_camera(stage, perspective, len(gallery.spaces), wish)
 
     def _change_stage(self, stage: Stage) -> None:
-        """Move the camera to another stage, unless it was moved by hand."""
+        """Let the camera show a new stage, unless the user moved it or chose another view."""
         if stage.name == self._stage_name:
             return
         first, self._stage_name = not self._stage_name, stage.name
@@ -223,7 +223,7 @@ class Browser:
         return str(PlayState.NOTHING) if moment.scene is None else "Nothing is there"
 
     def _behind(self) -> tuple[str, ...]:
-        """Return how old the shown scene is, while the session goes on."""
+        """Return a line with the shown scene's age; none after a run on files has ended."""
         return () if self._timeline.done else (f"{self.playhead.state} · {self.playhead.behind_s:.1f} s ago",)
 
     def _draw_boards(self, boards: Boards, now_s: float) -> None:
@@ -261,7 +261,7 @@ class Browser:
         self._wish = aim
 
     def _go_along(self, stage: Stage, drawing: TrackingDrawing, perspective: str, now_s: float) -> None:
-        """Keep the moving parts in sight if the scene defines how its world lies."""
+        """Move the followed region with the parts, if they define the pose of the world."""
         space, extent = self._known.ground.space, drawing.extent
         if space is None or not stage.pictures:
             self._sight, self._sight_of = None, ()

@@ -16,9 +16,9 @@ from mocapella.viewer.layout import Look
 Float64 = NDArray[np.float64]
 
 _ASIDE: Final = 1e-3
-"""[m]."""
+"""Offset of a pose that is sent first, so that the pose itself always counts as changed [m]."""
 _SETTLED: Final = 30
-"""Calls after a move of ours during which the browser may still report its camera's previous position."""
+"""Number of `BrowserCamera.beat` calls after a pose was sent, while the browser may report its previous position."""
 _ELSEWHERE_M: Final = 0.02
 REMEMBERED: Final = 600
 """Number of remembered positions sent to the browser, because a slow browser reports its camera's position late."""
@@ -50,7 +50,7 @@ class BrowserCamera:
         self._follows = self._by_hand = self._heard = False
         self._sent: deque[Float64] = deque(maxlen=REMEMBERED)
         self._reported: deque[Float64] = deque(maxlen=REMEMBERED)
-        # What is waited for in the server's own loop comes in order.
+        # An asynchronous callback runs on the server's loop, so reports arrive in order.
         client.camera.on_update(self._hear)
 
     @property
@@ -98,13 +98,13 @@ class BrowserCamera:
             at = self._reported.popleft()
             passed = next((k for k, sent in enumerate(self._sent) if _near(at, sent)), None)
             if passed is not None:
-                for _ in range(passed):  # it does not go back there by itself
+                for _ in range(passed):  # the browser does not report earlier positions any more
                     self._sent.popleft()
                 self._heard = True
                 self.answered_s = min(self.answered_s, time.monotonic() if now_s is None else now_s)
             if self.home is not None and _near(at, self.home):
                 self._by_hand = False
-            elif passed is None and self._heard:  # until then it may not have heard of us
+            elif passed is None and self._heard:  # before, the browser may not have received a sent position
                 self._by_hand = True
 
     def put(self, look: Look) -> None:

@@ -185,13 +185,14 @@ class CameraFeed:
         return {} if shot is None or shot.answer is None else shot.answer.report or {}
 
     def beat(self, cameras: Collection[str], now_s: float, plain: Collection[str] = ()) -> None:
-        """Send the least recently sent of the due requests, for images or reports; do not wait for its answer.
+        """Send one due request for an image or report, the one sent longest ago; do not wait for its answer.
 
         Call it in every update while a browser is connected. It sends at most one request: none before
         1 / `FeedSettings.rate_hz` has passed since the last, and none while `FeedSettings.workers` are unanswered.
 
         Args:
-            cameras: names of the cameras that have a node now; their reports are requested, also without an image.
+            cameras: names of the cameras that have a node now. A camera's report is requested until the node has
+                answered once, later only while an image of the camera is shown.
             now_s: the present time on this process's monotonic clock [s].
             plain: names of cameras whose nodes detect nothing in images; requests are the same, but `looks` is False.
         """
@@ -272,7 +273,7 @@ class CameraFeed:
         self._shots[key] = FeedImage(answer or before.answer, problem, before.number + 1)
 
     def _scale(self, key: tuple[str, str]) -> float:
-        """As wide as the widest browser has wanted it since it was asked for last."""
+        """Return the scale for the largest width wanted since the last request; 0.5 while the size is unknown."""
         wish, answer = self._wishes[key], self._shots.get(key, FeedImage()).answer
         width_px, wish.width_px = wish.width_px, 0.0
         if answer is None or answer.size_px is None:
@@ -289,6 +290,6 @@ def _is_picture(answer: CameraAnswer) -> bool:
 
 
 def _raise_again(done: Future[None]) -> None:
-    """Let an error of the program itself be logged, instead of vanishing with the future."""
+    """Raise an unexpected error of a task, so that it is logged."""
     if not done.cancelled():
         done.result()

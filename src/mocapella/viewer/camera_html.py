@@ -14,7 +14,7 @@ from mocapella.viewer.pointing import SKIN, Point, Pointing, asks_for, where
 
 _SMALL = "font-size:13px;line-height:1.45"
 _RADIUS = 0.022
-"""Of a marker's circle, in widths of the picture."""
+"""Radius of a marker's circle, as a fraction of the image's width."""
 GOOD_KEPT, FAIR_KEPT = 0.9, 0.8
 """Recognised share of a colour's pixels: good from the first value on, poor below the second."""
 _MOST_PROBLEMS = 6
@@ -155,7 +155,7 @@ def unsaved_html(camera: str) -> str:
 
 
 def _texts(value: Any) -> list[str]:
-    """The texts in what a node sent, which may be anything."""
+    """Return the strings of a list that a node sent; empty for any other value."""
     return [text for text in value if isinstance(text, str)] if isinstance(value, list | tuple) else []
 
 

@@ -18,16 +18,16 @@ from mocapella.viewer.pointing import MARKERS, SKIN, Point, Pointing, asks_for, 
 
 NONE: Final = "–"
 _PANEL_PX, _LARGE_PX = 480, 1280
-"""So wide a picture is asked for, beside the stages and before them."""
+"""Width of the requested image in the panel, and of the large image [px]."""
 _MOST_BACKGROUNDS: Final = 6
-"""Of the pictures that a node keeps."""
+"""Largest number of images without the hand, because a node keeps only a few images."""
 
 Say = Callable[[str, str, bool], None]
 """Shows a short notice: title, text, and False for an error."""
 
 
 class Lesson(Enum):
-    """Step of learning the marker colours: the image is frozen, the user points at markers, the node learns."""
+    """Step of learning colours: none; fetching a frozen image; the user points; the node learns; learnt, not saved."""
 
     NONE = auto()
     FREEZING = auto()
@@ -129,7 +129,7 @@ class CameraPanel:
         if self._lesson in (Lesson.POINTING, Lesson.LEARNING) and self._frozen is not None:
             words = "Learning …" if self._lesson is Lesson.LEARNING else asks_for(self._pointing.next)
             return Large(self._frozen, self._pointing.points, words, True)
-        if answer is None:  # what stands there stays until the first of the other kind has come
+        if answer is None:  # the present image stays until the first of the new type arrives
             return None if self.large is None else replace(self.large, points={}, words=f"{camera} · {shown} …")
         return Large(
             answer, camera_html.found(answer) if shown is FeedMode.PICTURE else {}, f"{camera} · {shown}", False

@@ -16,7 +16,7 @@ _COLOURS: Final = ("#5eb0ff", "#ff9f1c", "#9ae648", "#ff5ca8", "#b084ff", "#ffe2
 
 
 def groups(joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Group joint angles for charts: return the indices of a left and right pair, or of one joint, by plain name.
+    """Group joint angles for charts: return the indices of left and right, or of one joint, by name without side.
 
     Args:
         joint_names: names of the body model's joint angles, such as ``left knee flexion``, in their order.
@@ -55,7 +55,7 @@ class Chart:
         """
         if tuple(names) != self._names:
             self._names, self._groups = tuple(names), groups(names)
-            self._choice.options = tuple(self._groups)  # one that it does not have becomes the first that it has
+            self._choice.options = tuple(self._groups)  # viser replaces a choice that is missing by the first option
         chosen = str(self._choice.value)
         columns = self._groups[chosen]
         data = (at_s, *(np.degrees(angles[:, k]) for k in columns))

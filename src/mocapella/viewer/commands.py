@@ -39,7 +39,7 @@ class Commander:
 
     def __init__(self, command: SendCommand) -> None:
         self._command = command
-        self._waiting: dict[viser.ClientHandle, deque[_Waiting]] = {}  # whose turn it is comes first
+        self._waiting: dict[viser.ClientHandle, deque[_Waiting]] = {}  # in the order of the turns
         self._lock = threading.Lock()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
@@ -69,7 +69,7 @@ class Commander:
 
     def _next(self) -> None:
         with self._lock:
-            if not self._waiting:  # of a browser that has left
+            if not self._waiting:  # the command was dropped with its browser
                 return
             client = next(iter(self._waiting))
             own = self._waiting.pop(client)
@@ -99,6 +99,6 @@ def _title(verb: str) -> str:
 
 
 def _raise_again(done: Future[None]) -> None:
-    """Let an error of the program itself be logged, instead of vanishing with the future."""
+    """Raise an unexpected error of a task, so that it is logged."""
     if not done.cancelled():
         done.result()

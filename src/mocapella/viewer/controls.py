@@ -15,7 +15,7 @@ FIRST_TAKE = "take-1"
 
 @dataclass(frozen=True)
 class Allowed:
-    """Whether each command to the server is possible now; the controls of the others are disabled."""
+    """Whether each command to the server is possible now, by command; the controls of the others are disabled."""
 
     start: bool = False
     stop: bool = False
@@ -45,7 +45,7 @@ def allowed(status: SessionStatus | None) -> Allowed:
 
 
 def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, ...]:
-    """Return the names of the scene part types that have a panel folder: as the status counts, or else the scene's."""
+    """Return the names of the part types with a panel folder: all that the status counts, or else the scene's."""
     counted = tuple(status.counts) if status is not None else ()
     return counted or (tuple(scene.parts) if scene is not None else ())
 
@@ -71,7 +71,9 @@ def default_perspective(status: SessionStatus | None, sensors: tuple[str, ...]) 
 
 
 def take_name(typed: str, before: SessionStatus | None, now: SessionStatus) -> str:
-    """Return the new text of the take's name field: the server's proposal, unless the user typed an unused name.
+    """Return the new text of the take's name field: the server's proposal, unless a recording runs or a name is typed.
+
+    A text counts as typed if it is neither the last proposal nor the name of the take that has just ended.
 
     Args:
         typed: present text of the field.

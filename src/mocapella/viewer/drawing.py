@@ -22,7 +22,7 @@ Anchor = Literal["bottom-center", "bottom-left"]
 
 _FIRST_CAPACITY = 64
 _MORE_STROKES = 64
-"""A set of strokes grows by this many; strokes of no size also cost a browser time."""
+"""A node's number of instances is a multiple of this: small, because unused instances also cost a browser time."""
 _NEGLIGIBLE = 5e-4
 """A frustum that has moved by less [m], or turned by less [rad], stays where it is drawn."""
 _FROM_PICTURE = np.diag([-1.0, -1.0, 1.0])
@@ -59,7 +59,7 @@ class StrokeNode:
         self._handle: viser.BatchedMeshHandle | None = None
 
     def draw(self, strokes: Strokes) -> None:
-        """Show exactly these strokes, in place of the earlier ones; none hides all."""
+        """Show exactly these strokes, in place of the earlier ones; an empty set hides all."""
         if not len(strokes) and not self._shows:
             return
         self._shows = len(strokes) > 0
@@ -122,7 +122,7 @@ class SurfaceNode:
         if self._handle is None or self._made_of != made_of:
             if self._handle is not None:
                 self._handle.remove()
-            self._faces, self._made_of = mesh.faces, made_of  # held, so that no other has its id
+            self._faces, self._made_of = mesh.faces, made_of  # held, so that no other array gets its id
             self._handle = self._scene.add_mesh_simple(
                 self._name,
                 mesh.vertices,
@@ -196,7 +196,7 @@ class SkinNode:
 
 
 def _summed(mesh: RiggedMesh, parts: int) -> NDArray[np.float64]:
-    """(n, parts) how much each part moves each vertex; a part may be there more than once where its share is 0."""
+    """Return the skinning weights (vertices, parts); a vertex may list a part again with a share of 0."""
     weights = np.zeros((len(mesh.vertices), parts))
     rows = np.arange(len(mesh.vertices))
     for column in range(mesh.bones.shape[1]):
@@ -349,7 +349,7 @@ class SensorNode:
 
 
 class FloorNode:
-    """Scene node of a level floor with a grid of one metre; hidden until `place`.
+    """Scene node of a level floor with lines every 0.5 m, stronger every metre; hidden until `place`.
 
     Args:
         scene: viser's 3D scene of the browser.

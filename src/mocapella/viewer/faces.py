@@ -13,9 +13,9 @@ from mocapella.viewer.palette import EYE
 
 _SHOULDERS: Final = "shoulder_left", "shoulder_right"
 _EYE_RIGHT, _EYE_UP, _EYE_M = 0.42, 0.2, 0.24
-"""Of the head's radius: how far an eye is from the middle of the face to the side and upwards, and its radius."""
+"""Offset of an eye from the face's middle to the side and upwards, and its radius, in radii of the head."""
 _NOSE_LONG, _NOSE_WIDE = 0.32, 0.2
-"""Of the head's radius: half the length of the nose, and half its width."""
+"""Half the length and half the width of the nose, in radii of the head."""
 _SHORTEST: Final = 1e-3
 
 

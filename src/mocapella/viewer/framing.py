@@ -40,9 +40,9 @@ class Framing:
         self._last_s: float | None = None
 
     def follow(self, low: Float64, high: Float64, now_s: float) -> None:
-        """Move the box smoothly towards a place where it contains all people; the first call moves it at once.
+        """Move and widen the box smoothly as far as people leave it; the first call changes it at once.
 
-        People may reach `SLACK_M` beyond the box, and `HEADROOM_M` above it, before it moves.
+        People may reach `SLACK_M` beyond the box, and `HEADROOM_M` above it, before it changes.
 
         Args:
             low, high: (3,) opposite corners of the people's bounding box in the view's space [m].

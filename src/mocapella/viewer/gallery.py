@@ -79,8 +79,8 @@ class SensorsStage:
 
     Args:
         scene: viser's 3D scene of the browser.
-        fields: horizontal and vertical field of view by sensor [°], read at each drawing; a usual one is drawn for a
-            sensor that is not in it.
+        fields: horizontal and vertical field of view by sensor [°], read at each drawing; a missing sensor has
+            `UNKNOWN_FIELD_OF_VIEW_DEG`.
     """
 
     def __init__(self, scene: viser.SceneApi, fields: Mapping[str, tuple[float, float]]) -> None:
@@ -134,7 +134,7 @@ class SensorsStage:
 
 
 def _view_sensor(space: LaneSpace) -> Float64:
-    """(4, 4) from a sensor's camera frame to its lane in the view."""
+    """Return the scaled transform (4, 4) from a sensor's camera space to its lane in the view's space."""
     T = space.T_level.copy()
     T[:3] *= SENSORS_SCALE
     T[:3, 3] += space.origin

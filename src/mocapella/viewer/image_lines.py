@@ -16,9 +16,9 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 _FINEST: Final = 320
-"""So many samples the longer side of an outline has."""
+"""Largest number of samples along the longer side of an outline's mask."""
 _SMOOTHED: Final = 5
-"""Number of outline points over which a majority decides the side."""
+"""Number of contour points around a point whose majority decides on which side of the outline it is."""
 MOST_POINTS: Final = 160
 """Largest number of points of a drawn line; more would not be visible."""
 
@@ -83,9 +83,9 @@ def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float
 
 
 def _filled(lines: list[Float64]) -> tuple[Float64, float, Bool]:
-    """What closed lines cover, their own samples included: (2,) of the mask's corner, its step [px], the mask.
+    """Fill closed lines: return the mask's corner (2,) [px], the size of a sample [px], and the mask, lines included.
 
-    A sample is covered where an odd number of lines is to the left of it.
+    A sample is inside if an odd number of lines is to the left of it.
     """
     every = np.concatenate(lines)
     extent = every.max(axis=0) - every.min(axis=0)
@@ -113,7 +113,7 @@ def _filled(lines: list[Float64]) -> tuple[Float64, float, Bool]:
 
 
 def _most(flags: Bool) -> Bool:
-    """(n,) of a closed line: what most of the points about each say."""
+    """Return the majority of the flags around each point (n,) of a closed line."""
     half = _SMOOTHED // 2
     around = np.pad(flags.astype(np.int64), half, mode="wrap")
     return np.asarray(2 * np.convolve(around, np.ones(_SMOOTHED, np.int64), "valid") > _SMOOTHED)

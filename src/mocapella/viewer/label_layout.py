@@ -15,7 +15,7 @@ Float64 = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 _CHARACTER_PX, _LINE_PX, _PADDING_PX = 6.3, 18.0, 6.0
-"""Size of a label of font scale 1 in the library's font: a character's width, the height, both borders."""
+"""Size of a label of font scale 1 in viser's font: width of a character, height, and both borders together [px]."""
 _GAP_PX: Final = 2.0
 _NEAREST_M: Final = 0.05
 _DECIMALS: Final = 3
@@ -46,7 +46,7 @@ class LabelCamera:
             target: (3,) point that it looks at [m].
             up: (3,) upward direction.
             fov: vertical field of view [rad].
-            height_px: height of the canvas.
+            height_px: height of the canvas [px].
         """
         forward = np.asarray(target, np.float64) - position
         right = np.cross(forward, up)

@@ -16,7 +16,7 @@ Float64 = NDArray[np.float64]
 SENSORS_SCALE = 0.6
 """Scale of the gallery: a metre in front of a sensor is this long in the view's space."""
 LANE_WIDTH_M, LANE_DEPTH_M = 4.0, 4.5
-"""Size of a lane's floor before scaling: a Kinect's range, and the width of its field of view at middle distance."""
+"""Size of a lane's floor before scaling: the width of a Kinect's view at middle distance, and its range [m]."""
 LANE_GAP = 0.12
 """Gap between two lanes, in the view's space [m]."""
 LANES_A_ROW = 3

@@ -34,7 +34,7 @@ def marker_colour(name: str) -> Rgb:
 
 
 def lane_picture(frame: MarkerFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
-    """Return the strokes of a marker camera's lane, lines and balls: the image's border, and the markers.
+    """Return the strokes of a marker camera's lane: lines for the image's border, and balls for the markers.
 
     A marker's ball has the area of its pixels, and at least a visible size; a marker that is not found has none.
 

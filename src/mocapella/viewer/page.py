@@ -36,7 +36,7 @@ _THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 _THEIR_TITLE: Final = b"<title>Viser</title>"
 _TITLE: Final = b"<title>Mocapella</title>"
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
-"""The ground's colours, from the top of the picture to its bottom."""
+"""Background colours at the top and at the bottom of the view: red, green and blue, 0 to 255."""
 MAX_MESSAGE_BYTES: Final = 1 << 20
 """Longest message of a browser, in bytes; a longer one ends the browser's connection."""
 MOST_CONNECTIONS: Final = 256
@@ -44,14 +44,14 @@ MOST_CONNECTIONS: Final = 256
 MOST_PAGES: Final = 64
 """Largest number of open pages, which each have one connection."""
 HANDSHAKE_S: Final = 8.0
-"""Longest duration of a browser's request; then its connection is closed [s]."""
+"""Longest time from connection to the end of the browser's request; then the connection is closed [s]."""
 
 
 @contextlib.contextmanager
 def unprinted() -> Iterator[None]:
-    """Suppress the messages that viser prints meanwhile, because standard output is for results.
+    """Suppress the messages that viser prints within the ``with`` block, because standard output is for results.
 
-    What other threads of the process print to ``sys.stdout`` meanwhile is lost, too.
+    Output of other threads to ``sys.stdout`` is lost, too.
     """
     with contextlib.redirect_stdout(io.StringIO()):
         yield
@@ -62,7 +62,7 @@ class PageServer(viser.ViserServer):
 
     Attributes:
         door: decides which requests are answered.
-        refusals: counts those that are not.
+        refusals: counts the refused requests.
     """
 
     door: PageDoor
@@ -105,7 +105,8 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: this machine cannot listen at the address, or the view's token cannot be stored.
+        SettingsError: this machine cannot listen at the address, or the view's token is invalid or cannot be stored.
+        InputError: the file of the view's token cannot be read.
     """
     _check_free(host, port)
     door, refusals = PageDoor(users_token(), host), PageRefusals()
@@ -151,7 +152,7 @@ class _Page:
 
 
 class _PageSocket(viser.infra.WebsockServer):
-    """The library's web server, which serves its page under our title and behind a door."""
+    """viser's web server, which serves its page under our title and admits requests by a `PageDoor`."""
 
     door: PageDoor
     refusals: PageRefusals
@@ -182,7 +183,7 @@ class _LoopEvent(asyncio.Event):
         if asyncio._get_running_loop() is self._loop_of_page:
             super().set()
         elif not self._asked:
-            self._asked = True  # until the loop has heard, so that it is not woken for each message of a drawing
+            self._asked = True  # until `_hear`, so that the loop is not woken for each message of a drawing
             with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
                 self._loop_of_page.call_soon_threadsafe(self._hear)
 
@@ -200,7 +201,7 @@ class _Messages(_INFRA.AsyncMessageBuffer):  # type: ignore[misc]
 
 
 _AT: Final = threading.local()
-"""The door and the seats of the page that a thread serves."""
+"""`PageDoor` and `_Seats` of the page that a thread serves."""
 
 
 class _Seats:
@@ -237,7 +238,7 @@ class _Seats:
 
 
 class _Connection(ServerConnection):
-    """A connection that has a seat.
+    """A connection that `_Seats` counts.
 
     Attributes:
         operates: whether its request had the operator's token.
@@ -255,7 +256,7 @@ class _Connection(ServerConnection):
         data = await super().recv(decode=False)
         if not self._quota.take(time.monotonic()):
             self._seats.refusals.add("messages", f"a page sent more than {MESSAGES_HZ:.0f} messages a second")
-            self.transport.abort()  # what it has sent besides is dropped
+            self.transport.abort()  # its further messages are dropped
             raise ConnectionClosedError(None, None)
         return data
 
@@ -269,7 +270,7 @@ class _Connection(ServerConnection):
 
 
 class _GuardedServe(serve):
-    """The socket server of the library's web server, which asks the thread's door before a socket is accepted."""
+    """The socket server of viser's web server, which first asks the thread's `PageDoor` to admit a request."""
 
     def __init__(self, handler: Any, *args: Any, process_request: Callable[..., Any], **keywords: Any) -> None:
         door: PageDoor = _AT.door
@@ -325,9 +326,9 @@ class _GuardedSockets:
 
 @contextlib.contextmanager
 def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
-    """Let a `viser.ViserServer` that is made meanwhile use `_PageSocket`; it has no argument for it."""
+    """Let a `viser.ViserServer` that is made within the ``with`` block use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
-    _INFRA.AsyncMessageBuffer = _Messages  # stays: pages that come later have theirs by this name, too
+    _INFRA.AsyncMessageBuffer = _Messages  # stays, because later pages create their buffers by this name, too
     usual = infra.WebsockServer
     infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
     _INFRA.websockets = _GuardedSockets()
@@ -339,7 +340,7 @@ def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
 
 
 def _check_free(host: str, port: int) -> None:
-    """Before the web server tries: it would silently take the next port instead."""
+    """Raise an error if the port cannot be used; the web server would silently take the next one."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:

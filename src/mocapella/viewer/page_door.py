@@ -112,7 +112,7 @@ class PageDoor:
 def _in_query(path: str) -> str:
     try:
         return parse_qs(urlsplit(path).query).get(_PARAMETER, [""])[0]
-    except ValueError:  # a path that is none, such as //[
+    except ValueError:  # an invalid path, such as //[
         return ""
 
 
@@ -151,8 +151,8 @@ def _is_address(host: str) -> bool:
 def users_token() -> str:
     """Return the token of this user's views, from `TOKEN_VARIABLE`, or from a file that only the user can read.
 
-    The file is made if it is missing, and replaced, with a new token, if other users can read it. Else the token stays
-    the same, so that an open page continues with the next view at its address.
+    The file is made if it is missing, and replaced, with a new token, if other users can read it or its token is
+    invalid. Else the token stays the same, so that an open page continues with the next view at its address.
 
     Raises:
         SettingsError: the variable's token is too short or not alphanumeric, or the file cannot be written.
@@ -174,7 +174,7 @@ def users_token() -> str:
 
 
 def _kept(file: Path) -> str:
-    """Return the token of the file; empty if there is none, or if others could read or replace it."""
+    """Return the token of the file; empty if there is no valid one, or if others could read or replace it."""
     if not file.is_file() or (os.name == "posix" and file.stat().st_mode & 0o077):
         return ""
     token = read_whole(file, fix="delete it", most_bytes=_MOST_BYTES).decode("utf-8", "replace").strip()

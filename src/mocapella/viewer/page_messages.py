@@ -1,7 +1,7 @@
 """Decode the messages of pages: only those that the view uses, and only in their form and range.
 
 viser decodes any of its messages, with any value in any field. A camera's position of NaN, or of two numbers, would
-end each later drawing.
+make all later drawing fail.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from mocapella.viewer.page_refusals import PageRefusals
 FARTHEST: Final = 1e6
 """Largest coordinate of a camera or a ray [m], and largest number of pixels along a side of a canvas."""
 SHORTEST: Final = 1e-6
-"""Shortest distance between a camera and what it looks at [m], and shortest vector of its upward direction."""
+"""Shortest distance between a camera and its target [m], and smallest length of its upward vector."""
 LARGEST: Final = 1e9
-"""Largest number that a control's value has."""
+"""Largest absolute value of a control's number."""
 LONGEST_TEXT: Final = 1000
 MOST_VALUES: Final = 16
 """Largest number of elements in a control's value."""
 MESSAGES_HZ: Final = 200.0
-"""Largest mean rate of a page's messages [Hz]; viser's page sends at most a fifth of it."""
+"""Largest mean rate of a page's messages [Hz]; viser's own page sends at most a fifth as many."""
 MOST_AT_ONCE: Final = 1000
-"""Largest number of messages that a page sends at once beyond `MESSAGES_HZ`."""
+"""Largest burst of a page's messages, as a number of messages."""
 _LONGEST_ID: Final = 100
 _LONGEST_REASON: Final = 200
 
@@ -89,12 +89,12 @@ class ScenePointerMessage(_PageMessage, frozen=True):
 
 
 USED: Final = (ViewerCameraMessage, GuiUpdateMessage, ScenePointerMessage)
-"""The messages that the view takes."""
+"""Types of the messages that the view accepts."""
 _Used = ViewerCameraMessage | GuiUpdateMessage | ScenePointerMessage
 
 
 class Refused:
-    """Result of decoding a message that the view does not take; nothing in viser hears it."""
+    """Result of decoding a message that the view does not accept; viser has no handler for it."""
 
 
 def decode_page_message(data: bytes) -> _messages.Message:
@@ -119,7 +119,7 @@ class PageInbox:
         self._refusals = refusals
 
     def deserialize(self, data: bytes) -> _messages.Message | Refused:
-        """Return the message, or a `Refused`; the name is of viser's interface."""
+        """Return the decoded message, or a `Refused`; viser calls this method by its name."""
         try:
             return decode_page_message(data)
         except InputError as error:
@@ -129,7 +129,7 @@ class PageInbox:
 
 
 class MessageQuota:
-    """Bounds the messages of one page to `MESSAGES_HZ` in the mean, and `MOST_AT_ONCE` at once."""
+    """Token bucket for the messages of one page: `MESSAGES_HZ` on average, and bursts of up to `MOST_AT_ONCE`."""
 
     def __init__(self) -> None:
         self._left, self._at_s = float(MOST_AT_ONCE), -math.inf

@@ -34,7 +34,7 @@ class PageRefusals:
 
         Args:
             kind: short name, such as ``origin``; use few different ones.
-            reason: the reason as the refused program is told it.
+            reason: the reason, as sent to the refused program.
         """
         now_s = time.monotonic()
         with self._lock:

@@ -47,7 +47,7 @@ SHORTEST_TRAIL_S = 2
 NO_PICTURE: Final = "–"
 """The dropdown's text while no camera image is chosen."""
 _BESIDE: Final = 0.01
-"""Between two folders that are made when they are first needed, among the others' orders."""
+"""Difference between the orders of two folders that are made on demand, less than between the other folders."""
 
 
 class Aim(StrEnum):
@@ -96,7 +96,7 @@ class Panel:
         operates: whether the browser may control the session; if not, no command is sent, and the controls for commands
             are hidden.
         refusals: the view's refused requests, which operators see among the notices.
-        aim: is called with the camera's target when the user chooses one, from viser's callbacks.
+        aim: is called with the `Aim` that the user chooses, from viser's callbacks.
         feed: requests camera images.
         timeline: the stored moments.
         playhead: position of this browser on the timeline.

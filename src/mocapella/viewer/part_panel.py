@@ -18,7 +18,7 @@ class PanelPlace:
     Attributes:
         gui: controls of the browser.
         order: position among the other folders.
-        send: sends a command with its arguments to the server; None without a server.
+        send: sends a command with its arguments to the server; None without a server, or if the browser only watches.
     """
 
     gui: viser.GuiApi
@@ -38,8 +38,8 @@ class PanelState:
             another stage, which may have another type.
         visible: whether the folder is shown, because the tracking method can make such parts, or the stage is shown.
         can_name: whether a person can be given a name now.
-        changed: whether the session's status, the notices, or the change between live and replay is new since the last
-            call of `PartPanel.show`. In a followed live session, a new scene alone does not set it.
+        changed: whether the session's status, the notices, or the choice of live or replay has changed since the last
+            call of `PartPanel.show`. A new scene alone sets it only in a replay and in a run on files.
         now_s: the present time on this process's monotonic clock [s].
         lately: function of a duration [s]; it returns the times [s] on the scenes' common clock and the scenes of that
             duration up to the shown scene.

@@ -19,8 +19,8 @@ class PeoplePanel:
     """The folder "People" of one browser's panel: it lists the people, and sends a name that the user enters.
 
     Args:
-        place: the browser's controls, the folder's position, and what sends the command ``name``; without a server, the
-            inputs for a name are hidden.
+        place: the browser's controls, the folder's position, and the function that sends the command ``name``; if that
+            is None, the inputs for a name are hidden.
     """
 
     def __init__(self, place: PanelPlace) -> None:

@@ -115,8 +115,8 @@ class Floors:
     def learn_scene(self, scene: Scene, space: StageSpace | None = None) -> None:
         """Update the height of the world's origin above the floor, and the sensors' poses, which replace earlier ones.
 
-        The height is 0 if the parts define the world's pose, or if no sensor is at the world's origin. Else it follows
-        the lowest joint of the people.
+        The height is 0 if the parts define the world's pose, or if sensors' poses are known and none is at the world's
+        origin. Else it follows the lowest joint of the people.
 
         Args:
             scene: the newest scene.
@@ -127,7 +127,7 @@ class Floors:
             self._places = {name: space.T_stage_world @ T for name, T in self._places.items()}
             self._heights[FREE] = 0.0
         elif self._places and not any(np.allclose(T, np.eye(4), atol=1e-9) for T in self._places.values()):
-            self._heights[FREE] = 0.0  # a world whose origin is no sensor's has the floor for its ground
+            self._heights[FREE] = 0.0  # a world whose origin is no sensor has the floor at 0
         elif scene.people:
             self._learn_lowest(FREE, np.concatenate([person.positions for person in scene.people]))
 
@@ -211,7 +211,7 @@ class Perspectives:
         views = {(person.id, view.sensor): view.T_world_sensor for person in scene.people for view in person.views}
         seen_again = {who for who, sensor in before.keys() & views.keys()}
         if not now and any(_laid_anew(_of(who, before), _of(who, views)) for who in seen_again):
-            self.world += 1  # of a person, which is a world as well
+            self.world += 1  # the method has a world for each person
         self._T_world_sensor = before | views
 
     def from_world(self, person: Person, perspective: str) -> Float64 | None:

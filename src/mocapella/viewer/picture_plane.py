@@ -15,13 +15,13 @@ from mocapella.viewer.palette import Rgb
 Float64 = NDArray[np.float64]
 
 _CORNERS: Final = 40
-"""Of a circle."""
+"""Number of line segments of a circle."""
 _SQUARE: Final = float(np.pi / 2)
-"""A frustum's field of view whose far end is as high as twice its depth."""
+"""Field of view of a frustum whose far end is twice as high as the frustum is deep [rad]."""
 _FLAT_M: Final = 1e-4
-"""So deep a picture's frustum is."""
+"""Depth of the frustum that shows an image [m]."""
 _UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
-"""Rotation from an image's axes (x right, y down) to the view's (x left, y up)."""
+"""Rotation from an image's axes (x right, y down) to the view's (x left, y up), as a quaternion (w, x, y, z)."""
 
 
 class Encoded(Protocol):
@@ -196,6 +196,6 @@ class PictureNode:
 
 
 def _frustum_scale(plane: Plane) -> tuple[float, float, float]:
-    """What makes the far end of a frustum of 90° as large as the plane; the library divides by its volume's root."""
+    """Return the scale for a 90° frustum with a far end like the plane; viser divides by its volume's cube root."""
     of_one = float(np.cbrt(plane.wide_m / plane.high_m / 3))
     return 0.5 * plane.high_m * of_one, 0.5 * plane.high_m * of_one, _FLAT_M * of_one

@@ -14,7 +14,7 @@ from mocapella.viewer.picture_plane import PictureNode, Plane, rings
 from mocapella.viewer.pointing import SKIN
 
 _LARGE_AT = np.array([0.0, 60.0, 0.0])
-"""Far above the stages, so that nothing is before or behind it."""
+"""Centre of the large image, far above the stages, so that nothing is in front of or behind it [m]."""
 _LARGE_M = 4.0
 _OVER_M = 0.06
 

@@ -119,7 +119,8 @@ def stage_text(status: SessionStatus | None) -> str:
 def condition_lines(status: SessionStatus | None) -> tuple[str, ...]:
     """Return the tracker's problems and advice as a few short lines for a stage; the panel shows them in full.
 
-    There are none without a server (``status`` None), and while the session does not run.
+    The first line is the session's phase, unless it is tracking. There are none without a server (``status`` None),
+    and while the session does not run.
     """
     if status is None or not status.running:
         return ()

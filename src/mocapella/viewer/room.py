@@ -79,7 +79,7 @@ class PartDrawing:
         tags: text labels.
         surfaces, skins: meshes by name; the name of a part's mesh must not change.
         unseen: names of parts that cannot be shown, because their positions in the perspective are unknown.
-        jointless: names of parts without a known joint, of which no skeleton can be drawn.
+        jointless: names of parts whose skeleton cannot be drawn, because no joint is known.
         sensors: poses (4, 4), from camera space to the view's space, of the sensors that saw the parts, by name.
         extent: smallest and largest corner (3,) of an upright box that the browser's camera follows; None for none.
     """

@@ -34,11 +34,11 @@ LOST_OPACITY: Final = 0.3
 HALF_M: Final = 0.45
 """Half the width of a standing body [m]."""
 _TAG_M: Final = 0.08
-"""So far over a head its name stands."""
+"""Height of a body's label above its highest point [m]."""
 _OVER_PERSON_M: Final = 0.38
-"""So far where the person's own name stands there, too."""
+"""Height of a body's label above its highest point if its person's own label is between the two [m]."""
 _SOLE_M: Final = 0.02
-"""So far under the toes' landmarks is the ground."""
+"""Height of the toes' landmarks above the ground [m]."""
 _LINE_M, _BALL_M = 0.022, 0.03
 _SIDES: Final = ("left", "right")
 _LIMBS: Final = (
@@ -49,13 +49,13 @@ _LIMBS: Final = (
     )),
     ("left shoulder", "right shoulder"), ("left hip", "right hip"), ("pelvis", "left hip"), ("pelvis", "right hip"),
 )  # fmt: skip
-"""Between which landmarks lines are drawn where there is no mesh."""
+"""Pairs of landmarks that lines connect while a body has no mesh."""
 
 
 def mesh_of(body: TrackedBody) -> RiggedMesh | None:
     """Return a body's mesh from the cache of this process, without waiting.
 
-    None while it is being built (a first call begins that), if that failed, or if its joints are not the body's.
+    None while it is being built (the first call starts it), if that failed, or if its joints are not the body's.
     """
     mesh = SHELF.mesh(body.build)
     return mesh if mesh is not None and mesh.joint_names == body.joint_names else None
@@ -124,7 +124,7 @@ def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
     y[axis] = np.sign(up[axis])
     forward = first.T_world_model[:3, 2]
     ahead = forward - (forward @ y) * y
-    if np.linalg.norm(ahead) < 0.1:  # it lies: any way will do
+    if np.linalg.norm(ahead) < 0.1:  # the body lies: any horizontal direction will do
         ahead = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
     z = -ahead / np.linalg.norm(ahead)
     R = np.stack([np.cross(y, z), y, z])
@@ -144,7 +144,7 @@ def body_space(bodies: tuple[TrackedBody, ...]) -> StageSpace | None:
 
 
 def _body_points(body: TrackedBody, mesh: RiggedMesh | None, up: Float64) -> Float64:
-    """Return (n, 3) points of its surface, or else its landmarks and the points below them, world [m]."""
+    """Return points (n, 3) of a body's surface, or without a mesh its landmarks and points below them, world [m]."""
     if mesh is not None:
         return posed(mesh, TreePose(body.T_world_model, body.angles))
     return np.concatenate([body.landmarks, body.landmarks - _SOLE_M * up])
@@ -164,7 +164,7 @@ def _around(extents: list[tuple[Float64, Float64]]) -> tuple[Float64, Float64] |
 
 
 def _stick_figure(body: TrackedBody, points: Float64, colour: Rgb) -> tuple[list[Strokes], Strokes]:
-    """Lines between landmarks (n, 3) on the stage, and balls there."""
+    """Return lines between a body's landmarks, which are at ``points`` (n, 3) on the stage, and balls at them."""
     place = {name: k for k, name in enumerate(body.landmark_names)}
     faint = 0.45 if body.lost else 1.0
     paint = Rgb(*(round(faint * channel) for channel in colour.paint))
@@ -176,15 +176,15 @@ def _stick_figure(body: TrackedBody, points: Float64, colour: Rgb) -> tuple[list
 
 
 def _softer(colour: Colour) -> Rgb:
-    """Half way to the skin's: bright surfaces of a line's colour would hide their shape."""
+    """Return the mean of a line's colour and `SKIN`: on surfaces as bright as lines, one would not see their shape."""
     return Rgb(*((np.array(colour) + np.array(SKIN)) // 2).tolist())
 
 
 def body_images(bodies: tuple[TrackedBody, ...]) -> Mapping[str, ImageLines]:
     """Return lines over each camera's image, by camera: the models' outlines, and deviating silhouette contours.
 
-    An outline has the body's colour; a contour is red outside the model and blue inside it. This is a
-    `DrawPart.images`.
+    An outline has the body's colour; a contour is red outside the model and blue inside it. A lost body has no
+    contour. This is a `DrawPart.images`.
     """
     views: dict[str, list[tuple[int, TrackedBody, TrackedBodyView]]] = {}
     for k, body in enumerate(bodies):
@@ -202,7 +202,7 @@ def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
         ends += [outside, inside]
         colours += [Rgb(*OUTSIDE)] * len(outside) + [Rgb(*INSIDE)] * len(inside)
         words.append(f"{body.name} {view_words(view)}".strip())
-    for k, _, view in told:  # on top: what differs by less than a line is wide does not show
+    for k, _, view in told:  # on top, so that they hide deviations of less than a line's width
         model = pieces(view.outline_px)
         ends.append(model)
         colours += [Rgb(*body_colour(k))] * len(model)
@@ -210,7 +210,7 @@ def _image(told: list[tuple[int, TrackedBody, TrackedBodyView]]) -> ImageLines:
 
 
 def view_words(view: TrackedBodyView) -> str:
-    """Return the overlap of model and silhouette in percent, or a note that the image is not used."""
+    """Return the overlap of model and silhouette in percent, or that the image is not used or lacks the body."""
     if view.left_out:
         return "left out"
     return "not in the image" if np.isnan(view.overlap) else f"{view.overlap:.0%}"

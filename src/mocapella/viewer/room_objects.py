@@ -1,4 +1,4 @@
-"""Draw rigid objects in the room: boxes and names."""
+"""Draw rigid objects in the room: outlines and names."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _measured_by(person: Person, sensor: str, topology: Topology) -> NDArray[np.
 
 
 def _bone_colours(joints: NDArray[np.uint8], topology: Topology) -> NDArray[np.uint8]:
-    """(bones, 3): a bone is white only between two white joints; grey goes before green."""
+    """Return the bones' colours (bones, 3): grey with a grey joint, else green with a green one, else white."""
     bones = np.array(topology.bones)
     a, b = joints[bones[:, 0]], joints[bones[:, 1]]
     white, grey = np.array(FUSED, np.uint8), np.array(INFERRED.paint, np.uint8)

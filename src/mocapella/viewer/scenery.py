@@ -21,9 +21,9 @@ Float64 = NDArray[np.float64]
 PROP: Final = "scenery"
 """Name of the prop, a function given to the view, that returns a `Scenery`."""
 _OPACITY: Final = 0.32
-"""On the Tracking stage, where the people behind an obstacle are to be seen."""
+"""Opacity of obstacles on the Tracking stage, so that people behind them are visible."""
 _DECIMALS: Final = 3
-"""An obstacle stays where it is drawn while its pose changes by less than this many decimals [m]."""
+"""Decimals of an obstacle's rounded pose [m]; smaller changes do not redraw it."""
 
 
 def room_surfaces(scenery: Scenery, room: RoomView) -> dict[str, Surface]:
@@ -71,6 +71,6 @@ def _surfaces(scenery: Scenery, T: Float64, opacity: float) -> dict[str, Surface
 
 @lru_cache(maxsize=64)
 def _meshes(scenery: Scenery, rows: bytes) -> tuple[Mesh, ...]:
-    """The solids moved by the (3, 4) ``rows`` of a matrix: the same objects as long as that is the same."""
+    """Return the solids transformed by the ``rows`` (3, 4) of a matrix; equal rows give the same mesh objects."""
     T = np.vstack([np.frombuffer(rows).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
     return tuple(Mesh(apply(T, solid.vertices).astype(np.float32), solid.faces) for solid in scenery.solids)

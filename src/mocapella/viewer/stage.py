@@ -66,7 +66,7 @@ class TrackingDrawing:
         tags: text labels.
         sensors: marks of the sensors, by sensor.
         unseen: names of people that cannot be shown, because the perspective's sensor never saw them.
-        jointless: names of people without a known joint, of whom no skeleton can be drawn.
+        jointless: names of people whose skeleton cannot be drawn, because no joint is known.
         scale: enlargement of the content.
         there: whether the stage has content; if not, it shows the reason.
         surfaces, skins: meshes by name; the name of a part's mesh must not change.

@@ -1,4 +1,4 @@
-"""The ARMS stage: arms from the front, in perspective and from the side at once, several times their size.
+"""The ARMS stage: enlarged arms from the front, in perspective and from the side at once.
 
 An arm is eight balls, joined by lines: a colour for each digit, white for the other joints. An inferred joint is a
 pale, translucent ball.
@@ -36,17 +36,17 @@ Float64 = NDArray[np.float64]
 SCALE: Final = 2.3
 _APART_M: Final = 1.75
 _EYE_M: Final = 6.5
-"""The panels face who stands so far before them."""
+"""Distance of the viewer whom the views on both sides face [m]."""
 _NAME_HIGH_M: Final = 0.075
 _BESIDE_M: Final = 0.19
-"""Elbow, wrist and palm have their names beside them."""
+"""Distance of their names from elbow, wrist and palm, to the side [m]."""
 _TIP_NAMES_M: Final = 0.29
-"""From one fingertip's name to the next, in a row below the upper edge of the front view."""
+"""Distance between two fingertips' names, in a row below the upper edge of the front view [m]."""
 _CLOTH_OPACITY: Final = 0.4
 _CHECKS: Final = 2
-"""So many meshes wide are a cloth's checks, without which one does not see how it hangs."""
+"""Width of a cloth's checks in cells of its grid; the checks make its folds visible."""
 _TIPS: Final = (3, 4, 5, 6, 7)
-"""Of the eight joints, the thumb's first."""
+"""Indices of the fingertips among the eight joints, the thumb's first."""
 _LEAD_M: Final = 0.003
 _FRAME: Final = Rgb(70, 88, 118)
 _FORGET: Final = 0.05
@@ -216,7 +216,7 @@ def arms_drawing(scene: Scene | None, shown: ArmsShown) -> TrackingDrawing:
 
 
 def _level(scene: Scene | None) -> Float64:
-    """(3, 3) the world turned about its vertical, so that the cameras look along +z."""
+    """Return the rotation (3, 3) of the world about its vertical after which the cameras look along +z."""
     places = [] if scene is None else [p.T_world_sensor for p in scene.sensors if p.T_world_sensor is not None]
     if not places:
         return np.eye(3)
@@ -232,10 +232,10 @@ def _frame(panel: DrawingPanel) -> Strokes:
 
 
 def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag], list[Strokes]]:
-    """Names of an arm's joints in the front view, and lines from the fingertips' names to the tips.
+    """Return labels of an arm's joints in the front view, and lines from the fingertips' labels to the tips.
 
-    Fingertips' names stand in a row above, which begins on the thumb's side: lines of an open hand do not cross. The
-    others' stand beside their joints, away from the thumb, as far as they do not cover each other.
+    Fingertips' labels are in a row above, from the thumb's side on, so that lines of an open hand do not cross. The
+    others are beside their joints, away from the thumb, and invisible where they would cover another.
 
     Args:
         p: (8, 3) where the joints are drawn [m].
@@ -244,7 +244,7 @@ def _names(p: Float64, states: NDArray[np.uint8], place: int) -> tuple[list[Tag]
     """
     known = np.isfinite(p).all(axis=-1) & (states != JointState.NOT_TRACKED)
     aside = rotation_about_y(np.arctan2(PANELS[0].left_m, _EYE_M))
-    thumb = -1.0 if p[_TIPS[0], 0] < p[_TIPS[-1], 0] else 1.0  # the side that it is on; x is to the left
+    thumb = -1.0 if p[_TIPS[0], 0] < p[_TIPS[-1], 0] else 1.0  # the thumb's side; x is to the left
     tags, leads, taken = [], [], np.inf
     for k, name in enumerate(ARM_JOINT_NAMES):
         if k in _TIPS:

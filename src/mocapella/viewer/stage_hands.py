@@ -27,9 +27,9 @@ Float64 = NDArray[np.float64]
 
 LARGEST_SCALE: Final = 6.0
 _CAMERAS_WITHIN_M: Final = 3.0
-"""On the stage, from its middle."""
+"""Largest distance of a camera from the stage's centre [m]."""
 _AHEAD_M: Final = 0.5
-"""Where cameras look that are parallel."""
+"""Distance in front of parallel cameras at which their common target is assumed [m]."""
 _BONE_M, _JOINT_M, _MARKER_M, _OUTLINE_M = 0.004, 0.0055, 0.0068, 0.002
 _AT_LIMIT: Final = np.radians(2.0)
 _OVER: Final = np.array([0.0, 0.18, 0.0])
@@ -128,7 +128,8 @@ def hands_drawing(scene: Scene) -> TrackingDrawing:
 def at_limit(hand: TrackedHand) -> NDArray[np.bool_]:
     """Return for each landmark of a hand (21,) whether an angle of its joint is within 2° of a joint limit.
 
-    Unknown angles (NaN), the wrist and the fingertips give False.
+    A lower limit of 0 or above, as of a straight finger, does not count. Unknown angles (NaN), the wrist and the
+    fingertips give False.
     """
     limits, angles = hand_model("full").limits, hand.angles
     at_end = (angles >= limits[:, 1] - _AT_LIMIT) | ((angles <= limits[:, 0] + _AT_LIMIT) & (limits[:, 0] < 0))

@@ -59,7 +59,7 @@ class StageChoice:
         chosen: tuple[Stage, Any] = ROOM, scene
         found = False
         stages = self._stages(method)
-        for reference, stage in stages:  # each takes in the scene, also one that is not shown
+        for reference, stage in stages:  # all memories are updated, also of stages that are not shown
             remember = partial(self._remember, reference, stage, scene)
             shown = self._troubles.attempt(f"stage {stage.name}", remember, None)
             if not found and (shown is not None or reference == stages[-1][0]):

@@ -21,14 +21,14 @@ from mocapella.viewer.stage import Stage
 KEPT_BYTES: Final = 300_000_000
 """Largest memory of the timeline, in bytes: first images and frames of the oldest moments are dropped, then moments."""
 KEPT_FRAMES: Final = 36_000
-"""Number of moments that are always kept, as far as the memory suffices; beyond, the oldest `LET_GO` are dropped."""
+"""Number of moments that are kept at least, memory permitting; at `LET_GO` more, the oldest `LET_GO` are dropped."""
 LET_GO: Final = 1_000
 LATEST_S: Final = 0.5
-"""Largest age of a camera image that is still shown if the camera has no image of a later moment of a run [s]."""
+"""Largest age at which a camera's last image is shown in a run on files, if the scene has no image of it [s]."""
 BACK_S: Final = 1.0
 """A scene that is older than the last one by more than this begins another timeline [s]."""
 _VALUE_BYTES: Final = 120
-"""What an array or structure takes beside its content, about."""
+"""Approximate memory of an array or structure besides its content, in bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class Timeline:
         return self._at_s[begin:end], scenes
 
     def _make_thin(self, k: int) -> None:
-        """Without its pictures and frames; what later moments show, too, stays with them."""
+        """Drop the images and frames of stored moment ``k``; all that the next moment shares then count for it."""
         old, after = self._moments[k], self._moments[k + 1]
         self._moments[k] = replace(old, frames={}, pictures={})
         moved = _fresh_bytes(after, None) - _fresh_bytes(after, old)
@@ -268,7 +268,7 @@ class Playhead:
         if self._played_s is not None:
             due_s = timeline[self.shown].at_s + (now_s - self._played_s)
             self.number = max(self.shown, timeline.number_at(due_s))
-            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # the rest of this beat counts in the next
+            now_s -= max(0.0, due_s - timeline[self.number].at_s)  # the remaining time counts in the next update
         self._played_s = now_s
 
     def _at_the_end(self, now_s: float, *, rested: bool) -> None:
@@ -300,7 +300,7 @@ def size_of(value: Any) -> int:
 
 
 def _fresh_bytes(moment: Moment, before: Moment | None) -> int:
-    """Of the frames and pictures that the moment before does not have."""
+    """Return the memory of the frames and images that the moment before does not have, in bytes."""
     frames, pictures = (before.frames, before.pictures) if before is not None else ({}, {})
     size = sum(size_of(frame) for name, frame in moment.frames.items() if frames.get(name) is not frame)
     for camera, shown in moment.pictures.items():

@@ -28,11 +28,11 @@ _OVER_SENSOR_M = 0.2
 _OVER_TITLE = np.array([0.0, 0.16, 0.0])
 SENSOR_M, SENSOR_LINE_M = 0.12, 0.01
 _OF_DISTANCE, _LINE_OF_SIZE = 0.012, 0.09
-"""Of a sensor that is as large on the screen wherever it stands: over its distance from the viewer; over its size."""
+"""For sensors of one size on the screen: size over the distance from the viewer, and line thickness over size."""
 FLOOR_STEP_M = 1.0
 """Step of a floor that follows people: one square, so that its grid lines stay in place [m]."""
 _TITLE_BESIDE = np.array([2.5, 0.0, 0.0])
-"""From what the camera goes along with to a stage's title."""
+"""Offset of a stage's title from the point that the camera follows [m]."""
 _FLOOR = np.array([0.0, 0.0, layout.TRACKING_DEPTH_M / 2 - layout.BEHIND_SENSOR_M])
 
 

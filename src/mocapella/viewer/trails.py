@@ -22,7 +22,7 @@ EVERY_S = 0.09
 LONGEST_S = 60.0
 _PARTS = ("root", "head", "hand_left", "hand_right", "foot_left", "foot_right")
 _FASTEST_M_S = 8.0
-"""What was faster did not move there: the line has a gap."""
+"""A faster change of position is a jump, where the line has a gap [m/s]."""
 _LONGEST_GAP_S = 1.0
 _OVER_FLOOR_M = 0.012
 
@@ -56,14 +56,14 @@ _TRACED = {
 
 @dataclass
 class _Steps:
-    """Of one person: when [s], and where the parts were, (parts, 3), world [m]."""
+    """Samples of one person: times [s], and positions (parts, 3) in the world [m]."""
 
     at_s: deque[float] = field(default_factory=lambda: deque(maxlen=round(LONGEST_S / EVERY_S)))
     places: deque[Float64] = field(default_factory=lambda: deque(maxlen=round(LONGEST_S / EVERY_S)))
 
 
 class Trails:
-    """Records the world positions of all people's head, hands, feet and root, ten times a second, for `LONGEST_S`.
+    """Records the world positions of all people's head, hands, feet and root, every `EVERY_S`, for `LONGEST_S`.
 
     Attributes:
         number: number of samples so far; while it is unchanged, so are the trails.

@@ -21,7 +21,7 @@ from mocapella.viewer.view_state import ViewMemory
 T = TypeVar("T")
 
 _KEPT: Final = 64
-"""Scenes whose lines in images are kept: many pictures are of scenes of a moment ago."""
+"""Number of scenes whose image lines are cached, because many images belong to slightly older scenes."""
 _NOTHING: Final = TrackingDrawing(there=False)
 
 
@@ -30,7 +30,7 @@ class Boards:
     """Panels with camera images above a stage.
 
     Attributes:
-        planes: rectangle of each panel by camera, relative to the target of the browser's camera.
+        planes: rectangle of each panel by camera, relative to the origin of `mocapella.viewer.boards.BoardNodes`.
         shown: content of each panel by camera.
     """
 
@@ -118,7 +118,7 @@ class Drawings:
         return self._lines[id(scene)][1]
 
     def _once(self, key: tuple[object, ...], of: object, make: Callable[[], T]) -> T:
-        """``of`` is held as long as the drawing, so that no other has its id."""
+        """Return a key's cached drawing, or make it. ``of`` is cached with it, so that no other object gets its id."""
         if key not in self._now:
             self._now[key] = self._before.get(key) or (of, make())
         found: T = self._now[key][1]

@@ -22,17 +22,17 @@ from mocapella.viewer.room import called, drawing_of
 from mocapella.viewer.trails import Trails
 
 _LONGER_SIDE_DEG: Final = 60.0
-"""Field of view over the longer side of an image of a camera with an unknown lens."""
+"""Field of view along the longer side of an image, for a camera with an unknown lens [°]."""
 
 
 class Ground:
     """Keeps the transform from the world to the stage constant over a session, so that the picture does not jump.
 
-    It is taken from the first scene whose parts define one, such as hands, and dropped when a new tracker begins. It
-    applies to the perspective `FREE`, which is no sensor's.
+    It is taken from the first scene whose parts define one, such as fitted bodies, and dropped when a new tracker
+    begins. It applies to the perspective `FREE` and, through the sensors' poses, to the floor of the others.
 
     Attributes:
-        space: the transform and its meaning; None if unknown.
+        space: the remembered pose of the world on the stage; None if unknown.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Ground:
         if scene.step < self._step:
             self.space = None
         self._step = scene.step
-        name, parts = next(iter(scene.parts.items()), ("", ()))  # what the scene is about
+        name, parts = next(iter(scene.parts.items()), ("", ()))  # the scene's main part type
         if self.space is None and parts:
             how = drawing_of(name, troubles)
             if how is not None:
@@ -110,7 +110,7 @@ class ViewMemory:
 
 
 def _field_deg(size_px: tuple[int, int]) -> tuple[float, float]:
-    """Across and high [°]."""
+    """Return the horizontal and vertical field of view [°] of a camera with images of (width, height)."""
     half = np.tan(np.radians(0.5 * _LONGER_SIDE_DEG)) / max(size_px)
     across, high = np.degrees(2 * np.arctan(half * np.array(size_px)))
     return float(across), float(high)

@@ -33,9 +33,9 @@ from mocapella.viewer.view_state import ViewMemory
 BOARD_PX: Final = 560
 """Width of the camera images that are requested for the stage [px]."""
 STALE_S: Final = 2.0
-"""Longest time for which a camera image is shown after its camera's requests began to fail [s]."""
+"""Largest age of a camera's last image that is still shown while requests to the camera fail [s]."""
 _SAME_INSTANT_S: Final = 1.0
-"""A picture is drawn into with the scene of its instant, where there is one within so much of it."""
+"""Largest time between an image and the stored scene that is drawn over it; else the newest scene is taken [s]."""
 ROOM: Final = "mocapella.viewer.stages:ROOM"
 _UP: Final = (0.0, 1.0, 0.0)
 
@@ -59,7 +59,7 @@ class Viewer:
 
     Raises:
         AddressInUseError: the port is in use.
-        SettingsError: this machine cannot listen at the address, or the view's token cannot be stored.
+        SettingsError: this machine cannot listen at the address, or the view's token is invalid or cannot be stored.
         InputError: the file of the view's token cannot be read.
         PluginError: a prop cannot be imported.
     """
@@ -204,7 +204,7 @@ class Viewer:
         given: Mapping[str, SizedPicture] | None,
         now_s: float,
     ) -> None:
-        """Update the pictures of cameras from the given ones, or else from the cameras' answers."""
+        """Update the cameras' pictures from the ``given`` ones, or without these from the cameras' answers."""
         if given is not None:
             at_s = 0.0 if scene is None else scene.at_ns / NS_PER_S
             before = {name: one for name, one in self._pictures.items() if 0 <= at_s - one.at_s <= LATEST_S}
@@ -235,7 +235,7 @@ class Viewer:
                 self._pictures[name] = ShownPicture(shot.answer, of or scene, now_s)
 
     def _same(self, name: str, shown: ShownPicture) -> ShownPicture:
-        """Return the picture before it, if it is the same."""
+        """Return the camera's present picture if it has the same image and scene, else ``shown``."""
         before = self._pictures.get(name)
         if before is not None and before.picture is shown.picture and before.scene is shown.scene:
             return before

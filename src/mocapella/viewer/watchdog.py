@@ -20,7 +20,7 @@ _STYLE = f"""
 }}
 [style*="opacity"]:has(.mocapella-lost) {{ opacity: 1 !important; }}
 """
-"""The last rule: the library dims its panel when a page is cut off, and the message would be dimmed with it."""
+"""Styles of the message. The last rule: viser dims its panel on a lost connection; the message must not be dimmed."""
 
 
 class Watchdog:
