@@ -87,7 +87,7 @@ class Table(MutableMapping[str, D], Generic[D]):
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """Entry points that failed to load, among those tried so far; `plugins` tries all of other packages."""
+        """Unusable entry points among those loaded so far; call `plugins` first to load those of all other packages."""
         self._points()
         return tuple(self._skipped)
 
