@@ -147,7 +147,7 @@ def lines_of_dataclass(kind: type, title: str, prefix: str = "") -> Iterator[str
     """Yield a title and the fields of a settings dataclass as lines of `--set help`.
 
     Args:
-        kind: the dataclass, as of `rows_of_dataclass`.
+        kind: the dataclass, see `rows_of_dataclass`.
         title: line above the table.
         prefix: put before each key, such as ``gestures.``.
     """
