@@ -120,7 +120,7 @@ class TakeExistsError(RecordingError):
 
 
 class DiskFullError(RecordingError):
-    """There is less free space than the reserve."""
+    """Less disk space is free than a recording must leave, the reserve."""
 
 
 class UnstoredFramesError(RecordingError):

@@ -19,7 +19,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 from mocapella.errors import PluginError, SettingsError, one_of
 
 INTERFACE: Final = 1
-"""Version of the descriptors. A plug-in writes the version it was made for, as a number."""
+"""Version of the descriptors' interface. Descriptors of plug-ins give the version they are written for as a number."""
 OURS: Final = "mocapella"
 
 

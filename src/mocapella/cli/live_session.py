@@ -103,8 +103,8 @@ def live_session(
 ) -> Iterator[LiveSession]:
     """Run a server and its view (unless ``view_port`` is None) within this context, and close them at its end.
 
-    On the first start, the method's kernels are compiled while sensors connect and the view shows them; tracking begins
-    afterwards (`wait_while`).
+    If the method's kernels are not compiled yet, they are compiled while sensors connect and the view shows them;
+    tracking begins afterwards. Call `wait_while` in the context, which controls this.
 
     Args:
         settings: settings of the server.

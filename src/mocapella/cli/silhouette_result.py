@@ -39,7 +39,7 @@ class AnglesAt(NamedTuple):
 class SilhouetteResult:
     """Context manager that writes the results for ``--json`` and ``--plot``; after an error it names the partial file.
 
-    Frames are written as they come, and are stored only if an option needs them.
+    Each frame is written when it is added, to a part file beside the result or a temporary file.
 
     Args:
         json, plot: values of the options; if both are None, nothing is written.

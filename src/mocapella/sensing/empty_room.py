@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Background image of the empty room by camera, from images with people elsewhere, for background subtraction."""
+    """Background image of the empty room by camera, learnt wherever no person is, for background subtraction."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}

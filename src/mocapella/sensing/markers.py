@@ -132,7 +132,7 @@ class MarkerDetector:
     Args:
         profile: the markers' colours in the images of this camera.
         settings: parameters; the defaults if not given.
-        node_id: for the frames.
+        node_id: number of the node, which the frames carry.
 
     Attributes:
         profile, settings, node_id: as given.

@@ -104,7 +104,8 @@ class RegionContour(msgspec.Struct, frozen=True, eq=False):
     """A contour, and how clearly the image shows it.
 
     Attributes:
-        silhouette: the contour, in the prior's window; phi is cut off at the prior's reach.
+        silhouette: the contour, in the prior's window; phi is clipped to the largest magnitude in the prior's phi, in
+            whole steps (without a prior, to ``band_px``).
         surety: (rows, columns) log-likelihood ratio between the side that a sample is on and the other, a mean over
             5 × 5 samples, meaningful beside the contour [nats per pixel]; 0 where the image shows no edge, where it is
             unknown, and far from the prior's contour.
