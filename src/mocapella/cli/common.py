@@ -69,7 +69,7 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Check, before any work is done, that the output file of ``--out`` can be written; return its path.
+    """Check, before any work is done, that ``--out`` names a file in an existing folder; return its path.
 
     Raises:
         SettingsError: the path is a folder, or its folder does not exist.
