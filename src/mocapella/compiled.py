@@ -1,4 +1,4 @@
-"""numba's ``njit`` for all kernels: IEEE arithmetic, a cache on disk that sees all sources, and word of compiling."""
+"""numba's ``njit`` for all kernels: IEEE arithmetic, a disk cache keyed by all sources, and a notice of compilation."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,10 +14,10 @@ __all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_first_compilation", 
 
 @contextmanager
 def on_first_compilation(tell: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` when numba first begins to compile a kernel within the context, to announce the wait to a user.
+    """Call ``tell`` once if numba compiles any kernel within the context, to announce the wait to a user.
 
-    Further compilations are not reported, nor kernels that are loaded from disk. ``tell`` takes no arguments and runs
-    in the thread that compiles.
+    It is called without arguments before the first compilation, in the thread that compiles. Loading a kernel from
+    disk is no compilation.
     """
 
     class First(event.Listener):
@@ -47,7 +47,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
         options: further options of numba's ``njit``.
 
     Raises:
-        ValueError: ``fastmath`` is asked for.
+        ValueError: ``options`` turn ``fastmath`` on.
     """
     if options.get("fastmath"):
         raise ValueError(f"fastmath={options['fastmath']!r}: kernels keep to IEEE arithmetic; write the faster sum out")

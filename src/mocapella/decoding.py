@@ -26,20 +26,20 @@ from mocapella.errors import InputError, MocapellaError
 T = TypeVar("T")
 
 MOST_BYTES: Final = 16 << 20
-"""Largest file that is read whole, if its reader sets no other limit."""
+"""Default limit of `read_whole` on the size of a file [bytes]."""
 MOST_TABLE_BYTES: Final = 256 << 20
 MOST_TOML_BYTES: Final = 1 << 20
 DEEPEST: Final = 64
-"""Deepest nesting of lists and tables."""
+"""Largest number of levels of nested lists and tables in JSON and TOML."""
 MOST_LINE: Final = 1 << 20
 """Longest line of a table [characters]."""
 MOST_COLUMNS: Final = 10_000
 FREE_UNPACKED: Final = 32 << 20
-"""Unpacked size up to which compressed text may have any ratio [bytes]."""
+"""Unpacked size up to which a compressed file may have any compression ratio [bytes]."""
 MOST_RATIO: Final = 20
-"""Largest ratio of unpacked to packed size beyond `FREE_UNPACKED`; text of measured numbers has 3 to 10."""
+"""Largest ratio of unpacked to packed size beyond `FREE_UNPACKED`; tables of measured numbers have 3 to 10."""
 FAULTS: Final = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError)
-"""What libraries raise for unusable content."""
+"""Exceptions that decoding libraries raise for unusable content."""
 
 _PIECE: Final = 1 << 20
 _ESCAPED: Final = re.compile(rb"(?s)\\.")
@@ -51,12 +51,12 @@ _NOT_64_BITS: Final = "has a whole number of more than 64 bits"
 
 
 def read_whole(path: Path | str, *, fix: str, most_bytes: int = MOST_BYTES) -> bytes:
-    """Return the contents of a file, or refuse it as soon as more than ``most_bytes`` are read.
+    """Return the contents of a file; stop reading as soon as it has more than ``most_bytes``.
 
     Args:
         path: the file, or a device or pipe.
         fix: advice that errors name.
-        most_bytes: largest size.
+        most_bytes: largest size [bytes].
 
     Raises:
         InputError: the file does not exist, cannot be read, or is larger.
@@ -71,7 +71,7 @@ def read_whole(path: Path | str, *, fix: str, most_bytes: int = MOST_BYTES) -> b
 
 
 def _pieces(file: BinaryIO, path: Path | str, fix: str, most_bytes: int) -> Iterator[bytes]:
-    """Yield a file's contents; a device's size is not known before."""
+    """Yield a file's contents; the size of a device is not known before it is read."""
     size = 0
     while piece := file.read(_PIECE):
         size += len(piece)
@@ -226,7 +226,7 @@ def own_toml(package: str, *names: str) -> dict[str, Any]:
 
     Args:
         package: the package that has the file, such as ``mocapella.model``.
-        names: the folders in the package, then the file's name.
+        names: path of the file in the package: its folders, if any, then its name.
     """
     return decode_toml(files(package).joinpath(*names).read_bytes(), file=names[-1])
 
@@ -241,9 +241,9 @@ def decode_csv(
         file, fix: the file and the advice that errors name, if given.
 
     Returns:
-        The names of the columns, () for an empty text, and an iterator of (number, cells by column). Empty rows are
-        left out and not counted; the header is row 1. A short row lacks its last columns; cells beyond the header are
-        dropped.
+        The names of the columns, () for an empty text, and an iterator of (row number, cells by column). The header is
+        row 1; empty rows are left out and not counted. A row with fewer cells than the header lacks the last columns;
+        surplus cells are dropped.
 
     Raises:
         InputError: the text is not UTF-8, a line is longer than `MOST_LINE`, there are more than `MOST_COLUMNS`
@@ -271,9 +271,10 @@ def _rows(text: str, file: object, fix: str | None) -> Iterator[tuple[int, list[
 
 
 def check_filled(places: int, rows: int, *, file: object) -> None:
-    """Check that the array that a table fills is not far larger than the table, before the array is allocated.
+    """Check that a table's array is not far larger than the table, before the array is allocated.
 
-    The array has an axis for each column of names, such as frames and points, so a small file can ask for a huge array.
+    The array has an element for each combination of names, such as of each frame with each point, so a table of a few
+    rows can require a huge array.
 
     Args:
         places: number of elements that the array would have.
@@ -281,7 +282,7 @@ def check_filled(places: int, rows: int, *, file: object) -> None:
         file: named in errors.
 
     Raises:
-        InputError: it has more than four million places, and more than 64 for each row.
+        InputError: the array would have more than 2²² elements, and more than 64 for each row.
     """
     if places > max(1 << 22, 64 * rows):
         raise InputError(
@@ -298,11 +299,11 @@ def text_blocks(path: Path, *, fix: str) -> Iterator[str]:
 
     Args:
         path: the file.
-        fix: advice that errors name where they have none of their own.
+        fix: advice that errors name, except those with more specific advice.
 
     Raises:
-        InputError: the file cannot be read, is damaged, not plain text, has too long a line, or unpacks to more than
-            `MOST_RATIO` times its size; names the row.
+        InputError: the file cannot be read, is damaged, not ASCII, has a line longer than `MOST_LINE`, or unpacks to
+            more than `FREE_UNPACKED` and `MOST_RATIO` times its size; names the row of a faulty line.
     """
     rest, row = "", 1
     for piece in _unpacked(path):

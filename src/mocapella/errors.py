@@ -43,7 +43,7 @@ class InputError(MocapellaError):
         row: number of the row; the header is row 1.
         field: name of the column or field.
         value: the faulty value; its ``repr`` is shown, cut to 60 characters.
-        fix: the remedy.
+        fix: the remedy, as an instruction to the user.
 
     Attributes:
         problem, file, row, field, value, fix: as given; None if not given.
@@ -120,7 +120,7 @@ class TakeExistsError(RecordingError):
 
 
 class DiskFullError(RecordingError):
-    """There is less free space than the reserve."""
+    """Less disk space is free than a recording must leave, the reserve."""
 
 
 class UnstoredFramesError(RecordingError):

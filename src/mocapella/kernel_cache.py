@@ -1,9 +1,9 @@
 """Keep compiled kernels on disk, and invalidate them when any of their sources changes.
 
-numba's own cache looks at the file of a kernel alone. But kernels call kernels of other files and take constants from
-there, and both are compiled into them: after an update a caller would still run the old ones, and with another layout
-of their arrays it would write where it must not. So a kernel's entries carry, also in their names, a digest of its file
-and of all files of this package that it imports. Entries of other sources are never read; the next save removes them.
+numba's own cache checks only the file that defines a kernel. But a kernel's machine code includes the kernels that it
+calls and the constants that it imports from other files: after an update it would still use the old ones, and if their
+arrays had another layout, it would write out of bounds. So each cache entry and its file name carry a digest of the
+kernel's file and of all files of this package that it imports. Outdated entries are never read; a save removes them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ else:
     import fcntl
 
 LOCK: Final = "kernels.lock"
-"""File of each folder of entries that a process locks while it saves one."""
+"""Name of the file, in each folder of cache entries, that a process locks while it saves an entry."""
 CLAIM_S: Final = 90.0
 """Longest wait for another process that compiles the same kernel [s]; after that, both compile it."""
 _RETRY_S: Final = 0.02
@@ -47,9 +47,9 @@ class NotCompiledError(Exception):
 
 @contextmanager
 def only_compiled() -> Iterator[None]:
-    """Let kernels be loaded from disk, but none be compiled: a test of whether a method's kernels are ready.
+    """Forbid compilation within the context, so that calls test whether a method's kernels are compiled already.
 
-    The context holds for the current thread. It concerns only kernels with ``cache=True``.
+    Kernels may be loaded from disk. It holds for the current thread, and only for kernels with ``cache=True``.
 
     Raises:
         NotCompiledError: a kernel that is called within is neither loaded nor on disk.
@@ -113,7 +113,7 @@ def keep_on_disk(dispatcher: Any) -> None:
 
 
 def keeps_kernels() -> bool:
-    """Whether a folder for compiled kernels can be written, so that other processes can use what one compiles."""
+    """Whether a folder for compiled kernels can be written, so that processes can share compiled kernels."""
     try:
         _KernelCacheImpl(source_digest)
     except RuntimeError:
@@ -122,7 +122,7 @@ def keeps_kernels() -> bool:
 
 
 class _AtFirstCall(caching.NullCache):
-    """Looks for the folder at a kernel's first call: an import reads and writes nothing."""
+    """Chooses the folder at a kernel's first call, so that an import reads and writes nothing."""
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
         self._py_func = py_func

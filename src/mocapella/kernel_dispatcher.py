@@ -1,8 +1,8 @@
 """Compile kernels that only other kernels call as LLVM code alone.
 
-A kernel's callees are linked into its own module and optimised there again, so what a callee has of its own is work for
-nothing: machine code, a wrapper for calls from Python, and an optimisation of each function before the whole module is
-optimised. Here a callee gets none of it until Python calls it. That takes a third off a tracker's compilation.
+A callee, a kernel that another kernel calls, is linked into the caller's LLVM module and optimised there again. Its own
+machine code, wrapper for calls from Python and separate optimisation are then unused. Here a callee gets none of these
+until Python calls it, which shortens the compilation of a tracker by a third.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def compiling() -> bool:
 
 
 class Callee:
-    """Entry point of a kernel without machine code: identifies it among the functions that LLVM code calls."""
+    """Placeholder for the entry point of a kernel without machine code; numba finds the kernel's LLVM code by it."""
 
 
 class KernelDispatcher(CPUDispatcher):
@@ -57,7 +57,7 @@ class KernelDispatcher(CPUDispatcher):
     def add_overload(self, cres: Any) -> None:
         """Register a compilation result ``cres`` for other kernels; with machine code, also for calls from Python.
 
-        A call from Python does not find one without machine code, and compiles the signature again; see `compile`.
+        Without machine code, Python's next call with this signature compiles it again; see `compile`.
         """
         if isinstance(cres.entry_point, Callee):
             self.overloads[tuple(cres.signature.args)] = cres

@@ -19,7 +19,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 from mocapella.errors import PluginError, SettingsError, one_of
 
 INTERFACE: Final = 1
-"""Version of the descriptors. A plug-in writes the version it was made for, as a number."""
+"""Version of the descriptors' interface. Descriptors of plug-ins give the version they are written for as a number."""
 OURS: Final = "mocapella"
 
 
@@ -87,7 +87,7 @@ class Table(MutableMapping[str, D], Generic[D]):
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """Entry points that failed to load, among those tried so far; `plugins` tries all of other packages."""
+        """Unusable entry points among those loaded so far; call `plugins` first to load those of all other packages."""
         self._points()
         return tuple(self._skipped)
 

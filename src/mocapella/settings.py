@@ -91,7 +91,8 @@ def settings_of_pairs(pairs: Sequence[str] | None) -> dict[str, Any]:
     checked here but by `parse`. None or no pairs give an empty mapping.
 
     Raises:
-        SettingsError: a pair is not of the form NAME=VALUE, or is a number that a take cannot store.
+        SettingsError: a pair is not of the form NAME=VALUE, has a number that a take cannot store, or sets a name that
+            is also the group of another setting, such as ``people=1`` beside ``people.smoothing=kalman``.
     """
     found: dict[str, Any] = {}
     grouped: set[str] = set()

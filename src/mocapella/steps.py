@@ -1,4 +1,4 @@
-"""Divide long computations into steps, so that they do not delay the next image."""
+"""Divide long computations into steps, between which a caller can process the next image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boundaries: an unexpected error of one message, command, file or question is counted and reported; its loop goes on.
+"""Error boundaries: an unexpected error in one message, command or file is counted and reported; the loop goes on.
 
 errors = Boundary(say)
 while not stopped:
@@ -21,7 +21,7 @@ from mocapella.model.names import visible
 AGAIN_S: Final = 10.0
 """An error that recurs is reported again after this time at the earliest [s]."""
 MOST_REASONS: Final = 32
-"""Number of errors that are told apart; further ones are counted as `OTHER`."""
+"""Number of different reasons that are counted separately; errors with further reasons count as `OTHER`."""
 OTHER: Final = "other errors"
 LONGEST_LINE: Final = 500
 """Longest line that is shown or logged, in characters; longer ones are cut."""
@@ -33,7 +33,7 @@ def printable(text: str, most: int = LONGEST_LINE) -> str:
     """Return a text of foreign origin as one line that is safe in a terminal and a log.
 
     C0 and C1 control characters, bidirectional controls, line separators and lone surrogates are escaped, such as
-    ``\\x1b``. A text of more than ``most`` characters is cut before, and ends with "…"; its escapes may lengthen it.
+    ``\\x1b``. A longer text is cut to ``most`` characters, the last one "…", before characters are escaped.
     """
     return visible(text if len(text) <= most else text[: most - 1] + "…")
 
@@ -41,8 +41,8 @@ def printable(text: str, most: int = LONGEST_LINE) -> str:
 class Boundary:
     """Runs the work of a loop or callback, and catches, counts and reports unexpected errors. Any thread may use it.
 
-    It catches each `Exception` but `MemoryError`, because the process cannot be trusted after that one; `wrap` reports
-    that of a library's callback to `threading.excepthook`.
+    It catches every `Exception` except `MemoryError`, after which the process cannot be trusted: `run` raises it, and
+    `wrap` gives it to `threading.excepthook`.
 
     Args:
         say: receives a line about an error, at most every `AGAIN_S` for each reason (see `counts`), in the thread of
@@ -76,7 +76,7 @@ class Boundary:
             work: is called once, without arguments; its result is dropped.
 
         Raises:
-            MemoryError: of ``work``.
+            MemoryError: raised by ``work``.
         """
         try:
             work()

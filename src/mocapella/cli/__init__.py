@@ -3,8 +3,8 @@
 A command imports its packages only when it runs, so that ``--help`` is fast.
 
 Exit status: 0 for success, also if Ctrl-C ends a command that runs until then; 1 for an error of
-`mocapella.errors`; 2 for an invalid command line; 3 if a take is damaged or was not closed, and the
-result is of what can be read in it; 130 if Ctrl-C ends a command before its result is complete.
+`mocapella.errors`; 2 for an invalid command line; 3 if a take is damaged or was not closed, so that the
+result covers only its readable part; 130 if Ctrl-C ends a command before its result is complete.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RUN_UNTIL_CTRL_C = frozenset({"demo", "serve", "node", "record", "view"})
 LONGEST_ERROR = 4000
 """Longest printed error message, in characters, because a message may come from another program."""
 DAMAGED = 3
-"""Exit status of a command whose take is damaged or was not closed, and whose result is of what can be read in it."""
+"""Exit status of a command whose take is damaged or was not closed; its result covers the readable part."""
 INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ended before its result was complete, as shells expect it."""
 
@@ -102,7 +102,7 @@ def import_commands() -> None:
 
 
 def _end_at_once_on_signals(status: int) -> None:
-    """From now on Ctrl-C and SIGTERM end this process without a word: nothing has begun that would have to be closed.
+    """From now on Ctrl-C and SIGTERM end this process silently; use it while nothing is open that must be closed.
 
     An exception would not do: raised while modules are imported, it ends as a traceback or is swallowed.
     """

@@ -104,7 +104,7 @@ Stages = Annotated[
 
 
 def detector_keys(context: typer.Context) -> Iterator[str]:
-    """Yield the settings of the detector that the command line names before ``--set help``, and those of gestures."""
+    """Yield lines of ``--set help``: settings of the detector that ``--detector`` names before it, and of gestures."""
     from mocapella.detectors import arm_detector
     from mocapella.kinematics.gestures import GestureSettings
 
@@ -203,7 +203,7 @@ class _Run:
         from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
 
         unit_m = recording.state.unit_m
-        assert unit_m is not None  # `complete` has seen to it
+        assert unit_m is not None  # `complete` guarantees it
         self._unit_m, self._check = unit_m, UnitCheck(unit_m, recording.name)
         self._sizes = HandSizeCheck(camera.lens, camera.size_px, unit_m)
         self.recording, self.camera, self.detector = recording, camera, detector
@@ -215,7 +215,7 @@ class _Run:
         self._quality = ArmQualityMeter()
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Each image's row, when it has been looked at.
+        """Detect arms in one image after the other, and yield each image's row of the JSON.
 
         Raises:
             InputError: the unit cannot be right, or the images cannot be used.
@@ -269,7 +269,7 @@ class _Run:
         from mocapella.cli.depth_recordings import write_stages
 
         assert self._stages is not None
-        assert self.detector.stages is not None  # `arm` has seen to it
+        assert self.detector.stages is not None  # `arm` guarantees it
         write_stages(self._stages, self.counts["images"] - 1, file, self.detector.stages(metres))
 
     def _problems(self) -> list[str]:
@@ -278,7 +278,7 @@ class _Run:
         return [*self.recording.state.problems, *([doubt] if doubt else [])]
 
     def result(self) -> dict[str, Any]:
-        """The recording's part of the JSON."""
+        """Return the recording's part of the JSON."""
         return {
             "recording": self.recording.name,
             "size_px": list(self.camera.size_px),
@@ -307,7 +307,7 @@ class _Run:
         return f"; arms: {told}{f'; gestures: {seen}' if seen else ''}"
 
     def tell(self) -> None:
-        """The counts and the most frequent reasons, for a person."""
+        """Print the counts, the problems, and the most frequent reasons for images without arms."""
         n = self.counts
         lacking = [f"{n[name]} {words}" for name, words in
                    (("empty", "with nothing measured"), ("damaged", "damaged")) if n[name]]  # fmt: skip

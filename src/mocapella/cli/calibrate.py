@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from mocapella.sources.video import Frames
 
 ALONE_FROM = 1_000_000
-"""First number of the frames of ``--alone``, which only one camera saw."""
+"""First frame number of the views of ``--alone``, so that they are never paired with another camera's frame."""
 FILMED_S: Final = 60.0
-"""How long live cameras are filmed if --seconds is not given."""
+"""Time for which live cameras film the board if --seconds is not given [s]."""
 NODE = "node:"
-"""Before the name of a running node's camera."""
+"""Prefix of an input that is the camera of a running node."""
 
 
 @calibrate_app.command("cameras")
@@ -239,10 +239,10 @@ def look(
         inputs: path of the images by the camera's name.
         board: the board to detect.
         wanted: the frames to use (`mocapella.sources.video.Frames`).
-        board_file: named in errors.
+        board_file: path of the board's file, named in errors.
 
     Returns:
-        The board's views; and for each camera the number of its last used frame plus one.
+        The board's views; and by camera, the number of the last frame that was searched plus one.
 
     Raises:
         CalibrationError: a camera never sees the board; the message describes what its images show.

@@ -75,7 +75,7 @@ def camera(
         tell_state(sensor, pictures, acquisition.state)
         work = ImageWork(sensor, acquisition, sent)
         zero = read_epoch() if epoch_from_input else epoch
-        # From here on standard input is watched for the end of who started this process.
+        # From here on standard input is watched: it ends when the parent process does.
         with (
             stop_on_signals() as stop,
             CameraService(work, say=say) as service,

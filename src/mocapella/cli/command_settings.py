@@ -147,7 +147,7 @@ def lines_of_dataclass(kind: type, title: str, prefix: str = "") -> Iterator[str
     """Yield a title and the fields of a settings dataclass as lines of `--set help`.
 
     Args:
-        kind: the dataclass, as of `rows_of_dataclass`.
+        kind: the dataclass, see `rows_of_dataclass`.
         title: line above the table.
         prefix: put before each key, such as ``gestures.``.
     """
@@ -211,14 +211,15 @@ def read_settings(
         kind: dataclass of the command's own keys.
         file: TOML, or None.
         pairs: ``KEY=VALUE`` each.
-        others: valid names of the remaining settings, such as a tracking method's.
+        others: known names of the remaining settings, such as a tracking method's; unknown ones pass, too.
 
     Returns:
         The command's settings, and the remaining ones by name.
 
     Raises:
         InputError: the file cannot be read, or is no TOML.
-        SettingsError: a value out of range or of another type; a key that is a misspelt key of the command.
+        SettingsError: a value out of range or of another type, a key given twice, or an unknown key that resembles one
+            of the command.
     """
     fields = _fields(kind)
     given: dict[str, Any] = {}
@@ -245,7 +246,7 @@ def read_settings(
 
 
 def read_keys(kind: type[K], file: Path | None, pairs: Sequence[str] | None) -> K:
-    """Parse the settings of a command without a tracking method or detector.
+    """Parse the settings of a command that has no tracking method or detector, as `read_settings` does.
 
     Raises:
         InputError, SettingsError: as in `read_settings`; also for every unknown key.

@@ -51,7 +51,7 @@ console = Terminal(stderr=True, highlight=False)
 
 
 def _check_json(target: str | None) -> str | None:
-    """Refuse, before anything is done, a result file that could not be written at the end."""
+    """Check, before any work is done, that the result file of ``--json`` can be written; return the option's value."""
     if target is None or target == "-":
         return target
     path, problem = Path(target), ""
@@ -69,7 +69,7 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Check, before any work is done, that the output file of ``--out`` can be written; return its path.
+    """Check, before any work is done, that ``--out`` names a file in an existing folder; return its path.
 
     Raises:
         SettingsError: the path is a folder, or its folder does not exist.
@@ -81,7 +81,7 @@ def check_out(path: Path) -> Path:
 
 
 def _list_methods(name: str) -> str:
-    """List the tracking methods where that is asked for: what each takes, makes and can be exported as."""
+    """Return the name of a tracking method; for ``help``, list all with their frames, results and exports, and exit."""
     if name == "help":
         from mocapella.exports.export import exports_of
         from mocapella.model.frame_types import FRAME_TYPES
@@ -211,7 +211,7 @@ Participants = Annotated[
 
 
 def method_keys(context: typer.Context) -> Iterator[str]:
-    """Yield the lines of ``--set help`` about the settings of the tracking method that the command line names."""
+    """Yield lines of ``--set help``: settings of the tracking method that ``--method`` names before it."""
     from mocapella.tracker.method import METHODS
 
     name = str(context.params.get("method", "default"))

@@ -71,7 +71,7 @@ def _looked(recording: DepthRecording, settings: BodyLinesSettings, stages: Path
     from mocapella.sources.depth_options import UnitCheck, complete
 
     camera, unit_m = complete(recording.state, recording.name), recording.state.unit_m
-    assert unit_m is not None  # `complete` has seen to it
+    assert unit_m is not None  # `complete` guarantees it
     check, rows = UnitCheck(unit_m, recording.name), []
     with console.status(f"{recording.name}: reading …") as status:
         for number, image in enumerate(recording.images()):

@@ -25,7 +25,7 @@ from mocapella.sources.picture_source import SourceState
 
 
 class _DepthImage(Protocol):
-    """What frame types whose ``depth_images`` is true have (`mocapella.model.frame_types.FrameType`)."""
+    """Fields of a frame whose type (`mocapella.model.frame_types.FrameType`) has ``depth_images`` set."""
 
     @property
     def time_ns(self) -> int: ...
@@ -92,7 +92,7 @@ class TakeDepth:
         state: image size, depth unit and lens, and the problems of the take.
 
     Raises:
-        InputError: the take has no depth images, or none of that sensor; or the options declare disparities.
+        InputError: the take has no depth images, or none of that sensor; or the options name the unit ``kinect-raw``.
         SettingsError: several sensors send depth images, and none is named.
     """
 
@@ -124,7 +124,7 @@ class TakeDepth:
         )
 
     def images(self) -> Iterator[RecordedDepth]:
-        """Yield the images by sequence number, as `DepthRecording.images`; a frame of another type has no depth.
+        """Yield the images by sequence number, as `DepthRecording.images`; for a frame of another type, depth None.
 
         Raises:
             InputError: the image size, unit or lens changes within the take.
@@ -144,7 +144,7 @@ class TakeDepth:
 
 
 def _first(take: Take, sensor: str) -> Any:
-    """A sensor's first frame, where it is a depth image; else None."""
+    """Return a sensor's first frame if it is a depth image, else None."""
     stored = next(take.frames(sensor), None)
     return stored.frame if stored is not None and _is_depth_image(stored.frame) else None
 
@@ -178,7 +178,7 @@ def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth |
 
 
 def depth_recordings(paths: Sequence[str], options: DepthOptions) -> list[DepthRecording]:
-    """Return the recordings of paths: each folder, take and rendered scene is one, and so is each sequence of files.
+    """Return the recordings of paths: each folder, take or rendered scene is one; consecutive files together are one.
 
     Raises:
         SettingsError: a path names a live camera or an unknown scene.

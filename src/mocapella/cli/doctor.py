@@ -107,7 +107,7 @@ def _version(package: str) -> str | None:
 
 
 def _required() -> dict[str, list[str]]:
-    """The packages that ours says it needs, by extra; the core's under the empty name."""
+    """Return the packages that Mocapella requires, by extra; the core's under the empty name."""
     needs: dict[str, list[str]] = {"": []}
     for need in importlib.metadata.requires("mocapella") or []:
         name = re.match(r"[A-Za-z0-9._-]+", need)
@@ -139,7 +139,7 @@ def _extras() -> Iterator[Finding]:
 
 
 def _source_looks() -> Iterator[Finding]:
-    """What the sources say of their devices."""
+    """Yield the findings of all sources about their devices."""
     from mocapella.sources.source import SOURCES
 
     looks = {source.looks: source.name for source in SOURCES.values() if source.looks}  # some share one

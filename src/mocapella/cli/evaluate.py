@@ -298,7 +298,7 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
 
 
 def failures(result: dict[str, Any]) -> list[str]:
-    """Return a line for each row of the tables that cannot be compared, with the reason; empty if all can.
+    """Return a line for each row of the tables that has a problem and so fails, with the problem; empty without any.
 
     ``result`` is that of `mocapella.evaluation.kinectmultitrack.evaluate`.
     """

@@ -51,7 +51,7 @@ _COMMANDS: Final = {
 
 
 def _command(name: str, usual: str, about: str) -> None:
-    """Make an experiment a command."""
+    """Register an experiment as a command."""
 
     def command(
         seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: Seconds = None, plot: Plot = None,

@@ -128,7 +128,7 @@ def json_lines(
 
 
 def _timed_scenes(take: Take) -> Iterator[tuple[Scene, int]]:
-    """Every scene with the wall clock's time of it, in milliseconds since year 1, as the study log counts."""
+    """Yield each scene with its wall-clock time in milliseconds since year 1, as in the study log."""
     from mocapella.model.study_log import YEAR_1_TO_1970_MS
 
     for run in take.runs:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from mocapella.recording.take_reader import Take
 
 _PROPORTIONED: Final = ("thumb",)
-"""Digits that the gesture does not measure."""
+"""Digits that the gesture does not measure; their bones are scaled in proportion to the fingers."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _recorded(path: Path) -> Take:
 
 
 def _names(take: Take | None, tips: str | None, base: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The markers of tips and base: as given, as in the take, or the usual ones."""
+    """Return the markers of tips and base: as given, else as in the take, else the defaults."""
     from mocapella.tracker.hands import HandsSettings
 
     usual = HandsSettings()
@@ -177,7 +177,7 @@ def _names(take: Take | None, tips: str | None, base: str | None) -> tuple[tuple
 def _shown(
     take: Take, rig: Path | None, gesture: GesturePoints, spans: tuple[PhaseSpan, ...]
 ) -> Iterator[tuple[Scene, str]]:
-    """The take's scenes of the gesture, each with its part."""
+    """Yield the take's scenes within the phases of the gesture, each with its phase."""
     from mocapella.conventions import NS_PER_S
     from mocapella.errors import InputError
     from mocapella.kinematics.hand_gesture import phase_at

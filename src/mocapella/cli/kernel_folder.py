@@ -36,7 +36,7 @@ def folder_finding(folder: Path) -> Finding:
 
 
 def _others_write(folder: Path, *, above: bool) -> bool:
-    """Whether another user can put files there; in a folder above, a sticky bit keeps what is there."""
+    """Return whether another user can replace files there; in a folder above it, a sticky bit prevents that."""
     try:
         found = folder.stat()
     except OSError:  # not made yet

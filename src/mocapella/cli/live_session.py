@@ -37,9 +37,9 @@ VIEW_HOST = "127.0.0.1"
 COMPILING = "compiling the tracking method; tracking begins by itself"
 COMPILING_STOPPED = "compiling the tracking method; then press Start"
 PAGE_WAIT_S = 10.0
-"""Longest time for which a compilation waits for a browser to draw the view, from the view's URL on [s]."""
+"""Longest time from the output of the view's URL for which a compilation waits for a browser to draw the view [s]."""
 BEGIN_IN_S = 1.0
-"""Time from the moment when every node is ready until their sources begin, so that they can join the bus [s]."""
+"""Delay between the readiness of all nodes and the common start of their sources [s]."""
 
 
 @dataclass
@@ -103,8 +103,8 @@ def live_session(
 ) -> Iterator[LiveSession]:
     """Run a server and its view (unless ``view_port`` is None) within this context, and close them at its end.
 
-    On the first start, the method's kernels are compiled while sensors connect and the view shows them; tracking begins
-    afterwards (`wait_while`).
+    If the method's kernels are not compiled yet, they are compiled while sensors connect and the view shows them;
+    tracking begins afterwards. Call `wait_while` in the context, which controls this.
 
     Args:
         settings: settings of the server.
@@ -114,7 +114,7 @@ def live_session(
         tell_watch_url: whether the view's URL for watchers is printed.
         view_words: further options of ``mocapella view``.
         track_at_once: whether kernels are compiled before the server listens, so that every frame is tracked.
-        link: link of the server that listens already; None to make one.
+        link: the server's link, if it listens already; None to open one.
 
     Raises:
         AddressInUseError, BusError: a port cannot be used.

@@ -119,7 +119,7 @@ def markers(
         if zero is None and source.startswith(RENDERED):
             zero = 0.0  # cameras of one scene see the same, whenever they are started
         wait = not (pictures.live or epoch_from_input or epoch is not None or times is not None)
-        # From here on standard input is watched for the end of who started this process.
+        # From here on standard input is watched: it ends when the parent process does.
         with (
             stop_on_signals() as stop,
             CameraService(work, profile, say=say) as service,
@@ -171,7 +171,7 @@ def _profile(path: Path | None) -> ColourProfile | None:
 
 
 def _pointed_at(pictures: PictureSource) -> ColourProfile | None:
-    """Of a rendered scene, whose markers can be pointed at by themselves."""
+    """Return the colour profile of a rendered scene, which needs no clicks; None for other sources."""
     from mocapella.sources.simulate.rendered_camera import RenderedCamera
 
     return pictures.profile() if isinstance(pictures, RenderedCamera) else None

@@ -25,7 +25,7 @@ COMMANDS: Final[Mapping[str, str]] = {
 }
 """The present path of each command or group, by former path."""
 CALIBRATIONS: Final = frozenset({"board", "cameras", "colours", "hand", "space"})
-"""Verbs of the group `calibrate`, whose name was a command's."""
+"""Commands of the present group `calibrate`; before any other argument, `calibrate` is the former command."""
 
 _NO_VIEW: Final = {"--headless": "--no-view"}
 _CONTROLS: Final = {

@@ -299,7 +299,7 @@ def _space(name: str) -> str:
 
 
 def _parted(text: str, at: str, option: str, example: str) -> tuple[str, int]:
-    """What comes before, and the port number after it."""
+    """Split a text at ``at`` into the part before it and the port number after it."""
     before, _, port = text.rpartition(at)
     if not before or not (port.isascii() and port.isdigit() and len(port) <= 5):
         raise SettingsError(f"{option} {text!r} cannot be used; write it as {example}")

@@ -98,7 +98,7 @@ def node_arm(
             work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch
         wait = not (images.live or zero is not None)
-        # From here on standard input is watched for the end of who started this process.
+        # From here on standard input is watched: it ends when the parent process does.
         with stop_on_signals() as stop, ExitStack() as links:
             link = links.enter_context(open_link(connect, name, keys.disk(), say=say))
             depth_link, kept = None, FRAME_TYPES["depth"].history_frames
@@ -115,7 +115,7 @@ def node_arm(
 
 
 def _tell_state(sensor: str, acquisition: Acquisition) -> None:
-    """How the source is set, in words."""
+    """Print the settings of the source."""
     state = acquisition.state
     assert state.size_px is not None
     assert state.lens is not None

@@ -26,7 +26,7 @@ LINGER: Final = KeySpec("Stay this long after the last frame, so that a take get
 DROP_AFTER_MS: Final = KeySpec("Drop results older than this after their image was captured.", "ms", least=1)
 DELAY_MS: Final = KeySpec("Time from an image's exposure to its arrival, of network cameras.", "ms", least=0)
 READY: Final = "ready"
-"""Line that a node prints when it waits for its epoch on standard input."""
+"""Line that a node prints when it is ready and waits for its epoch on standard input."""
 NODE_TAKE: Final = "NAME"
 
 
@@ -83,7 +83,7 @@ def read_epoch() -> float:
     """
     typer.echo(READY)
     line = sys.stdin.readline()
-    if not line:  # who started it is gone
+    if not line:  # the parent process has ended
         raise typer.Exit(1)
     return float(line)
 

@@ -60,7 +60,7 @@ class CameraKeys:
 
     @property
     def controls(self) -> CameraControls:
-        """The camera controls that are given."""
+        """The camera controls of these settings; None for those not given."""
         from mocapella.sensing.colour_profile import CameraControls
 
         return CameraControls(self.exposure, self.gain, self.white_balance, self.saturation, self.contrast)
@@ -73,7 +73,7 @@ def wishes(
     given: Any,
     profile: ColourProfile | None,
 ) -> CameraWishes:
-    """Return the requested size, rate and controls of a camera: from the options, else from the profile.
+    """Return the size, rate and controls to request of a camera: from the options, else, but for the rate, the profile.
 
     Args:
         size: such as ``640x480``; None if not given.
@@ -99,7 +99,7 @@ def wishes(
 def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
     """Check, before the first image, that the images have the size at which the colours were learnt.
 
-    An unknown size, or no learnt colours, is accepted. ``profile`` and ``source`` are named in the error.
+    If the size or ``known`` is None, nothing is checked. ``profile`` and ``source`` are named in the error.
 
     Raises:
         InputError: they have another size.
@@ -112,7 +112,7 @@ def check_state(state: SourceState, known: ColourProfile | None, profile: Path |
 
 
 def tell_state(sensor: str, pictures: PictureSource, state: SourceState) -> None:
-    """Print the state of the source's controls."""
+    """Print the name, size, rate and time source of a camera's images, and the problems of its controls."""
     size = "" if state.size_px is None else f", {state.size_px[0]} × {state.size_px[1]} px"
     rate = "" if state.fps is None else f", {state.fps:g} a second"
     say(f"{sensor}: pictures of {pictures.name}{size}{rate}; their time is {pictures.times}")

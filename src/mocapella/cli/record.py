@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "mocapella record"
 _CLOSING_S = 150.0
-"""How long the end of a take may take: it waits for frames that are asked for again, and for the disk."""
+"""Longest time for which the end of a take may wait for missed frames and for the disk [s]."""
 
 
 @app.command(rich_help_panel=RECORDINGS)

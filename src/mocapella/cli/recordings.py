@@ -1,4 +1,4 @@
-"""A common interface of study logs, files of one sensor's bodies and takes, which give frames and can be replayed."""
+"""A common interface of study logs, files of one sensor's bodies and takes, to read their frames and replay them."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ TAKES = Path("takes")
 _ENDINGS = (SUFFIX, ".csv", ".csv.gz")
 _MOST_NAMED = 10
 LATE_NS = 100_000_000
-"""How late a frame may be stored before it is taken for one that was fetched later."""
+"""A frame stored later than its capture time suggests by more than this was fetched later [ns]."""
 LONGEST_BETWEEN_NS = 60_000_000_000
-"""Two frames of a node that say that they are further apart are on two clocks."""
+"""Consecutive capture times of a node that differ by more than this are of two clocks [ns]."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class Replayed:
     """Result of a replay.
 
     Attributes:
-        summary: counts.
+        summary: counts of frames and scenes.
         last: final state of the tracker.
         seconds: duration of the recording [s].
-        notes: further fields for ``--json``.
+        notes: further fields for ``--json``, which depend on the type of recording.
     """
 
     summary: RunSummary
@@ -123,7 +123,7 @@ def is_take(file: Path) -> bool:
     try:
         with file.open("rb") as stream:
             return stream.read(len(MAGIC)) == MAGIC
-    except OSError:  # who reads it says why it cannot be read
+    except OSError:  # its reader reports the reason
         return False
 
 
@@ -135,9 +135,12 @@ def open_recording(
 ) -> Recording:
     """Open a study log, a file of one sensor's bodies or a take, as `find_recording` finds it.
 
+    ``placement`` selects the sensors' placement in a study log; ``method`` and ``method_settings`` choose how logs and
+    body files are tracked (None: the defaults). A take has all three recorded, so they must be None or empty.
+
     Raises:
         InputError: the file cannot be used, or has no frames; names file, row, field and value if possible.
-        SettingsError: a choice that is fixed for a take, or a placement that the log does not have.
+        SettingsError: one of the three is given for a take, or the file does not have that placement.
     """
     file = find_recording(file)
     if is_take(file):
@@ -163,7 +166,7 @@ def open_recording(
 
 
 def open_take(file: Path) -> Take:
-    """Read a take, found as by `find_recording`; repeated calls return the same value, which skips damaged entries.
+    """Read a take, found as by `find_recording`; damaged entries are skipped. Repeated calls return the same object.
 
     Raises:
         InputError: the file is missing, empty, or no take; or nothing in it is readable.
@@ -294,7 +297,7 @@ class RecordedBodies:
         self.setup = Setup(method=method, sensors_expected=1)
 
     def due_frames(self, sensor: str) -> Iterator[DueFrame]:
-        """Return the frames under any name of a sensor; time 0 is that of the file's first frame.
+        """Return all frames as those of ``sensor``, any valid name; time 0 is that of the file's first frame.
 
         Raises:
             SettingsError: the name cannot be used.
@@ -316,8 +319,8 @@ class RecordedBodies:
 def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
     """Return the due times of frames for a replay at the recorded speed, on the clock of their storage [ns].
 
-    A frame is due at its storage time. Frames that the server missed at first were fetched later, many at once; their
-    interval to the next frame is that of the captures.
+    A frame is due at its storage time. But a frame that the server missed was fetched later, with others: it is due as
+    long before the next frame as it was captured before that one.
 
     Args:
         times: node id, storage time [ns] and capture time [ns] of each frame, in the order of capture.
@@ -335,9 +338,9 @@ def due_times(times: Sequence[tuple[int, int, int]]) -> list[int]:
 
 
 class RecordedTake:
-    """A take. Its replay repeats all runs with their commands, and compares the scenes with the recorded ones.
+    """A take. Its replay tracks each run of the recorded tracker again, and compares the scenes with the recorded ones.
 
-    Damaged entries are left out, and named.
+    A run has one setup, and frames and commands in the tracker's order. Damaged entries are left out, and named.
 
     Args:
         file: the take.
@@ -387,7 +390,7 @@ class RecordedTake:
         last_due = last_time = 0
         for due, stored in zip(due_ns, self._take.frames_in_sequence(sensor), strict=True):
             frame = stored.frame
-            if node_id not in (None, frame.node_id):  # another clock; who replays it has only one
+            if node_id not in (None, frame.node_id):  # another clock; a replay has only one
                 shift = last_time + max(1, due - last_due) - frame.time_ns
             node_id, last_due, last_time = frame.node_id, due, frame.time_ns + shift
             whole = self._resolved(frame)
@@ -404,7 +407,7 @@ class RecordedTake:
         return resolver.resolve(frame)
 
     def _events(self, run: int) -> Iterator[Command | Arrival]:
-        """One run's frames and commands, as the tracker had them."""
+        """Yield one run's frames and commands in the tracker's order."""
         for event in self._take.replay_run(run):
             yield event if isinstance(event, Command) else Arrival(self._resolved(event.frame), event.at_ns)
 

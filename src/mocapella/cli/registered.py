@@ -24,11 +24,11 @@ class RegisteredVerbs(TyperGroup):
         raise NotImplementedError
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands, the table's last."""
+        """Return the names of all commands: built-in ones, then those of the table."""
         return [*super().list_commands(ctx), *self.table()]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a stand-in of a command for lists; `resolve_command` returns the command itself."""
+        """Return a placeholder with a command's summary, for lists; `resolve_command` returns the command itself."""
         descriptor = self.table().get(cmd_name)
         if descriptor is None:
             return super().get_command(ctx, cmd_name)

@@ -142,7 +142,7 @@ def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]
 
 
 def _comparison(recorded: int, differing: int) -> str:
-    """How the results of a take's replay are to the recorded ones, in words."""
+    """Return a text that compares a replay's results with the recorded ones."""
     if differing:
         return f"{differing} results differ from the {recorded} of the live run"
     return f"all {recorded} results identical to the live run" if recorded else "no results to compare are in it"

@@ -285,7 +285,7 @@ def _session_of(settings: Sequence[str] | None) -> str | None:
 
 
 def _named_files(pairs: Sequence[str] | None) -> dict[str, list[Path]]:
-    """Of ``--file NAME=PATH``, by name."""
+    """Return the paths of ``--file NAME=PATH`` by name."""
     found: dict[str, list[Path]] = {}
     for pair in pairs or ():
         name, equals, path = pair.partition("=")

@@ -113,7 +113,7 @@ def _ask() -> str:
 
 
 def _address(at: str | None) -> Address:
-    """The address of the server that others are told."""
+    """Return the address of the server that an invitation names."""
     from mocapella.wire.address import parse_address
 
     host = _own_host() if at is None else at
@@ -122,7 +122,7 @@ def _address(at: str | None) -> Address:
 
 
 def _own_host() -> str:
-    """This machine's address on the network that leads to others; nothing is sent to find it."""
+    """Return this machine's address on its default route; nothing is sent to find it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LONGEST_EMPTY_S: Final = 600.0
 LONGER_S: Final = 5.0
-"""So much longer than the empty room is to be seen its pictures are waited for."""
+"""Time beyond that of learning the empty room for which its images are waited for [s]."""
 NO_CAMERA: Final = "no camera gives a picture any more"
 PLUGGED_IN: Final = "look whether they are plugged in, and films long enough"
 RATE_OF: Final = 30
@@ -42,7 +42,7 @@ class LiveWishes:
     Attributes:
         sources: camera, URL or video by the camera's name.
         as_live: whether videos are treated as live cameras.
-        hz: frame rate to request, or of the videos [Hz]; None for the sources' own.
+        hz: frame rate to request of cameras, or to assume for videos [Hz]; None for the sources' own.
         other_size: ``crop`` or ``scale``, for images of another size than the calibration's; None refuses these.
         fourcc: image format to request of live cameras; None for the camera's choice.
         empty_room_s: live: time to learn the background [s]; None learns none.
@@ -71,10 +71,10 @@ class LiveWishes:
         return self.as_live or any(is_live(text) for text in self.sources.values())
 
     def verify(self) -> None:
-        """Check that no option for live cameras is given with videos, and the reverse.
+        """Check that no option for live cameras is given with videos or the reverse, and check ``empty_room_s``.
 
         Raises:
-            SettingsError: such an option is given.
+            SettingsError: such an option is given, ``empty_room_s`` is out of range or given beside ``background``.
         """
         if self.live and self.frames is not None:
             raise SettingsError("--frames is of videos; live cameras go on until Ctrl-C, or for --seconds")
@@ -146,20 +146,20 @@ def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRi
 
 
 def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float | None, *, view: bool) -> None:
-    """Let the tracker learn the empty room if requested, and print where people are searched afterwards.
+    """Let the tracker learn the empty room if requested, then print where each person is expected: the hips' position.
 
     Args:
         run: the run, before its first frame.
         shown: the live cameras.
         empty_room_s: time to learn the room [s]; None learns nothing.
-        view: whether the live view shows the outlines, as the printed line says.
+        view: whether there is a live view; the printed line then refers to the outlines in it.
 
     Raises:
         InputError: the cameras send no images.
     """
     from mocapella.sources.live_set import LiveSet
 
-    assert isinstance(shown, LiveSet)  # of videos, who starts is there
+    assert isinstance(shown, LiveSet)  # in videos, people are present from the first frame
     if empty_room_s is not None:
         learn_room(run, shown, empty_room_s)
     where = "where the outlines are in the view's pictures" if view else "at the start (--view shows the outlines)"
@@ -183,7 +183,7 @@ def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
         Progress(*columns, console=console, transient=True) as progress,
     ):
         task = progress.add_task("learning", total=seconds)
-        # What is compiled once a machine is not of these seconds.
+        # The first frame may compile kernels, which must not count as time to learn.
         for frame in islice(shown.until(stop, say=run.note), 1):
             run.feed(frame)
             run.tracker.reset()
@@ -238,7 +238,7 @@ def follow_live(
 
 
 def _place(body: InitialBody) -> str:
-    """Where a body's hips are, for a person to stand there."""
+    """Return the position of a body's hips as text, so that a person can stand there."""
     from mocapella.model.rigged_mesh import landmarks_at
 
     places = dict(zip(body.mesh.landmarks, landmarks_at(body.mesh, body.pose), strict=True))

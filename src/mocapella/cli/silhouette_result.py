@@ -37,10 +37,9 @@ class AnglesAt(NamedTuple):
 
 
 class SilhouetteResult:
-    """Writer of the results for ``--json`` and ``--plot``, as a context manager; after an error it names the partial
-    file.
+    """Context manager that writes the results for ``--json`` and ``--plot``; after an error it names the partial file.
 
-    Frames are written as they come, and are stored only if an option needs them.
+    Each frame is written when it is added, to a part file beside the result or a temporary file.
 
     Args:
         json, plot: values of the options; if both are None, nothing is written.
@@ -132,7 +131,7 @@ class SilhouetteResult:
 
 
 def _angles(kept: BodiesWriter) -> dict[str, list[AnglesAt]]:
-    """Values of each person, by name."""
+    """Return each person's joint angles over time, by name."""
     import msgspec
 
     class Row(msgspec.Struct):

@@ -52,7 +52,7 @@ class StartWishes:
 
 @dataclass(frozen=True)
 class _Wish:
-    """The same for one person."""
+    """Model and height wished for one person; None if not given."""
 
     model: str | None
     height_m: float | None
@@ -63,9 +63,9 @@ class _Earlier:
     """A person's pose in an earlier result.
 
     Attributes:
-        path: of the result.
-        body: of it.
-        number: of the frame.
+        path: file of the result.
+        body: the person's body in it.
+        number: number of the frame.
         chosen: whether that frame was named on the command line.
     """
 
@@ -85,12 +85,12 @@ class _Found:
 
 
 def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, tuple[Body, TreePose]]:
-    """Return the bodies and their poses in the first frame, by name; `ALONE` for a single body without a name.
+    """Return the bodies and their initial poses by person's name; a single body without a name has the name `ALONE`.
 
     Args:
         wishes: options of the initialisation.
         rig: the cameras, for the triangulation of keypoints.
-        frames: frames of the videos that are used; the first one chooses the frame of a file that has several.
+        frames: the frames of the videos to track; of a file with several frames, the one with the first one's number.
 
     Raises:
         SettingsError, InputError, CalibrationError: the options define no initial pose, or an impossible one.
@@ -187,10 +187,10 @@ def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlie
 
 
 def _without_models(data: Any, path: Path) -> tuple[Any, dict[str, _Wish]]:
-    """Named joints without ``model`` and ``height_m``, and these by person.
+    """Return named joints without ``model`` and ``height_m``, and these two by person.
 
     Raises:
-        InputError: one of them cannot be.
+        InputError: a model or height is invalid.
     """
     from mocapella.recording.bodies_file import ALONE
 
@@ -248,7 +248,7 @@ def settings_of_peoples_starts(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) -> dict[str, str]:
-    """An option's value for each of the people: by name, or for all.
+    """Return an option's value by person: the one given for the name, else the one given for all.
 
     Raises:
         SettingsError: no person has that name, or the option is given twice.
@@ -268,10 +268,10 @@ def _by_person(option: str, texts: Sequence[str], people: Mapping[str, object]) 
 
 
 def _metres(text: str) -> float:
-    """A height.
+    """Parse a body height [m].
 
     Raises:
-        SettingsError: it is none.
+        SettingsError: it is no number, or out of range.
     """
     try:
         height = float(text)
@@ -282,10 +282,10 @@ def _metres(text: str) -> float:
 
 
 def _person_and_value(text: str) -> tuple[str, str]:
-    """Of ``PERSON=VALUE``; a file of that whole name is no person's.
+    """Split ``PERSON=VALUE``; a text without ``=``, or that is an existing path, is a value of the person `ALONE`.
 
     Raises:
-        SettingsError: not a valid person's name.
+        SettingsError: the person's name is invalid.
     """
     from mocapella.recording.bodies_file import ALONE, check_person_name
 
@@ -323,7 +323,7 @@ def _of_file(model: str, height_m: float | None) -> Body:
 
 
 def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
-    """Of the frame of that number; of the last one, where that was not chosen and is not there."""
+    """Return body and pose of an earlier result's frame; if it is missing and was not chosen, of the last frame."""
     from mocapella.tracker.silhouette_start import body_again, body_of
 
     path, earlier, number = at.path, at.body, at.number
@@ -382,7 +382,7 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Frame
         other_size: ``crop`` or ``scale``, for images of another size than the calibration's; None refuses these.
 
     Raises:
-        InputError: an image cannot be read, or its size differs from the camera's.
+        InputError: an image cannot be read, has another size than the camera's, or is of a camera without a video.
     """
     from mocapella.cli.calibrate import named_inputs
     from mocapella.sources.video import Frames, pictures
@@ -414,7 +414,7 @@ def _path_and_frame(text: str) -> tuple[Path, int | None]:
 
 
 def _folders(paths: Sequence[Path]) -> list[Path]:
-    """Of one folder that has no JSON but folders with some, those."""
+    """Replace a single folder without JSON files by its folders that have some."""
     if len(paths) == 1 and paths[0].is_dir() and not any(paths[0].glob("*.json")):
         inner = sorted(one for one in paths[0].iterdir() if one.is_dir() and any(one.glob("*.json")))
         return inner or list(paths)

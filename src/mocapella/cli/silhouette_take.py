@@ -33,7 +33,7 @@ class RecordedRun:
     """A recorded run, whose tracker is created from the settings stored in the take.
 
     Args:
-        path: of the new take.
+        path: file of the new take.
         settings: settings of the method ``silhouettes``, with rig and bodies.
         shown: the videos; the take refers to them by path and checksum.
 
@@ -81,7 +81,7 @@ def recorded(
         record: value of ``--record``.
         found: bodies and their initial poses, by name.
         shown: the videos.
-        wishes: options of the command; refused if they are of live cameras.
+        wishes: options of the command; live cameras are refused.
         wanted: the frames to track.
         steady: whether jitter is penalised.
 

@@ -159,7 +159,7 @@ class _Page:
 
 @dataclass(frozen=True)
 class _Files:
-    """Files of a run; None where none is wished."""
+    """Files of a run; None if the option is not given."""
 
     rig: Path
     json: str | None
@@ -227,7 +227,7 @@ def _track(
 
 
 def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: ExitStack) -> FrameSource:
-    """The cameras, or the videos."""
+    """Open the live cameras or the videos."""
     from mocapella.cli.silhouette_live import open_live
     from mocapella.sources.video_set import VideoSet
 
@@ -240,7 +240,7 @@ def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: Exi
 def _started(
     bodies: Mapping[str, InitialBody], shown: FrameSource, wishes: LiveWishes, wanted: Frames, *, steady: bool
 ) -> SilhouetteRun:
-    """The run, before its first frame. Of videos, who starts is there; before live cameras they may have to come."""
+    """Return the run before its first frame; before live cameras, people may arrive later."""
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.tracker.frame_sync import FrameSyncSettings
     from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -261,7 +261,7 @@ def _started(
 
 
 def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
-    """Videos or cameras by name; the rate is looked at, too."""
+    """Return videos or cameras by name; check the frame rate, too."""
     from mocapella.cli.calibrate import named_inputs
     from mocapella.settings import check
 
@@ -296,7 +296,7 @@ def _follow(
     seconds: float | None,
     tell: Sequence[Callable[[Step], None]],
 ) -> bool:
-    """Frame by frame; False where it was stopped before the end. Live cameras have no other end."""
+    """Track frame by frame; return False if a video was stopped before its end. Live cameras end only by a stop."""
     from mocapella.cli.silhouette_live import follow_live
     from mocapella.sources.live_set import LiveSet
 
@@ -332,9 +332,9 @@ class _Overlays:
         self._writer = OverlayWriter(path, shown.rate_hz / step, sizes)
 
     def write(self, step: Step) -> None:
-        """One step's."""
+        """Write the images of one step."""
         self._writer.write(step.frame, step.pictures())
 
     def close(self) -> None:
-        """Finish."""
+        """Finish the files."""
         self._writer.close()

@@ -48,7 +48,7 @@ def run_demo(
         scene: name of the scene; None for the demo's; ``help`` prints the names and exits.
         seed: random seed of the scene, the corruption, and the error of the initial pose.
         corrupt: key of `CORRUPTIONS`; None leaves the images as rendered.
-        seconds: duration, with the time that the view stays [s]; None for the whole scene, and until Ctrl-C.
+        seconds: duration, including the display of the result in the view [s]; None: the whole scene, until Ctrl-C.
         steady: whether jitter is penalised.
         view: whether the live view is served.
         view_port: its TCP port; None for the default or a free one.
@@ -119,7 +119,7 @@ def _corruption(corrupt: str | None, seed: int) -> Corruption | None:
 
 
 def _shown(run: SilhouetteRun, made: SilhouetteScene, stop: Event, seconds: float | None) -> Iterator[Step]:
-    """Every frame once it is tracked, until the last one, the end of the time, or ``stop``."""
+    """Yield each step after its tracking, until the last frame, the end of the time, or ``stop``."""
     from mocapella.sources.frame_set import FrameSet
 
     names, end_s = list(made.rig.cameras), None if seconds is None else time.monotonic() + seconds

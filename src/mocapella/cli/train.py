@@ -138,7 +138,7 @@ def bias(
 
 
 def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> None:
-    """Δd without and with a bias, by row and placement, and the fused skeleton."""
+    """Print Δd without and with the bias correction, by row and placement, and for the fused skeleton."""
     placements = [name for name in ("parallel", "45", "90") if any(name in row for row in figures["with"].values())]
     title = f"people left out: {folds} folds; mean Δd, cm"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)

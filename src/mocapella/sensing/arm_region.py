@@ -111,7 +111,7 @@ class Region(NamedTuple):
     """A region that may be an arm, in the form of `mocapella.kinematics.arm_fit.ArmEvidence`.
 
     Attributes:
-        points: (m, 3) points of the surface, camera frame [m].
+        points: (m, 3) points of the arm's surface, camera frame [m].
         front: (h, w) depth of the arm's surface, the negative depth of other surfaces, 0 where not measured [m].
         opposite: (h, w) in the same row, the column of the nearest arm pixel for a pixel off the arm, and of the
             nearest pixel off the arm for an arm pixel; −1 for none.
@@ -131,9 +131,10 @@ class PalmCandidate(NamedTuple):
         centre: (3,) point on its surface [m].
         radius_m: radius of the largest circle in it [m].
         normal: (3,) unit normal of its surface, towards the camera.
-        forearm: (3,) the direction from it to the elbow; None if no forearm is visible.
-        tips: (k, 3) ends of branches as narrow as a finger [m], anticlockwise in the image, starting at the forearm.
-        spheres: (n, 5) around the surface within a hand's reach, as for `region`.
+        forearm: (3,) unit vector from it along the forearm; None if no forearm is visible.
+        tips: (k, 3) ends of at most five branches as narrow as a finger [m], anticlockwise in the image from the
+            forearm, or from the downward direction without a forearm.
+        spheres: (n, 5) spheres of 1 cm around points of the surface within a hand's reach, as for `region`.
     """
 
     centre: Float64
@@ -147,7 +148,7 @@ class PalmCandidate(NamedTuple):
 def whole_grid(depth: Float32, lens: Float64, step: int, s: ArmRegionSettings) -> Grid:
     """Subsample a whole depth image.
 
-    A sample is the mean of the surface around its pixel, as of `arm_region_kernels.thinned`.
+    A sample is the mean depth of the surface around its pixel, see `arm_region_kernels.thinned`.
 
     Args:
         depth: (height, width) [m].
@@ -169,7 +170,8 @@ def grid_about(depth: Float32, lens: Float64, spheres: Float64, s: ArmRegionSett
         s: spacing, range of depths, and margin around the spheres.
 
     Returns:
-        The grid; None if the spheres are behind the camera, or cover less than 8 px of the image along an axis.
+        The grid; None if no sphere is farther than 0.1 m along the optical axis, or if the spheres with their margin
+        cover less than 8 px of the image along an axis.
     """
     height, width = depth.shape
     z = spheres[:, 2]
@@ -217,11 +219,11 @@ def region(grid: Grid, spheres: Float64, s: ArmRegionSettings) -> Region:
 
 
 def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
-    """Return the region (points, silhouette distances) of a surface that is segmented already, for a fit.
+    """Compute the points and the silhouette map of a segmented surface, and return them as a `Region`.
 
     Args:
-        grid: its lens is used.
-        front: (h, w) as in `Region`, which keeps it, not a copy.
+        grid: the grid on which it was segmented; only its lens is used.
+        front: (h, w) as in `Region`, which keeps this array, not a copy.
         s: largest number of points.
     """
     k = kernels()
@@ -233,7 +235,7 @@ def evidence(grid: Grid, front: Float64, s: ArmRegionSettings) -> Region:
 
 
 def others_edges(front: Float64, s: ArmRegionSettings) -> float:
-    """Return how far a surface is occluded: the share of its edges, 0 to 1, that belong to nearer surfaces.
+    """Return the share of a surface's edges, 0 to 1, at which a nearer surface occludes it.
 
     Args:
         front: (h, w) as in `Region`.
@@ -256,8 +258,9 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         lens: (4,) fx, fy, cx, cy [px], or (9,) with the distortion, which is not used.
         s: limits.
         most: greatest number of candidates.
-        near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
-        but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates within them are left out.
+        near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned, found on
+            a coarser grid; None: the whole image is searched.
+        but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out.
 
     Returns:
         Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.
@@ -295,7 +298,7 @@ def within(point: Float64, balls: Float64) -> bool:
 
 
 def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSettings) -> Steps[list[tuple[int, int]]]:
-    """Return pixels short of the ends of surfaces, at the distances of a fist's and an open hand's palm."""
+    """Return (row, column) of possible palms: 5 and 10 cm before the ends of surfaces, for fist and open hand."""
     k, places = kernels(), []
     pixel = (grid.seen / grid.lens[0]) ** 2
     areas = np.bincount(labels.ravel(), pixel.ravel(), count + 1)
@@ -323,7 +326,7 @@ def _ends(grid: Grid, labels: Int64, inner: Float64, count: int, s: ArmRegionSet
 
 
 def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[int, int]]:
-    """Return local maxima of the distance from the edge, the largest first."""
+    """Return (row, column) of local maxima of the distance to the edge within least and most, the largest first."""
     height, width = inner.shape
     padded = np.pad(inner, 1)
     peak = (inner >= least) & (inner <= most)
@@ -416,7 +419,7 @@ _GRID: Final = 1500
 _SURFACE: Final = 2000
 _LOOKED_AT: Final = 3000
 _LOOKED_AT_COARSELY: Final = 1000
-"""Time of each step [µs]: the grid, a surface's ends, and a candidate."""
+"""Cost of each step [µs]: the grid, a surface's ends, and a candidate on a fine and on a coarse grid."""
 _SURFACES: Final = 6
 """Number of the largest surfaces that are searched for arms."""
 _LEAST_AREA_M2: Final = 0.004

@@ -168,9 +168,9 @@ def grown(
 
 @njit(cache=True)
 def others_edges(front: Float64, jump: float) -> float:
-    """Return the share of a surface's edges, 0 to 1, that belong to a nearer surface which occludes the rest.
+    """Return the share of a surface's edges, 0 to 1, at which a nearer surface occludes it; 0 without edges.
 
-    Beside an edge may be a shadow without measurements, so the first measured pixel beyond it decides.
+    An edge may border on a shadow without measurements, so its first measured pixel beyond, in row or column, decides.
 
     Args:
         front: (h, w) depth of the surface, minus that of others, 0 where nothing was measured [m].

@@ -72,7 +72,7 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
 
         Args:
             band: samples of an image of this model's size and channels.
-            settings: whether images are filtered by a median.
+            settings: only ``median`` is used: whether the model's images are filtered by a median, too.
 
         Raises:
             SettingsError: the band is of an image of another size or number of channels.
@@ -105,7 +105,7 @@ def learn_background(images: Sequence[UInt8], **settings: float) -> BackgroundMo
     Args:
         images: at least 3, of one shape, (height, width) or (height, width, 3) uint8. A pixel must show the empty scene
             in more than half of them.
-        settings: values of the fields of `BackgroundModel` besides the images, by name.
+        settings: values of ``least_sd``, ``darkest`` and ``shadow_nats`` of `BackgroundModel`.
 
     Raises:
         SettingsError: there are too few, they differ in shape, or a value is out of range.
@@ -140,7 +140,7 @@ def background_contour(
         window: the part of the image that is segmented; its phi is the shape prior if ``guided``, else it is ignored.
         guided: whether the window's phi is a prior, as for `region_contour`.
         ignore: (height, width) bool, True for pixels without information.
-        settings: of the densities' settings only the share of outliers and the median are used.
+        settings: weights and limits; of those for local densities, only ``outliers`` and ``median`` are used.
         energies: whether energies are computed, which takes longer.
 
     Returns:
@@ -151,7 +151,7 @@ def background_contour(
     """
     band = read_band(image, window, None, ignore, settings, guided=guided)
     outside = model.costs(band, settings)
-    # A person's pixels may have any value: a uniform density.
+    # Inside, the density is uniform: a person's pixels may have any value.
     inside_cost = 3 * (math.log(HALF_LEVELS) - 0.5 * math.log(2 * math.pi))
     if not guided:
         # Without a prior all samples are undecided, so all are in the blocks, row by row.

@@ -46,8 +46,8 @@ class MemorySettings:
             slower learning [images].
         cut_sd: a sample farther than this from its mean has changed, for deciding whether an image shows this room;
             larger: fewer images are rejected [standard deviations].
-        strange_sd: likewise, for the foreground score in colour images, a vote of several samples; larger: less is
-            foreground [standard deviations].
+        strange_sd: a sample farther than this from its mean counts as changed in the foreground score of colour
+            images, the vote of five samples; larger: less is foreground [standard deviations].
         strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
         shadow: least brightness of a sample in shadow, as a share of its usual one; smaller: darker shadows are not
             foreground; 1: no sample is in shadow [0 to 1].
@@ -86,7 +86,7 @@ class MemorySettings:
 DEFAULT = MemorySettings()
 
 NOISIER = 2.0
-"""An image that is noisier than the first one by this factor counts as changed everywhere."""
+"""An image whose noise exceeds this many initial standard deviations of a sample counts as changed everywhere."""
 FIRST_SDS = 1.5
 """Initial standard deviation of a sample, in units of the image's noise; it covers the error of a mean of one image."""
 
@@ -139,10 +139,10 @@ class BackgroundMemory:
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
-            person: a window with this memory's step, whose origin is a multiple of it; None: no person is in the image.
-                Samples inside, and nearer to it than ``guard_steps``, are not learnt.
-            others: (height, width) bool where other people are, which is not learnt either.
-            covered: (rows, columns) of the window, not 0 where the person is, too.
+            person: the person's silhouette in an aligned window, of this memory's step and with a multiple of it as
+                origin. Samples inside, and nearer to it than ``guard_steps``, are not learnt. None: no person is seen.
+            others: (height, width) bool, True on other people, whose pixels are not learnt either.
+            covered: (rows, columns) uint8 of the window, another mask of the person, not 0 on samples not to learn.
 
         Raises:
             InputError: an image of another size than the first, a mask of another size than the image or the window, or
@@ -169,11 +169,11 @@ class BackgroundMemory:
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.
 
-        It is 1 for an image that is much noisier than the first one. Nothing is learnt.
+        It is 1 for an image that is noisier than `NOISIER` allows. Nothing is learnt.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
-            person: window about a person, which is left out; None: no person is in the image.
+            person: silhouette, aligned as in `update`; samples inside and near it are left out. None: no person.
 
         Raises:
             InputError: an image of another size than the first, or a window that is not aligned.
@@ -200,8 +200,8 @@ class BackgroundMemory:
     def strange(self, image: UInt8, window: Silhouette, every: int) -> Float32:
         """Return the foreground score at every ``every``-th sample of a window: from 1, foreground, to −1, background.
 
-        It is 0 where the background is unknown, as before any `update`, or the sample is probably in shadow. Each score
-        is a vote of five samples: the sample and its four neighbours.
+        Each score is the vote of the sample and its four neighbours. Neighbours that are unknown or probably in shadow
+        do not vote; with fewer than three votes, and before any `update`, the score is 0.
 
         Args:
             image: (height, width) or (height, width, 3) uint8.
@@ -248,7 +248,7 @@ class BackgroundMemory:
         """Return (blocks, size) the cost −log p of each sample's value under the background [nats]; NaN where unknown.
 
         Raises:
-            InputError: the band's window is not aligned as `update` requires.
+            InputError: the band's window is not aligned as in `update`.
         """
         prior = band.prior
         left, top = self._place(prior)

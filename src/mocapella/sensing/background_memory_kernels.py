@@ -22,14 +22,14 @@ Int32 = NDArray[np.int32]
 UInt8 = NDArray[np.uint8]
 
 MIDDLE = 127.5
-"""Middle of the scale [grey levels]."""
+"""Middle of the 8-bit scale [grey levels]."""
 SD_OF_FIFTH = 1.0 / 0.25335
-"""Ratio of a normal distribution's standard deviation to the magnitude that a fifth of its deviations stay below."""
+"""Ratio of a normal distribution's standard deviation to the 20th percentile of its absolute deviations."""
 WIDE = 1.5
-"""Deviations are cut off at so many standard deviations before they update mean and variance: so few that one outlier
+"""Deviations are clipped to this many standard deviations before they update mean and variance: so few that one outlier
 in six does not make the variance diverge (P. Huber, Robust Statistics, 1981, section 6.4)."""
 OF_CUT = 1.0 / 0.77846
-"""Ratio of a normal distribution's variance to its variance after the cut-off at `WIDE`."""
+"""Ratio of a normal distribution's variance to its variance after clipping to `WIDE`."""
 
 
 class BackgroundSamples(NamedTuple):
@@ -199,8 +199,8 @@ def learn(
         image: (height, width, channels) uint8.
         step: distance between samples [px].
         window: the person.
-        covered: (rows, columns) of the window, not 0 where the person is, too; or (0, 0).
-        others: (height, width) where other people are; or (0, 0).
+        covered: (rows, columns) of the window, another mask of the person, not 0 inside; or (0, 0).
+        others: (height, width) bool, True on other people; or (0, 0).
         begin, end: rows of samples that are updated in full width, the end exclusive.
         every: outside of them, every ``every``-th row of the person's window is updated, within the window only.
         rate: least weight of an image in the running means, 0 to 1.
@@ -252,7 +252,7 @@ def _vote(
 ) -> float:  # fmt: skip
     """Return the share of changed samples among a sample and its four neighbours, scaled to −1 (none) to 1 (all).
 
-    0 where fewer than three are known. A sample that may lie in shadow counts as unknown. A shadow darkens a surface
+    It is 0 if fewer than three are known. A sample that may lie in shadow counts as unknown. A shadow darkens a surface
     and keeps its colour (T. Horprasert, D. Harwood, L. S. Davis, "A statistical approach for real-time robust
     background subtraction and shadow detection", ICCV Frame-Rate Workshop 1999, section 2): the point nearest to
     ``here`` (scratch) on the line from black to the sample's colour is at the fraction ``f`` of it, and near.
@@ -293,10 +293,10 @@ def strange(
     image: UInt8, step: int, left: int, top: int, every: int, bounds: ForegroundBounds, learnt: BackgroundSamples,
     out: Float32,
 ) -> None:  # fmt: skip
-    """Write the foreground score of a grid of samples: from −1, background, to 1, foreground; 0 where unknown.
+    """Write the foreground score of a grid of samples: from −1, background, to 1, foreground.
 
     It is the share of changed samples among a sample and its four neighbours, scaled. Samples that may be in shadow
-    count as unknown.
+    count as unknown; the score is 0 if fewer than three of the five are known.
 
     Args:
         image: (height, width, channels) uint8.

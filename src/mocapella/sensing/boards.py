@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 FEW_MARKERS: Final = 4
-"""Least number of markers of a dictionary in an image: fewer occur by chance, above all in small dictionaries."""
+"""Least number of markers that shows that a board of a dictionary is in an image; fewer are detected by chance."""
 
 
 @dataclass
@@ -243,7 +243,8 @@ def why_not_found(images: Sequence[UInt8], board: Board) -> str:
         board: the board that was searched.
 
     Returns:
-        One line that suggests what to change, by the first image with another board; general if there is none.
+        One line that suggests what to change: from the first image that shows another board, or general advice if none
+        does.
     """
     wanted = _describe(board)
     for image in images:

@@ -78,10 +78,10 @@ class BodyLines:
         thinned: (height, width) 255 on its thin lines, else 0.
         distance_m: median depth along the optical axis [m].
         segments_px: (n, 2, 2) x and y of both ends of each straight line, the longest first [px].
-        segments: (n, 2, 3) the same ends on the body's surface, in the camera's space [m]: at the median depth of the
-            7 × 7 pixels around, or ``distance_m`` if none of them is the body's.
+        segments: (n, 2, 3) the same ends on the body's surface, camera frame (x right, y down) [m]: at the median depth
+            of the 7 × 7 pixels around, or ``distance_m`` if none of them is the body's.
         ends_px: (m, 2) ends of thin lines [px].
-        ends: (m, 3) the same ends in the camera's space, as ``segments`` [m].
+        ends: (m, 3) the same ends in the camera frame, as ``segments`` [m].
     """
 
     mask: UInt8
@@ -98,9 +98,9 @@ class BodyLinesResult:
     """The line skeletons in a depth image, and the results of earlier stages.
 
     Attributes:
-        floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera's space [m]; None if there is none.
-        separated: the image in the range, above the floor.
-        outline: outline of the nearest object; None without any.
+        floor: (4,) unit normal n, upwards, and d of n·x + d = 0 in the camera frame (y down) [m]; None if not found.
+        separated: the part of the depth image in the range and above the floor.
+        outline: outlines of the objects, with the mask of the nearest one; None without any.
         bodies: the nearest first.
         reason: why there is no body; empty if there are any.
     """
@@ -155,7 +155,7 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
 
 
 def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) -> Float64 | None:
-    """Return the floor's plane in the camera's space; None if it is not visible or hardly anything was measured.
+    """Return the floor's plane in the camera frame (y down); None if it is not visible or too few pixels are measured.
 
     Random sample consensus (M. Fischler and R. Bolles, 1981), with the same samples for the same image; then least
     squares of the inliers.

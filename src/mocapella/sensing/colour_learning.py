@@ -33,7 +33,7 @@ UInt8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 LIKE: Final = 0.3
-"""Greatest distance in u and v of a region's pixels from its median colour, across the hue's direction."""
+"""Greatest distance of a region's pixels from the line through grey and its median colour, in u and v."""
 LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
@@ -68,7 +68,7 @@ def learn_colours(
     Args:
         camera: its name.
         samples: images and clicks; a name may be in several images.
-        backgrounds: images without markers.
+        backgrounds: images without markers; the background is learnt from these, and from ``samples`` off the markers.
         controls: values of the camera's controls, stored in the profile; all None if not given.
 
     Raises:
@@ -124,8 +124,8 @@ def grow(image: UInt8, click: tuple[float, float], name: str) -> Mask:
 
     Args:
         image: (height, width, 3) uint8 blue, green, red.
-        click: x, y [px]; the strongest colour within 4 px of the same hue is grown from.
-        name: the marker's name, used in errors; for `SKIN` neither colour nor size is checked.
+        click: x, y [px]; the region grows from the most saturated pixel of the clicked hue within 4 px.
+        name: the marker's name, used in errors; `SKIN` grows from the clicked pixel, of any colour and to any size.
 
     Returns:
         (height, width) bool, with filled holes.
@@ -203,9 +203,9 @@ def inside(region: Mask) -> Mask:
 
 
 def learn(bgr: UInt8) -> Chromaticities:
-    """Return the distribution of pixels (n, 3) blue, green, red of one colour, without reflections and outliers.
+    """Fit the distribution of one colour to its pixels (n, 3) blue, green, red, without outliers, as in reflections.
 
-    Its ``pixels`` is the number of pixels that are kept.
+    The result's ``pixels`` is the number of pixels that are kept.
     """
     at, luma = chromaticity(bgr), brightness(bgr)
     kept = np.ones(len(at), np.bool_)
@@ -226,9 +226,9 @@ def learn(bgr: UInt8) -> Chromaticities:
 
 
 def learn_background(images: Sequence[tuple[UInt8, Mask]]) -> BackgroundColours:
-    """Return the colours of images in their masks, which exclude the markers.
+    """Return the histogram and the light of the images' pixels in their masks, which exclude the markers.
 
-    Means of 3 × 3 pixels are counted: they keep objects as large as a marker, but not single pixels coloured by noise.
+    The histogram counts means of 3 × 3 pixels, which suppress the noise of single pixels but not marker-sized objects.
 
     Args:
         images: (height, width, 3) uint8 blue, green, red, each with its mask (height, width) bool of the background.

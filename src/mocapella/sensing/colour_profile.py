@@ -94,7 +94,7 @@ class Colour:
     Attributes:
         name: the marker's name.
         seen: distribution of its pixels.
-        area_px: area of the marker where it was clicked [px²].
+        area_px: median area of the regions around the clicks on the marker [px²].
     """
 
     name: str

@@ -66,9 +66,9 @@ class Separability:
     """Separability of colours from each other and from the background.
 
     Attributes:
-        kept: share of each colour's pixels that get its label, by name.
-        in_background: share of the background that gets each colour's label, by name.
-        distances: (colours, colours) distances between the colours' means, in standard deviations.
+        kept: share of pixels drawn from each colour's distribution that get its label, by name.
+        in_background: share of the background's pixels within 2 standard deviations of each colour, by name.
+        distances: (colours, colours) Mahalanobis distances between the colours' means [standard deviations].
         problems: sentences that name a problem and suggest a remedy; empty if there are none.
     """
 
@@ -134,9 +134,9 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """Return the density (...) of the background at chromaticities, relative to that of markers.
+    """Return the density (...) of the background at chromaticities, to be compared with a marker's, of integral 1.
 
-    The scene's histogram is scaled by area: an object as large as the marker is as likely as the marker.
+    The scene's histogram is scaled by area: a background object as large as the marker has integral 1, too.
 
     Args:
         profile: the background's colours.

@@ -45,8 +45,8 @@ class DeadImages:
     def update(self, images: Mapping[str, UInt8]) -> dict[str, str]:
         """Find images that must not be used because they are black, uniform or frozen.
 
-        An image that is repeated while other cameras' images change is stale, whether the camera is broken or slower
-        than the others. If all images are repeated, as of a single camera, none is reported as frozen.
+        An image is frozen if it equals the camera's last one while another camera's image has changed: the camera is
+        broken, or slower. If all images are repeated, or there is one camera, none is reported as frozen.
 
         Args:
             images: (height, width) or (height, width, 3) uint8 of one instant, by camera. An image of another size than

@@ -45,9 +45,9 @@ class DepthForeground:
         self._before = self._coarse(depth)
 
     def places(self, depth: Float32, arms: Iterable[Float64]) -> Float64:
-        """Return points of foreground surfaces that are large enough for a hand, and update the background.
+        """Return points of foreground surfaces of at least 3 × 3 grid cells, and update the background.
 
-        The first image becomes the background if `learn` was not called, and has no foreground.
+        If `learn` was not called, the first image becomes the background and has no foreground.
 
         Args:
             depth: (height, width) [m].

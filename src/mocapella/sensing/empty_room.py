@@ -19,9 +19,9 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 DIFFERS: Final = 25
-"""Least difference of a foreground pixel from the empty room in any channel, whatever the light [grey levels]."""
+"""A pixel is foreground if a channel differs from the empty room by more than this [grey levels]."""
 FEWEST: Final = 0.2
-"""Least changed area, in units of the body's, that shows that the person has moved."""
+"""Least changed area, as a share of the body's area, from which motion is judged."""
 GROWN: Final = 0.1
 """Margin around a body that may change with it, such as its shadow, as a share of its height."""
 _STEP_PX: Final = 2
@@ -30,7 +30,7 @@ _GRAIN: Final = 7
 
 
 class EmptyRoom:
-    """Background image of the empty room by camera, from images with people elsewhere, for background subtraction."""
+    """Background image of the empty room by camera, learnt wherever no person is, for background subtraction."""
 
     def __init__(self) -> None:
         self._images: dict[str, UInt8] = {}
@@ -75,9 +75,8 @@ class EmptyRoom:
             others: (height, width) bool where other people are, whose pixels are left out first.
 
         Returns:
-            The share of the body's remaining pixels at which the room was learnt. NaN if the room was never learnt at
-            half of the remaining pixels or more, if no pixel of the body remains, or for a camera that was never
-            learnt.
+            The share of differing pixels among the body's remaining pixels where the room was learnt. NaN if the room
+            was learnt at no more than half of the remaining pixels, if none remains, or for an unknown camera.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -99,8 +98,8 @@ class EmptyRoom:
             others: (height, width) bool where other people are, who are left out.
 
         Returns:
-            A silhouette of the whole image, sampled at every second pixel. Its phi is no distance, but 0.5 on the
-            objects and −0.5 elsewhere.
+            A silhouette in the whole image, sampled at every second pixel, with phi of 0.5 on the objects and −0.5
+            elsewhere instead of signed distances.
         """
         empty = self._images.get(name)
         if empty is None:
@@ -131,7 +130,7 @@ class MovedSince:
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
-        """Return the share of the changed pixels, 0 to 1, at the body's first or present position; NaN if few changed.
+        """Return the share of changed pixels, 0 to 1, that lie at the body's first or present position; NaN if few did.
 
         The first call of a camera keeps a copy of the image and the body's position, and returns NaN.
 

@@ -19,13 +19,13 @@ _ALONE: Final = frozenset((0x01, *range(0xD0, 0xD9)))
 _TIFF_NUMBERS: Final = {3: "H", 4: "I"}
 """Formats of TIFF's unsigned numbers of 16 and 32 bits."""
 _TIFF_TAGS: Final = ((256, 322), (257, 323))
-"""Of the width and the height: of the image, and of its tiles."""
+"""TIFF's tags of the width, of image and tile, and of the height, of image and tile."""
 
 
 def encoded_size(data: bytes) -> tuple[int, int] | None:
     """Return (width, height) of an encoded image; None if it is no PNG, JPEG, TIFF, WebP or BMP with a whole header.
 
-    Of a TIFF image of tiles that are larger than the image, it is the tiles' size.
+    None also for a PNG that is cut off. A TIFF image in tiles larger than the image has the tiles' size.
     """
     read = next((reader for start, reader in _READERS.items() if data.startswith(start)), None)
     try:
@@ -35,7 +35,7 @@ def encoded_size(data: bytes) -> tuple[int, int] | None:
 
 
 def png_end(data: bytes) -> int:
-    """Return the offset behind a PNG's last chunk, IEND; 0 if a chunk is cut off or missing.
+    """Return the offset of the first byte after a PNG's last chunk, IEND; 0 if the data end before that.
 
     Check this before decoding: a decoder allocates as much memory as a chunk's header states.
     """

@@ -78,7 +78,7 @@ def decode_pixels(data: bytes, *, unchanged: bool = False, as_stored: bool = Fal
         data: PNG, JPEG, TIFF, WebP or BMP.
         unchanged: whether channels and depth are those of the file (gray, BGR or BGRA; 8 or 16 bits), instead of
             (height, width, 3) uint8 BGR.
-        as_stored: whether EXIF's orientation is ignored.
+        as_stored: whether EXIF's orientation is ignored, as it always is with ``unchanged``.
     """
     width, height = encoded_size(data) or (0, 0)
     if not 0 < width * height <= MOST_PX:

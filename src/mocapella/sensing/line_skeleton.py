@@ -44,9 +44,9 @@ class Looked:
         separated: the near part of the depth image.
         outline: the arm's outline.
         lines: the lines of its skeleton.
-        grid: its points on a grid.
+        grid: a grid of points on the arm.
         hand: the joints in the image.
-        joints: (8, 3) in the camera's space [m], in the order of `ARM_JOINTS`.
+        joints: (8, 3) in the camera frame (x right, y down) [m], in the order of `ARM_JOINTS`.
         found: (8,) bool; False for a finger placed at the palm, and for a joint that is NaN because it is outside the
             lens's domain.
         reason: why there are no joints; empty if there are.
@@ -65,10 +65,8 @@ class Looked:
 class LineSkeleton:
     """Detects one arm in each image independently; a `mocapella.detectors.ArmDetector`.
 
-    The outline is segmented by depth, thinned to straight lines, and the joints are placed along them; the detector is
-    a baseline without a hand model.
-
-    The arm is always reported as a right one, with certainty 0.5.
+    The outline is segmented by depth and thinned to straight lines, and the joints are placed along them. The arm is
+    always reported as a right one, with certainty 0.5.
 
     Args:
         camera: name, size and lens of the depth camera.

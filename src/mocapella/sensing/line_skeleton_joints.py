@@ -31,7 +31,7 @@ _HARRIS_K: Final = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointGrid:
-    """Points of the arm in the range of depths of interest, on a grid in the mirrored image.
+    """Points of the arm in the cube region (see `LineSkeletonSettings`), on a grid in the mirrored image.
 
     Attributes:
         pixels: (n, 2) x and y [px].
@@ -52,7 +52,7 @@ class HandJoints:
         corners: (n, 2) Harris corners on the outline.
         hulls: (n, 2) int32 each; convex hulls that pass the area filter.
         outer: (n, 2) fingertips on the outline.
-        blobs: (n, 2) fingertips in front of the hand.
+        blobs: (n, 2) fingertips in front of the palm: centres of the hand's nearer parts.
         tips: (5, 2), thumb to little finger by the order of their angles; (0, 0) for none.
     """
 
@@ -167,12 +167,12 @@ def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: Li
 
 
 def nearest(points: PointGrid, pixel: Float64) -> int:
-    """Return the index of the grid point nearest to a pixel (2,), of at least one; its depth is used for the pixel."""
+    """Return the index of the grid point nearest to a pixel (2,), whose depth is used for the pixel; needs a point."""
     return int(((points.pixels - pixel) ** 2).sum(axis=-1).argmin())
 
 
 def _inside(distance: Float32, palm: Float64) -> float:
-    """The radius of the largest circle around the palm that lies within the outline; 0 where the palm does not."""
+    """Return the radius of the largest circle about the palm within the outline; 0 if the palm is outside of it."""
     height, width = distance.shape
     x, y = round(float(palm[0])), round(float(palm[1]))
     return float(distance[y, x]) if 0 <= x < width and 0 <= y < height else 0.0
@@ -186,7 +186,7 @@ def _angles(pixels: Float64, at: Float64, direction: Float64) -> Float64:
 
 
 def _corners(of: ArmOutline, s: LineSkeletonSettings) -> Float64:
-    """Harris corners of the arm's picture."""
+    """Return (n, 2) Harris corners of the arm's mask [px]."""
     x, y, width, height = cv2.boundingRect(of.arm)
     response = cv2.cornerHarris(of.arm[y : y + height, x : x + width], _HARRIS_BLOCK, 3, _HARRIS_K)
     most = cv2.dilate(response, np.ones((_HARRIS_BLOCK, _HARRIS_BLOCK), dtype=np.uint8))

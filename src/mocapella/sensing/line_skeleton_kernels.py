@@ -27,7 +27,7 @@ _1, _63, _0 = np.uint64(1), np.uint64(63), np.uint64(0)
 def removable(
     words: UInt64, free: UInt64, gone: UInt64, begin: int, end: int, stride: int, second: bool
 ) -> np.uint64:  # fmt: skip
-    """Write the pixels that a subiteration removes from a range of words; return the union (bitwise or) of these words.
+    """Write the pixels that a subiteration removes from a range of words; return the bitwise or of the written words.
 
     The neighbours are p2 (above), p3 (above right), … p9 (above left), clockwise as in the paper.
 

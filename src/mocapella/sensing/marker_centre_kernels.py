@@ -106,7 +106,7 @@ def centre(
         if abs(found - r) < 2.2:  # not where NaN
             edge[i], good[i] = found, True
             seen += 1
-    grown = 0.0  # rays without an edge: as far out as the others
+    grown = 0.0  # mean shift of the edge, which rays without an edge get
     for i in range(RAYS):
         if good[i]:
             grown += (edge[i] - hard[i]) / max(seen, 1)
@@ -117,7 +117,7 @@ def centre(
         area += 0.5 * r * r
         mx += r * r * r * _COS[i] / 3.0
         my += r * r * r * _SIN[i] / 3.0
-    rough = 0.0  # third differences: the part that neighbours do not share
+    rough = 0.0  # second differences: the part that neighbours do not share
     for i in range(RAYS):
         d = edge[i] - hard[i]
         e = edge[(i + 1) % RAYS] - hard[(i + 1) % RAYS]

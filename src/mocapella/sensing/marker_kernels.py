@@ -173,7 +173,7 @@ def _join_cut_off(
 ) -> None:
     """Write the chosen piece, joined with smaller ones within 3 px, into ``mine``; arguments of `choose`.
 
-    ``plausible`` is the area from which such a piece had been counted as a candidate.
+    ``plausible`` is the least area of a piece that `choose` counted as a candidate; joined ones are subtracted again.
     """
     for k in range(PIECE):
         mine[k] = found[best, k]

@@ -6,8 +6,8 @@ X, Y, VX, VY, SEEN_S, AREA, USUAL = range(7)
 MEMORY = 7
 """Number of columns of a marker's memory.
 
-They are centre x and y [px], velocity [px/s], capture time of the last detection [s], area then and area when its
-colour was learnt [px²].
+They are centre x and y [px], velocity [px/s], capture time of the last detection [s], area at the last detection, and
+area when the marker's colour was learnt [px²].
 """
 FOUND, SD, ELONGATION, CONFIDENCE, CANDIDATES = 2, 3, 4, 6, 7
 MERGED, REJECTED_SMALL, REJECTED_BIG, REJECTED_SHAPE = 8, 9, 10, 11

@@ -36,7 +36,7 @@ class PieceBuffers(NamedTuple):
 
     Attributes:
         cells: (w,) uint16 of one row of the image: indices in the look-up table of colours.
-        labels: (8 n,) uint8 of one row of the image, at least w + 8.
+        labels: uint8 labels of one row of the image; its length is a multiple of 8, at least w + 8.
         runs: (capacity, 4) int64 row, begin, end and label of each run.
         parent: (capacity,) int64 parents of the runs in the union-find forest.
         found: (capacity, 11) float64 the pieces.

@@ -32,7 +32,7 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 RUNS: Final = 20_000
-"""Largest number of runs (neighbouring pixels of one label in a row) that are processed; the report counts excesses."""
+"""Largest number of runs (neighbouring pixels of one label in a row) in an image; `MarkerReport` counts overflows."""
 LIGHT_STEP: Final = 16
 """Stride of the pixels and rows at which the light is measured [px]."""
 
@@ -43,8 +43,8 @@ class MarkerSettings:
 
     Attributes:
         window_px: side of the search window around a prediction; 40 as in the thesis [px].
-        acceleration_px_s2: unmodelled acceleration; the window grows by half of it times the square of the time since
-            the last detection [px/s²].
+        acceleration_px_s2: unmodelled acceleration; each border of the window moves outwards by half of it times the
+            square of the time since the last detection, at most by ``window_px`` [px/s²].
         forget_s: a marker unseen for longer has no prediction [s].
         whole_image_s: interval between searches of the whole image while no marker is lost [s].
         light_s: interval between measurements of the light [s].
@@ -107,7 +107,7 @@ class MarkerReport:
         merged: number of pieces of its colour that were joined to it.
         too_small, too_big, wrong_shape: number of pieces of its colour that were rejected, by reason.
         brightness: brightness of the last measured image over the profile's; 1 is as learnt.
-        chroma_shift: difference of u or v between image and profile, the larger one.
+        chroma_shift: the larger of the differences in u and in v between last measured image and profile.
         light: a warning about the light, in a sentence; empty if there is none.
     """
 
@@ -132,7 +132,7 @@ class MarkerDetector:
     Args:
         profile: the markers' colours in the images of this camera.
         settings: parameters; the defaults if not given.
-        node_id: for the frames.
+        node_id: number of the node, which the frames carry.
 
     Attributes:
         profile, settings, node_id: as given.

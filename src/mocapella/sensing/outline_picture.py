@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 
 _QUALITY: Final = 85
 _SMOOTHED: Final = 5
-"""Samples of a contour over which its side is decided by majority."""
+"""Number of consecutive contour samples whose majority decides whether the contour is outside, or inside, there."""
 
 
 class Outlines(msgspec.Struct, frozen=True, eq=False):
@@ -33,7 +33,7 @@ class Outlines(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         contour: the segmented silhouette.
         covered: silhouette of the fitted body model.
-        colour: colour of the model's contour.
+        colour: (red, green, blue) of the model's contour.
     """
 
     contour: Silhouette
@@ -42,7 +42,7 @@ class Outlines(msgspec.Struct, frozen=True, eq=False):
 
 
 def outlined(image: UInt8, bodies: Sequence[Outlines] = (), width: int | None = None) -> UInt8:
-    """Draw each model's contour, and the parts of the image's contour outside and inside of it.
+    """Draw each model's contour, and the parts of the image's contour outside (red) and inside (blue) of it.
 
     Args:
         image: (height, width, 3) uint8 BGR; not modified.
@@ -102,7 +102,7 @@ def _most(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _parts(line: Int64, chosen: NDArray[np.bool_]) -> list[Int64]:
-    """Return the stretches of a closed line (n, 2) that are chosen (n,), each with the sample after it."""
+    """Return the stretches of a closed line (n, 2) where ``chosen`` (n,), each with the next sample."""
     if chosen.all():
         return [np.concatenate([line, line[:1]])]
     first = int(np.argmin(chosen))  # start where no stretch is cut in two

@@ -40,7 +40,7 @@ NOTHING: Final = np.zeros((0, 0), dtype=np.float32)
 _NO_START: Final = np.zeros((0, 0), dtype=np.uint8)
 _NO_MASK: Final = np.zeros((0, 0), dtype=np.bool_)
 HALF_LEVELS: Final = 510
-"""Number of half grey levels of the scale, the unit of sample values."""
+"""Range of sample values [half grey levels]: grey level g is the value 2g − 255."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,8 @@ class RegionContour(msgspec.Struct, frozen=True, eq=False):
     """A contour, and how clearly the image shows it.
 
     Attributes:
-        silhouette: the contour, in the prior's window; phi is cut off at the prior's reach.
+        silhouette: the contour, in the prior's window; phi is clipped to the largest magnitude in the prior's phi, in
+            whole steps (without a prior, to ``band_px``).
         surety: (rows, columns) log-likelihood ratio between the side that a sample is on and the other, a mean over
             5 × 5 samples, meaningful beside the contour [nats per pixel]; 0 where the image shows no edge, where it is
             unknown, and far from the prior's contour.
@@ -157,12 +158,12 @@ def region_contour(
 
 
 class Background(Protocol):
-    """Interface of models of the scene without people, such as `BackgroundModel` and `BackgroundMemory`."""
+    """Interface of background models, such as `BackgroundModel` and `BackgroundMemory`."""
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
-        """Return the cost −log p of each of a band's samples being background [nats]; NaN where that is unknown.
+        """Return the cost −log p of each sample of a band under the background model [nats]; NaN where it is unknown.
 
-        Densities are per half grey level, and scaled to three channels, without the log 2π/2 of each.
+        p is a density per half grey level. The cost is scaled to three channels, without the (log 2π)/2 of each.
 
         Args:
             band: the samples.
@@ -183,12 +184,12 @@ class Band(msgspec.Struct, frozen=True, eq=False):
         prior: the silhouette near whose contour the samples are.
         size_px: (width, height) of the image.
         pad: number of columns of padding before the window's first column.
-        values: (channels, blocks, size) int16 half grey levels, 0 in the middle of the scale.
+        values: (channels, blocks, size) int16 half grey levels: grey level g is 2g − 255.
         phi: (rows, padded) signed distance to the prior's contour, above 0 inside [px].
         inside: (rows, padded) uint8, 1 inside the initial contour.
         active: (blocks, size) uint8, 1 where a sample may change sides.
-        known: (blocks, size) uint8, 1 where the image shows the sample.
-        blocks: (blocks, 2) int32 row, and number in the row, of the blocks with samples that may change sides.
+        known: (blocks, size) uint8, 1 where a sample is active and the image shows it.
+        blocks: (blocks, 2) int32 row of each block with active samples, and its number in the row.
         reach: distance at which signed distances are cut off [steps].
     """
 

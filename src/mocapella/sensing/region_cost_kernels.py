@@ -32,7 +32,7 @@ class ContourBand(NamedTuple):
     Attributes:
         values: (channels, blocks, size) int16 half grey levels, 0 in the middle of the scale; size is a multiple of 8.
         active: (blocks, size) uint8, 1 where a sample may change sides.
-        known: (blocks, size) uint8, 1 where the image shows the sample.
+        known: (blocks, size) uint8, 1 where a sample is active and the image shows it.
         phi: (rows, padded) float32 signed distance to the prior's contour [px], above 0 inside.
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         inside: (rows, padded) uint8, 1 inside the contour; the initial contour, overwritten with the result.
@@ -366,7 +366,7 @@ def background_costs(
         values: (channels, blocks, size) int16 the image's values in half grey levels, 0 in the middle of the scale.
         usual: (channels, blocks, size) int16 the background's values, in the same unit.
         spread: (channels, blocks, size) int16 the background's standard deviation, as 8 × grey levels − 255.
-        known: (blocks, size) uint8, 1 where the image shows the sample.
+        known: (blocks, size) uint8 of `ContourBand`.
         least_sd: smallest standard deviation [half grey levels].
         darkest: least share of its usual brightness for a sample to be in shadow.
         shadow: additional cost of a sample in shadow [nats].

@@ -37,8 +37,7 @@ class DensityLattice(NamedTuple):
         sums: (2, node rows, node columns, 1 + 2 channels) int64 inside and outside: sums of the samples' weights, of
             their weighted values and of the weighted squares.
         both: (node rows, node columns, 1 + 2 channels) int64 the sums of both sides at the start.
-        leans: (node rows, node columns) cost of the common density that supports the densities of sides with few
-            samples [samples × nats].
+        leans: (node rows, node columns) cost of the virtual samples that `update_densities` adds [samples × nats].
         stale: (node rows, node columns) uint8, 1 where sums have changed since densities were computed.
         coefficients: (node rows, node columns, 2 + 4 channels) float32 of −log p = a + b v + c v² of a value v, scaled
             to three channels [nats]: a inside and outside, then of every channel b and c inside and outside.
@@ -167,13 +166,13 @@ def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows:
 def update_densities(lattice: DensityLattice, size: int, fewest: float, least_sd: float) -> None:
     """Compute the densities of all stale nodes from their sums.
 
-    A side with few samples is mixed with the density of all samples about the node, as if ``fewest`` of those were on
-    that side.
+    It adds to each side's samples ``fewest`` virtual ones with the common density, that of all samples about the node.
+    They dominate a side with few samples.
 
     Args:
         lattice: sums, both and stale are read, coefficients and leans written.
         size: number of samples of a block.
-        fewest: weight of the common density [samples].
+        fewest: number of virtual samples.
         least_sd: smallest standard deviation [half grey levels].
     """
     sums, both, leans, stale, coefficients = lattice

@@ -75,7 +75,7 @@ def lay_out(
         wide: (rows, padded) float32 written: phi; far outside in the padding.
         inside: (rows, padded) uint8 written: the initial contour.
         active: (capacity, size) uint8 written for each block: 1 where a sample may change sides.
-        known: (capacity, size) uint8 written for each block: 1 where the image shows the sample.
+        known: (capacity, size) uint8 written for each block: 1 where a sample is active and in the image.
         blocks: (capacity, 2) int32 written: row of each block, and its number in the row.
     """
     x0, y0, step, pad, _, size = layout
@@ -293,8 +293,8 @@ def read(
 
     Returns:
         The largest |phi| [px]; wide, inside: (rows, padded) phi, and the initial contour's mask; active, known:
-            (blocks, size) uint8, whether a sample may change sides, and whether the image shows it; (blocks, 2) int32
-            row and number of each block; (channels, blocks, size) int16 values [half grey levels].
+            (blocks, size) uint8, whether a sample may change sides, and whether the image shows it, too; (blocks, 2)
+            int32 row and number of each block; (channels, blocks, size) int16 values [half grey levels].
     """
     rows, (height, width, channels), far = len(phi), image.shape, farthest(phi)
     x0, y0, step, pad, padded, size = layout

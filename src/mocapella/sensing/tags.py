@@ -99,9 +99,9 @@ class TagDetector:
     """Detects the tags in the images of one camera.
 
     Args:
-        camera: its name, for the frames.
+        camera: its name, the sensor of the frames.
         settings: wanted tags and precision; the defaults if not given.
-        node_id: for the frames.
+        node_id: number of the node, which the frames carry.
 
     Attributes:
         camera, settings, node_id: as given.
