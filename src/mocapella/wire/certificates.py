@@ -32,7 +32,7 @@ class Certified(NamedTuple):
 
 
 def make_authority(session: str) -> Certified:
-    """Make a session's authority, which signs itself."""
+    """Make a session's certificate authority, with a self-signed certificate."""
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -43,7 +43,7 @@ def make_authority(session: str) -> Certified:
 
 
 def issue(authority: Certified, common_name: str) -> Certified:
-    """Issue a certificate: for a server if the common name is `SERVER`, else for a client, which cannot act as one."""
+    """Issue a certificate: a server's if the common name is `SERVER`, else a client's, which serves no other use."""
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_der_private_key
