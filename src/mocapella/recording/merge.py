@@ -40,7 +40,7 @@ class _Entry(msgspec.Struct, frozen=True):
 
 
 def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
-    """Merge the parts of an interrupted take into one file, properly closed; a closed take stays unchanged.
+    """Merge the parts of an interrupted take into one file, properly closed; a take that was closed stays unchanged.
 
     Args:
         path: the take, ``NAME.mcap``.
@@ -158,7 +158,7 @@ def closed(path: Path) -> bool:
 
 
 def reopen(path: Path) -> bool:
-    """Remove the end of a take that was closed because its program failed; return whether it is one.
+    """Remove the end of an MCAP file marked with `INTERRUPTED_METADATA`; return False if it has no such mark.
 
     A kill at any point leaves an interrupted take. The caller holds the take's lock.
 

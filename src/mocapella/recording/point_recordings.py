@@ -20,7 +20,7 @@ class PointRecording(msgspec.Struct, frozen=True, eq=False):
     """Positions of points over time.
 
     Attributes:
-        at_s: (frames,) times, as in the file, ascending [s].
+        at_s: (frames,) times, as in the file, ascending and each once [s].
         points: (frames, points, 2) image positions [px], or (frames, points, 3) positions in space [m]; NaN where not
             seen. The points are in the order of their names.
         unit: ``px`` or ``m``.

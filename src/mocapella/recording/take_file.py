@@ -15,7 +15,7 @@ from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
-    """An `McapFile` with the channels of a take, which writes to an open descriptor.
+    """An `McapFile` that adds the channel of each topic of a take by itself, when its first message comes.
 
     Args:
         fd: descriptor of an empty file, opened for writing; the caller closes it.
