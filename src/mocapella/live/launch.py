@@ -19,7 +19,7 @@ from mocapella.supervision import Boundary
 
 
 class Children:
-    """Child processes that `start` adds, and that end with the ``with`` block or when this process is killed.
+    """Child processes, started by `start`, that end with the ``with`` block, or when this process is killed.
 
     At the end of the block, `close` terminates them. If this process is killed, their standard input is closed, and
     each child must then end by itself, as Mocapella's programs do.

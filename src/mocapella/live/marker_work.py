@@ -24,10 +24,7 @@ OFTEN: Final = 0.5
 
 
 def colour_image(picture: Picture) -> NDArray[np.uint8]:
-    """Return a colour camera's image, (height, width, 3) uint8 blue, green, red, without a copy if it is uint8.
-
-    Depth images are not for this function.
-    """
+    """Return a colour camera's image, (height, width, 3) uint8 blue, green, red, without a copy if it is uint8."""
     return np.asarray(picture.image, np.uint8)
 
 
@@ -59,8 +56,8 @@ class MarkerWork:
         tags: detector of tags, besides the colours; None detects no tags.
 
     Attributes:
-        late: images whose processing took longer than the frame period.
-        too_late: late images whose markers were not sent.
+        late: number of images whose processing took longer than the frame period.
+        too_late: number of images whose markers were too old to send.
         newest: the last processed image; None before the first.
     """
 

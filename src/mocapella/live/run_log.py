@@ -24,11 +24,11 @@ FOLDER_VARIABLE: Final = "MOCAPELLA_LOGS"
 MOST_BYTES: Final = 5_000_000
 """Size of a file before it is rotated."""
 KEPT_PIECES: Final = 2
-"""Rotated files of a run that are kept."""
+"""Number of rotated files to keep for a run."""
 KEPT_RUNS: Final = 50
-"""Files in the folder; the oldest are deleted when a run begins."""
+"""Largest number of files in the folder, of all runs; the oldest are deleted when a file is begun."""
 _WAITING: Final = 10_000
-"""Entries that wait for the disk; further ones are lost."""
+"""Largest number of entries that wait for the disk; further ones are lost."""
 _LONGEST_TRACE: Final = 20_000
 
 
@@ -128,7 +128,7 @@ class RunLog:
 
 
 def log_in_use() -> str:
-    """Return the file of the log of this process; empty if it has none."""
+    """Return the path of this process's log file; empty if it has none."""
     return next((str(one.path) for one in _logger().handlers if isinstance(one, _Waiting)), "")
 
 

@@ -119,8 +119,8 @@ def _kind_of(first: str) -> _Kind | None:
 def read_body_csv(path: Path | str) -> BodyRows:
     """Read a file of one sensor's bodies, ``.csv`` or ``.csv.gz``.
 
-    Columns of an Azure Kinect are found by name, those of a Kinect v2 by their order. An empty cell at the end of a row
-    is ignored.
+    Columns of an Azure Kinect are found by name, columns of a Kinect v2 by order. An empty cell at the end of a row is
+    ignored.
 
     Raises:
         InputError: the file cannot be read, is of neither kind, has no rows, or has an invalid row or value; or a

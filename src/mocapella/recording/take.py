@@ -71,7 +71,7 @@ class Run:
 
     Attributes:
         number: number of the run in the take, from 0.
-        part: number of the file in which the run was recorded: 1, plus 1 for each resumption after an interruption.
+        part: number of the file that recorded the run: 1, plus 1 for each resumption after an interruption.
         info: how the run was made.
     """
 

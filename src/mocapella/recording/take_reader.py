@@ -196,7 +196,7 @@ class Take:
                     yield from self._arrivals(files, scene)
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
-        """Yield the inputs from which trackers compute the same scenes again.
+        """Yield the inputs for trackers that compute the same scenes again.
 
         At each `Run`, make a new tracker with the run's setup; its frames and commands follow in the tracker's order.
         """

@@ -1,7 +1,7 @@
 """Estimate the offset between two clocks continuously, with an error bound that holds while the clocks drift apart.
 
-The *near* clock is that of the process that asks, the *far* clock that of the one that answers. A probe bounds the
-offset (Cristian 1989): the far clock was read between question and answer. The bounds of all probes are intersected
+The *near* clock is that of the asking process, the *far* clock that of the answering one. A probe bounds the offset
+(Cristian 1989): the far clock was read between question and answer. The bounds of all probes are intersected
 (Marzullo and Owicki 1983), so that the fastest question and the fastest answer count, even if they are of different
 probes. As the clocks drift, older bounds widen.
 """

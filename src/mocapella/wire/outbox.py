@@ -239,7 +239,7 @@ class Outbox:
         return last[1]
 
     def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
-        """Yield number and bytes of the available frames among ``numbers``; those that cannot be read are left out."""
+        """Yield number and bytes of the available frames among ``numbers``; unreadable ones are left out."""
         for number in numbers:
             try:
                 data = self.frame(number)

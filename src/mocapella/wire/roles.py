@@ -103,7 +103,7 @@ def sensor_of(user: str) -> str:
 
 
 def users_of(sensors: Iterable[str]) -> tuple[str, ...]:
-    """Return all users of a session in which these sensors have keys of their own."""
+    """Return all users of a session whose sensors of these names have keys of their own."""
     return (SENSOR, *(f"{SENSOR}.{name}" for name in sensors), *READERS)
 
 

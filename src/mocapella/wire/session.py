@@ -4,7 +4,7 @@ A *session* of Mocapella is a server with the programs that have its keys; a zen
 Every connection is TLS, with certificates of one session on both sides (docs/decisions/0020-doors-of-the-bus.md).
 
 A server only listens, so two servers on one machine never see each other's sensors. A node is a zenoh peer that keeps
-trying to reach its one server; a reader of results is a zenoh client, to which the server forwards the nodes' messages
+trying to reach its one server. A reader of results is a zenoh client; the server forwards the nodes' messages to it
 (measured: a peer forwards to clients, not to other peers).
 """
 

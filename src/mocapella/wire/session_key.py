@@ -41,7 +41,7 @@ class SessionKey(msgspec.Struct, frozen=True):
     sensors: tuple[str, ...] = ()
 
     def role_key(self, user: str, address: str) -> RoleKey:
-        """Return the key with which a program is admitted as ``user``, such as ``reader``, by a server at ``address``.
+        """Return the key that admits a program as ``user``, such as ``reader``, to the server at ``address``.
 
         Raises:
             SettingsError: there is no such user; ``sensor.NAME`` needs `with_sensor` first.

@@ -28,7 +28,7 @@ class Spool(Store, Protocol):
     def keep(self, take: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
         """Write frames that a take lacks into a file that can be merged into it; return its path.
 
-        ``frames`` yields number and bytes of those that are available, ``numbers`` has all that the take lacks.
+        ``frames`` yields number and bytes of the available ones, ``numbers`` has all that the take lacks.
 
         Raises:
             RecordingError: the disk is full or failed.
