@@ -57,7 +57,7 @@ class ImageWork:
         settings: of the encoding; the defaults if None.
 
     Attributes:
-        newest: the last sent image; None before the first.
+        newest: the last encoded image; None before the first.
         detector: None; there are no markers.
     """
 

@@ -77,7 +77,7 @@ def run_marker_node(
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever received a frame.
+        NoServerError: the source has ended, and no server ever accepted the node.
         MocapellaError: the images of the source have changed.
     """
     s = settings or CameraNodeSettings()

@@ -33,8 +33,8 @@ class DetectedPicture:
 
     Attributes:
         picture: the image with its times, as taken.
-        frame: the markers.
-        detector: that found the markers; None if no colours are learnt.
+        frame: the detected markers.
+        detector: the detector that was used; None if no colours are learnt.
         image: (height, width, 3) uint8 blue, green, red; the picture's array, not a copy.
     """
 

@@ -168,7 +168,7 @@ class RecordPath:
         self._wake.set()
 
     def finish(self, give_up_s: float | None = None) -> None:
-        """Ask every connected node for its last frame, and wait until no frame is missing or waiting has no progress.
+        """Ask every connected node for its last frame, and wait until no frame is missing, or no more arrive.
 
         Args:
             give_up_s: how long to wait without progress; `GIVE_UP_S` if None [s].

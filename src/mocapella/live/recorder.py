@@ -253,8 +253,7 @@ class Recorder:
         return self.health()
 
     def _put(self, size: int, write: Callable[[], None]) -> bool:
-        """Queue an entry; return False if there is no room. An entry of size 0 is always queued, as it comes only once.
-        """
+        """Queue an entry; return False if there is no room. There always is for size 0: such entries come only once."""
         if self._problem:  # which has been said
             return True
         if size and self._waiting_bytes + size > _QUEUE_BYTES:

@@ -36,7 +36,7 @@ class JsonLines(logging.Formatter):
     """Formats an entry as one line of JSON, with the traceback of an error; every text is escaped."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line: an object with time (UTC), level, part, thread and text, and reason, count, traceback."""
+        """Return the line: an object with time (UTC), level, part, thread, text; if any, reason, count, traceback."""
         row = {
             "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created)) + f".{record.msecs:03.0f}Z",
             "level": record.levelname.lower(),
@@ -139,7 +139,7 @@ def _logger() -> logging.Logger:
 def log_folder(environment: Mapping[str, str]) -> Path:
     """Return the folder of the logs: the value of `FOLDER_VARIABLE`, or a folder in the user's state folder.
 
-    ``environment`` is such as `os.environ`. The folder may not exist yet.
+    ``environment`` has the environment variables. The folder may not exist yet.
     """
     if environment.get(FOLDER_VARIABLE):
         return Path(environment[FOLDER_VARIABLE])

@@ -48,7 +48,7 @@ from mocapella.wire.server import ServerLink
 
 STATUS_EVERY_S = 0.2
 _COMMANDS_A_TURN = 4
-"""Commands that are carried out between two frames."""
+"""Largest number of commands that are carried out between two frames."""
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class RunSummary:
         scenes_out: number of scenes.
         counts: present number of parts, such as people, by part type.
         most: largest number of parts in one scene, by part type.
-        meters: quality meter by part type, where the type has one.
+        meters: object that accumulates quality statistics of a part type, by type, where there is one.
         state_changes: changes of the tracker's phase.
         latencies: from a frame's sending to its scene, where the clocks are known.
         began_ns: start of the run on the clock of its scenes [ns]; set to the first scene's time if None.
@@ -218,7 +218,7 @@ class RunSummary:
         return "; ".join(conditions(reason, [place.sensor for place in self.places])) if self.places else reason
 
     def as_json(self, last: TrackerState) -> dict[str, Any]:
-        """Return the part of a summary that all runs have; ``last`` is the final state."""
+        """Return the fields of a summary that live and replayed runs share; ``last`` is the tracker's final state."""
         return {
             "phase": last.phase.value,
             "reason": last.reason,

@@ -54,7 +54,7 @@ class Accounts:
 
     @property
     def unknown(self) -> tuple[UnknownEnd, ...]:
-        """Nodes whose number of the last frame in the take is unknown."""
+        """Nodes whose last frame in the take is not known."""
         afters = ((node, self.nodes[node].unknown_after) for node in sorted(self.nodes))
         return tuple(UnknownEnd(sensor, node_id, after) for (sensor, node_id), after in afters if after is not None)
 

@@ -25,7 +25,7 @@ from mocapella.model.topology import Topology, topology
 Float64 = NDArray[np.float64]
 
 FARTHEST_M: Final = 100.0
-"""Largest coordinate [m]."""
+"""Coordinates of this absolute value or more are refused [m]."""
 NEAREST_M: Final = 0.1
 """If no coordinate in a file reaches this [m], the file is refused, because its unit must be another one."""
 _AZURE_STATES: Final = np.array(

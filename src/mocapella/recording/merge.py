@@ -87,7 +87,7 @@ def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int
         InputError: the take or a file cannot be read.
         RecordingError: the take is being recorded, or the copy differs from the parts.
         DiskFullError: there is no space for the copy.
-        DamagedTakeError: a part or a file is damaged; everything is kept.
+        DamagedTakeError: the take is damaged; everything is kept. Of a damaged other file, readable frames are added.
     """
     path = Path(path)
     merge_parts(path, reserve_bytes=reserve_bytes)

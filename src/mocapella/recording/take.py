@@ -158,7 +158,7 @@ class TakeReport:
         parts: files of the take: only ``path``, unless the parts of an interrupted take are not merged.
         frames: number of stored frames by sensor.
         lost: number of missing frames by sensor.
-        unknown: nodes whose number of the last frame is unknown, so that their losses may be larger.
+        unknown: nodes whose last frame in the take is not known, so that more frames may be missing.
         duplicates: number of frames that were received again, and stored only once.
         scenes: number of stored scenes.
         size_bytes: size of all files.

@@ -33,7 +33,7 @@ class TakeFile(McapFile):
             topic: topic of the message's channel, such as `mocapella.recording.take.SCENES`.
             data: the encoded message.
             log_ns: time of the entry, on the server's clock.
-            sequence: sequence number of a frame, else 0.
+            sequence: sequence number of a frame, number of a run, else 0.
             publish_ns: MCAP's time of publication, on the server's clock; None for ``log_ns``.
         """
         channel = self._channel_of.get(topic)

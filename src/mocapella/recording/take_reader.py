@@ -66,7 +66,7 @@ class Take:
 
     @property
     def clean(self) -> bool:
-        """Whether the take was closed properly, in one file, and nothing in it is damaged or unknown."""
+        """Whether the take was closed properly, in one file, undamaged, and the last frame of each node is known."""
         return self._index.clean
 
     @property

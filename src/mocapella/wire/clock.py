@@ -127,7 +127,7 @@ class OffsetFilter:
         self._past: deque[_Bounds] = deque()
 
     def update(self, probes: Iterable[ClockProbe]) -> None:
-        """Use further probes, in the order of their times; those with inconsistent times are ignored."""
+        """Use further probes, in the order of their times; probes with a negative round trip are ignored."""
         for probe in probes:
             if probe.round_trip_ns >= 0:
                 self._add(probe)

@@ -73,7 +73,7 @@ class ServerLink:
     Args:
         listen: address to listen at, ``[SESSION@]tls/HOST:PORT``.
         on_nonsense: value of the attributes ``on_nonsense`` and ``on_refused``, which may be replaced later.
-        errors: value of the attribute; None makes a boundary that only logs.
+        errors: value of the attribute ``errors``; None makes a `Boundary` that only logs.
 
     Attributes:
         on_nonsense: is called with a description of each message that cannot be read.

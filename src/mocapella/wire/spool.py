@@ -36,7 +36,7 @@ class Spool(Store, Protocol):
         ...
 
     def close(self) -> None:
-        """Remove files that are not needed any more."""
+        """Remove the files of `write`; files of `keep` stay."""
         ...
 
 
