@@ -99,7 +99,7 @@ def run_camera_node(
         acquisition: source of the images, not started yet; stays open.
         work: reports progress and faults.
         on_picture: processes an image, and publishes the result.
-        settings: of the node.
+        settings: settings of the node.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.

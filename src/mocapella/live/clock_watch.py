@@ -27,9 +27,9 @@ class ClockWatch:
     """Probes the clocks of all connected nodes, one after the other, once a second (`PROBE_EVERY_S`).
 
     Args:
-        link: to the nodes.
+        link: sends the probes to the nodes.
         registry: receives the offsets; used under ``lock``.
-        lock: of the registry.
+        lock: lock of the registry.
         recording: stores the raw probes.
         errors: catches unexpected errors.
     """

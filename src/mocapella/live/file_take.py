@@ -24,7 +24,7 @@ class FileTake:
     """Writes a take on the caller's thread. A context manager; leaving it closes the take.
 
     Args:
-        path: of the take, which must not exist.
+        path: path of the take, which must not exist.
         setup: setup of the tracker.
         method_settings: settings of the tracker's method, by name; a replay uses them and the setup.
         reserve_bytes: free disk space to leave [bytes].

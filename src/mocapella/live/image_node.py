@@ -57,7 +57,7 @@ def run_image_node(
         acquisition: source of the images, not started yet; stays open.
         work: encodes the images.
         service: answers queries to the node.
-        settings: of the node; the defaults if None. Images are sent at any age: ``drop_after_s`` has no effect.
+        settings: settings of the node; the defaults if None. ``drop_after_s`` has no effect: all images are sent.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.

@@ -54,7 +54,7 @@ class ImageWork:
     Args:
         camera: the camera's name.
         acquisition: source of the images; used for its reports only.
-        settings: of the encoding; the defaults if None.
+        settings: settings of the encoding; the defaults if None.
 
     Attributes:
         newest: the last encoded image; None before the first.

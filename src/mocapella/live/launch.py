@@ -35,7 +35,7 @@ class Children:
         """Start ``mocapella <arguments>``, or another module.
 
         Args:
-            arguments: of the command line.
+            arguments: arguments of the command line.
             on_line: called with each line of output and errors, without its end, on a thread of its own.
             module: the Python module to run.
         """

@@ -52,7 +52,7 @@ class MarkerWork:
         camera: the camera's name.
         acquisition: source of the images; used for its reports only.
         profile: the markers' colours; None until they are learnt.
-        settings: of the detector; the defaults if None.
+        settings: settings of the detector; the defaults if None.
         tags: detector of tags, besides the colours; None detects no tags.
 
     Attributes:

@@ -130,7 +130,7 @@ class RecordPath:
     The constructor starts a thread for it.
 
     Args:
-        recorder: of the take; its ``committed`` callback is replaced.
+        recorder: recorder of the take; its ``committed`` callback is replaced.
         link: sends requests to the nodes.
         nodes: returns the connected nodes.
         first: number of the first frame of each node that belongs to the take, where it is known.
@@ -375,7 +375,7 @@ def request_of(
 
     Args:
         take: identity of the take.
-        state: of the node's frames at the last commit; None if none has come.
+        state: state of the node's frames at the last commit; None if none has come.
         first: number of the node's first frame that belongs to the take, if it was known when the take began.
         age_ns: time since the take began [ns]; the node determines the first frame from it if it is not known.
         settled: frames below this number can be requested, because they are not on their way any more.
@@ -418,7 +418,7 @@ def hear_answer(
 
     Args:
         ledger: sent, stored and lost frames of the node (`mocapella.recording.ledger`); updated.
-        answer: of the node.
+        answer: the node's answer to a request.
         first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
         end: number after the node's last frame that belongs to the take; None while more may follow.
         wanted: (first, last) of the frames that the node was asked for; those that it cannot read are given up.

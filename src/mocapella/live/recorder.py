@@ -102,13 +102,13 @@ class Recorder:
     dropped for good, which is reported once.
 
     Args:
-        writer: of the take; the recorder closes it.
+        writer: writer of the take; the recorder closes it.
         say: receives messages for the user, for example about a full disk; called on any thread.
         first: sequence number of each node's first frame that belongs to the take; earlier ones are not written.
         committed: called on the recorder's thread after each commit.
 
     Attributes:
-        states: of each node at the last commit.
+        states: state of each node's frames at the last commit.
         committed: see above; may be replaced.
     """
 

@@ -70,8 +70,8 @@ class RecordingService:
             interrupted, so that a later process can continue it. None never hurries.
 
     Attributes:
-        recorder: of the present take; None if there is none. Copy the reference before use: another thread may end
-            the take at any time.
+        recorder: recorder of the present take; None if there is none. Copy the reference before use: another thread may
+            end the take at any time.
     """
 
     def __init__(

@@ -97,10 +97,10 @@ class RunLog:
 
     Args:
         command: name of the command that runs; the file is named after it.
-        folder: of the file; by default `log_folder`.
+        folder: folder of the file; by default `log_folder`.
 
     Attributes:
-        path: of the file, which is made with the first entry.
+        path: path of the file, which is made with the first entry.
     """
 
     def __init__(self, command: str, folder: Path | None = None) -> None:

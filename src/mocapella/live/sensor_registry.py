@@ -204,7 +204,7 @@ class SensorRegistry:
 
         Args:
             node: the node; ignored if another holds the name.
-            probes: in the order of their times.
+            probes: further clock probes, in the order of their times.
             now_ns: the present time on the server's monotonic clock [ns].
         """
         if not self.holds(node):
@@ -273,7 +273,7 @@ class SensorRegistry:
         """Count a published scene; return the latency [s] since its frame was sent, None if clocks are unknown.
 
         Args:
-            node: of the frame; it holds its sensor's name.
+            node: the frame's node; it holds its sensor's name.
             sent_ns: when the frame was sent, on the node's clock [ns]; 0 if unknown.
             now_ns: the present time on the server's monotonic clock [ns].
         """

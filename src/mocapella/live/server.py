@@ -85,7 +85,7 @@ class Server:
     """A session on the bus: receives frames, tracks, and publishes scenes, from the constructor on until `close`.
 
     Args:
-        settings: of the server.
+        settings: settings of the server.
         say: called with each notice, on a thread of its own.
         link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
         failed: value of the attribute ``failed``, to be set also if another thread of the process dies.

@@ -151,7 +151,7 @@ class Session:
 
         Args:
             verb: one of `verbs`, or ``restore``.
-            arguments: of the command, by name: for ``setup`` the fields of `Setup`; for ``use-rig`` the file's text as
+            arguments: its arguments by name: for ``setup`` the fields of `Setup`; for ``use-rig`` the file's text as
                 ``rig``, and ``method``; for ``name`` the fields of `PersonName`; for ``restore`` what `memory` returns.
 
         Raises:

@@ -43,7 +43,7 @@ class RunView:
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        rig: of the cameras.
+        rig: rig of the cameras.
         bodies: initial bodies by name.
 
     Raises:

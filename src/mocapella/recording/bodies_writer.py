@@ -40,7 +40,7 @@ class BodiesWriter:
     Attributes:
         path: the result file, or None.
         part: the part file during the run; None after `finish`, or if ``path`` is None.
-        bodies: as above.
+        bodies: the tracked bodies, as given.
         frames: number of written frames.
 
     Raises:

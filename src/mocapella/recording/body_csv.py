@@ -199,7 +199,7 @@ class _Reader:
     """Reads blocks of rows.
 
     Args:
-        file: named in errors.
+        file: path of the file, named in errors.
         kind: how the file is read.
         columns: names of the columns, in the file's order.
     """

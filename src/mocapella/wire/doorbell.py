@@ -69,8 +69,8 @@ class Doorbell:
     """Answers rings on a thread of its own until `close`. If the UDP port is in use, it reports that and answers none.
 
     Args:
-        address: of the server.
-        key: of its session.
+        address: address of the server.
+        key: key of the server's session.
         note: called with a message at the first ring of each program with a wrong or unknown key, on that thread.
         guard: calls the function that answers a ring, and catches its unexpected errors.
 

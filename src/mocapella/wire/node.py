@@ -80,7 +80,7 @@ class NodeLink:
 
     Attributes:
         node: the sensor's name and the random id of this node.
-        address: of the server.
+        address: address of the server, as zenoh takes it.
         outbox: the frames that are kept for a recording server.
         hurry: while it is set, `close` waits for no acknowledgement; may be replaced.
         errors: catches unexpected errors of the callbacks.

@@ -92,7 +92,7 @@ class Outbox:
 
     Args:
         most: number of frames to keep in memory; up to twice as many while a take needs them.
-        store: for frames of an open take that do not fit into memory; None drops them.
+        store: keeps frames of an open take that do not fit into memory; None drops them.
 
     Attributes:
         dropped: number of frames that a take needed, and that are no longer available.

@@ -25,7 +25,7 @@ class RoleKey(msgspec.Struct, frozen=True, array_like=True):
     Attributes:
         session: name of the session.
         user: such as ``sensor.front``.
-        address: of the server: ``tls/HOST:PORT``.
+        address: address of the server, ``tls/HOST:PORT``.
         authority: certificate of the session's authority (DER), the only one that is trusted.
         own: the user's certificate and private key.
     """

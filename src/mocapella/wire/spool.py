@@ -44,7 +44,7 @@ class Spooler:
     """A thread that spills an `Outbox`: moves frames that wait too long to the disk, from `begin` to `close`.
 
     Args:
-        outbox: of the node.
+        outbox: the node's frames.
         spool: the place on the disk; None if there is none.
         say: receives a message when frames are lost, or are kept in a file.
         server_since_ns: returns the time since which a server is connected, on the node's monotonic clock; None
