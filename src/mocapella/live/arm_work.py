@@ -111,7 +111,7 @@ class ArmWork:
         return DepthFrame(self.sensor, 0, 0, picture.time_ns, 0, depth, self._unit_m, self.camera.lens)
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count an image in ``late`` and ``too_late`` if it is; return whether its arms are recent enough to send.
+        """Update the counts ``late`` and ``too_late``; return whether an image's arms are recent enough to send.
 
         Args:
             took_s: duration of the processing [s].

@@ -118,7 +118,7 @@ class MarkerWork:
         return frame
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count an image in ``late`` and ``too_late`` if it is; return whether its markers are recent enough to send.
+        """Update the counts ``late`` and ``too_late``; return whether an image's markers are recent enough to send.
 
         Args:
             took_s: duration of the processing [s].

@@ -38,7 +38,7 @@ class NodeState(NamedTuple):
 
     Attributes:
         agreed: whether the number of the take's first frame of this node is known.
-        stored: every frame below this number that belongs to the take and exists is on the disk.
+        stored: every frame below this number that belongs to the take is on the disk, or lost.
         after: number after the last frame known to exist.
         end: number after the last frame that belongs to the take; None if it is not known yet.
         gaps: (first, last) of the missing frames that the node may still have; at most `MOST_GAPS`.

@@ -43,7 +43,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         joints: world positions of the body's landmarks by name [m].
         overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
         left_out: the reason why a camera's image was not used, by camera.
-        lost: whether the body is lost; the pose is then the last known one.
+        lost: whether the body is lost; the pose is then the last known one, or at first the initial one.
     """
 
     frame: int

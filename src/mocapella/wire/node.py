@@ -1,7 +1,7 @@
 """A sensor node's link to the bus: live frames, lost frames on request, clock probes, queries, a liveliness token.
 
-Live path: frames are published once, and dropped if the network is too slow. Record path: a zenoh queryable. A
-recording server requests frames that it lacks from it, by sequence number, and acknowledges those on its disk
+Live path: frames are published once, and dropped if the network is too slow. Record path: with zenoh queries, a
+recording server requests the frames that it lacks, by sequence number, and acknowledges those on its disk
 (docs/decisions/0021-acknowledged-frames.md).
 """
 
