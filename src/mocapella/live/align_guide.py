@@ -1,4 +1,4 @@
-"""Guide a person through the alignment of another tracker's space: instructions, missing data, and the end."""
+"""Guide a person through the alignment of another tracker's space: instructions, missing data, and the result."""
 
 from __future__ import annotations
 

@@ -60,8 +60,8 @@ def run_arm_node(
         link: the sensor's end of the bus; stays open.
         acquisition: source of the images, not started yet; stays open.
         work: detects arms.
-        settings: of the node; the defaults if None.
-        depth_link: of the sensor under whose name images are published; None to publish no images.
+        settings: settings of the node; the defaults if None.
+        depth_link: link of a second sensor that publishes the depth images; None to publish no images.
         epoch, stop, wait, say, clock: as in `mocapella.live.camera_node.run_camera_node`.
 
     Raises:

@@ -24,7 +24,7 @@ from mocapella.sources.depth_options import HandSizeCheck, UnitCheck
 from mocapella.sources.picture_source import Picture
 
 OFTEN: Final = 0.5
-"""Fraction of the images above which a fault is reported."""
+"""Fraction of images without any measured depth, above which they are reported as a fault."""
 _TIMES: Final = 1000
 """Number of last images whose median processing time is reported."""
 _MOST_REASONS: Final = 100
@@ -44,10 +44,10 @@ class ArmWork:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        late: images whose processing took longer than the frame period.
-        too_late: late images whose arms were not sent.
-        looked_at: processed images.
-        with_arms: processed images with at least one arm.
+        late: number of images whose processing took longer than the frame period.
+        too_late: number of images whose arms were too old to send.
+        looked_at: number of processed images.
+        with_arms: number of processed images with at least one arm.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class ArmWork:
         return DepthFrame(self.sensor, 0, 0, picture.time_ns, 0, depth, self._unit_m, self.camera.lens)
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count an image in ``late`` and ``too_late`` if it is; return whether its arms are recent enough to send.
+        """Update the counts ``late`` and ``too_late``; return whether an image's arms are recent enough to send.
 
         Args:
             took_s: duration of the processing [s].
@@ -184,7 +184,7 @@ class ArmWork:
         return found
 
     def _same_camera(self, picture: Picture) -> None:
-        """Refuse images of another camera: the detector is made for one."""
+        """Raise `InputError` if the images' size, lens or depth unit has changed; the detector is for one camera."""
         state = self.acquisition.state
         if picture.size_px == self.camera.size_px and (state is self._state or _alike(state, self._state)):
             return
@@ -193,7 +193,7 @@ class ArmWork:
 
 
 def rough_arm(camera: Camera) -> NDArray[np.float32]:
-    """Return a depth image of a disc and a bar down to the lower edge, which is enough for a detector to run.
+    """Return an artificial depth image, a disc as hand and a bar as arm, to compile a detector's kernels.
 
     Returns:
         (height, width) float32 [m]; 0 where nothing is.

@@ -23,7 +23,7 @@ INTERVAL_S: Final = 0.5
 ANSWER_S: Final = 3.0
 """Longest wait for a node's answer [s]."""
 EXPLAIN_EVERY: Final = 6
-"""Number of observations without a corner after which a camera is asked why it never sees the board."""
+"""Interval, in observations, at which a camera that has never seen the board is asked for the reason."""
 EXPLAIN_S: Final = 10.0
 """Longest wait for that explanation [s]."""
 
@@ -54,8 +54,8 @@ class NodeCameras:
     """Running camera nodes, all queried at the same time for the board in their newest image.
 
     Args:
-        ask: sends a query to the node of the named camera, and waits that many seconds for the answer
-            (`mocapella.wire.questions.ask_node`).
+        ask: sends a query to a camera's node and returns the answer (`mocapella.wire.questions.ask_node`); called with
+            the camera's name, the query, and the longest wait [s].
         sensors: returns the server's newest sensor health, whose clock offsets bring captures to one clock.
         cameras: names of the cameras.
         board: the board to detect.
@@ -132,7 +132,7 @@ class NodeCameras:
         return BoardView(name, 0, size_px, ids, corners, float("nan") if seen.edge_px is None else seen.edge_px)
 
     def _explains(self, name: str) -> bool:
-        """Whether to ask a camera that has never seen the board why; only sometimes, because it takes long."""
+        """Whether to ask a camera that has never seen the board for the reason now, which takes long."""
         return name not in self._seen and self._blind[name] % EXPLAIN_EVERY == EXPLAIN_EVERY - 1
 
     def _unseen(self, name: str, said: str) -> str:
@@ -202,7 +202,7 @@ def film(
     Args:
         cameras: look for the board; stay open.
         run: collects the observations.
-        until: whether to end; asked before and after each observation.
+        until: returns whether to end; called before and after each observation.
         on_look: called after each observation.
         clock: the monotonic clock, in seconds.
     """

@@ -60,7 +60,7 @@ class BoardService:
         ask: queries a camera's node and waits for its answer; called with the camera's name, the query as a dictionary,
             and the longest wait [s].
         send: sends a command to the server: the verb and its arguments.
-        folder: of boards to read and rigs to save; no file outside of it is used.
+        folder: folder of boards to read and rigs to save; no file outside of it is used.
         warm_up: called with a method's name before the server tracks with it, to compile its kernels beforehand.
     """
 
@@ -253,7 +253,7 @@ class BoardService:
 
 
 def method_of_rig(sends: Collection[str]) -> str:
-    """Return the first method that requires a rig and takes the cameras' frame types.
+    """Return the name of the first method that requires a rig and takes at least one of the cameras' frame types.
 
     Args:
         sends: names of the cameras' frame types.

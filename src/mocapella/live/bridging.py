@@ -28,7 +28,7 @@ class ServedSensor:
         link: publishes the frames.
         membership: claims the name, on a thread of its own.
         ended: set by `close`, or when a server refuses the name.
-        unstored: message about frames that the server has not stored at `close`.
+        unstored: message about frames of an open take that the server has not stored at `close`; else empty.
 
     Raises:
         BusError, KeyFileError: as `mocapella.wire.node.NodeLink`.
@@ -53,11 +53,9 @@ class ServedSensor:
             raise self.membership.refusal
 
     def close(self) -> None:
-        """Leave the bus, and release the sensor's name; return once the frames of an open take are stored, or after
-        about 10 s.
+        """Leave the bus, and release the sensor's name, once all frames of an open take are stored.
 
-        Frames that are not stored by then are reported by ``say``, and described in ``unstored``, which is empty
-        otherwise.
+        If the server stores none for about 10 s, those that it lacks are reported in ``unstored`` and by ``say``.
         """
         self.ended.set()
         self.membership.wait()

@@ -44,10 +44,10 @@ class CameraNodeSettings:
 
 
 class CameraWork(Protocol):
-    """Processing of a camera's images, as far as `run_camera_node` reports about it."""
+    """Processing of a camera's images, as far as `run_camera_node` needs it: reports on progress and faults."""
 
     def words(self) -> str:
-        """Return counts as one line."""
+        """Return the counts of images and results so far, as one line for the user."""
         ...
 
     def warnings(self, now_s: float) -> Iterator[str]:
@@ -99,19 +99,19 @@ def run_camera_node(
         acquisition: source of the images, not started yet; stays open.
         work: reports progress and faults.
         on_picture: processes an image, and publishes the result.
-        settings: of the node.
+        settings: settings of the node.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
         begun: called when the source has been started.
-        full: whether enough is measured, which ends the run; a run with it needs no server.
+        full: returns whether enough is measured, which ends the run; a run with it needs no server.
         linger_s: how long to stay after the source has ended, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever received a frame.
+        NoServerError: the source has ended, and no server ever accepted the node.
         MocapellaError: of the source, or of ``on_picture``; any other error of ``on_picture`` costs that image only.
     """
     sensor = link.node.sensor

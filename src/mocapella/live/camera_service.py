@@ -42,9 +42,9 @@ from mocapella.wire.questions import (
 )  # fmt: skip
 
 _SAVED: Final = "saved"
-"""Instead of the previous colours: there are no unsaved ones."""
+"""Value in place of the previous colours if all learnt colours are saved."""
 SCALES: Final = (0.05, 2.0)
-"""Smallest and largest scale of an image."""
+"""Smallest and largest scale of an image in an answer, relative to the camera's."""
 LONGEST_NAME: Final = 80
 """Longest name of a marker, in characters."""
 
@@ -71,7 +71,7 @@ class CameraServiceSettings:
 
 
 class PictureWork(Protocol):
-    """A node's processing of a camera's images, as far as queries are about it.
+    """A node's processing of a camera's images, as far as `CameraService` needs it to answer queries.
 
     Attributes:
         camera: the camera's name.
@@ -93,7 +93,7 @@ class PictureWork(Protocol):
         """Detect these colours from now on."""
 
     def report(self) -> dict[str, Any]:
-        """Return counts, in the form of ``--json``."""
+        """Return counts and problems, in the form of ``--json``."""
 
     def words(self) -> str:
         """Return the main counts of `report` as one line for the user."""

@@ -1,7 +1,7 @@
 """Compare the clocks of the nodes with the server's, on a thread that may wait for their answers.
 
 Offsets are estimated by Cristian's algorithm, from the times of question, reading and answer (`mocapella.wire.clock`).
-They convert capture times of all sensors to the server's clock.
+They serve latencies and notices; capture times are converted by arrival times (`mocapella.wire.clock.SensorClock`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class ClockWatch:
     """Probes the clocks of all connected nodes, one after the other, once a second (`PROBE_EVERY_S`).
 
     Args:
-        link: to the nodes.
+        link: sends the probes to the nodes.
         registry: receives the offsets; used under ``lock``.
-        lock: of the registry.
+        lock: lock of the registry.
         recording: stores the raw probes.
         errors: catches unexpected errors.
     """

@@ -14,7 +14,7 @@ from typing import Any
 from mocapella.model.limits import MOST_COMMANDS, MOST_COMMANDS_OF_A_CLIENT
 
 Answer = Callable[[bytes], None]
-"""Answers a command once. A `mocapella.wire.server.Answer` also has the client's name."""
+"""Sends the reply to a command; called once. A `mocapella.wire.server.Answer` also has ``client`` and ``sender``."""
 
 
 @dataclass
@@ -38,12 +38,12 @@ class WaitingCommand:
 
     @property
     def sender(self) -> str:
-        """What the program that sent it first says about itself; empty if nothing."""
+        """Program, user and machine that first sent the command, as stated by the program; empty if not stated."""
         return str(getattr(self.answers[0], "sender", "")) if self.answers else ""
 
 
 def client_of(answer: Answer) -> str:
-    """Return the name of the client that an answer goes to; empty if it gave none."""
+    """Return the identity that the client of an answer claims; empty if it claims none."""
     return str(getattr(answer, "client", ""))
 
 

@@ -23,12 +23,12 @@ from mocapella.tracker import METHODS, warm_up
 
 _POLL_S: Final = 0.05
 GIVE_WAY_S: Final = 20.0
-"""Time after its start for which a compilation gives way, so that sensors and the view start first [s]."""
+"""Time after its start in which a compilation has low priority, so that sensors and the view start first [s]."""
 _NICENESS: Final = 10
-"""Niceness of a group that gives way: it gets a tenth of what another one gets."""
+"""Niceness of a compilation's group meanwhile, which gets a tenth of the processor time of another group."""
 _AUTOGROUP: Final = Path("/proc/self/autogroup")
 _AGAIN_S: Final = 0.1
-"""Linux accepts one change of a group's niceness in so much time, of all users together [s]."""
+"""Shortest time between two changes of a group's niceness by any user of the machine, as Linux demands [s]."""
 
 
 class Compilation:
@@ -80,7 +80,7 @@ class Compilation:
 
 
 def compile_part(method: str, part: str) -> None:
-    """Compile one of a method's ``warm_up_parts``, in this process; all of its kernels if ``part`` is empty."""
+    """Compile one of a method's ``warm_up_parts`` (groups of kernels) in this process; all kernels if it is empty."""
     if part:
         load(part)()
     else:
@@ -94,12 +94,12 @@ def _end_with_parent() -> None:
 
 
 def _give_way(for_s: float) -> None:
-    """Let every other session go first for some seconds.
+    """Give this process low priority for ``for_s`` seconds, where the system has autogroups.
 
     Linux shares the processors among sessions first (autogroups, see sched(7)), and niceness counts only within one. So
     this process gets a session of its own, and the session the niceness. It can be taken back, but a process's own
     niceness cannot without privileges: a browser that draws in software would then leave nothing to the compilation,
-    and people would not be tracked. So where there are no autogroups, it does not give way.
+    and people would not be tracked.
     """
     try:
         os.setsid()

@@ -31,9 +31,9 @@ class Door:
 
     Args:
         registry: decides who is admitted; used under ``lock``.
-        lock: of the registry.
-        inbox: of the tracker's thread.
-        commands: of the tracker's thread.
+        lock: lock of the registry.
+        inbox: queue of frames for the tracker's thread.
+        commands: queue of commands for the tracker's thread.
         recording: returns the service that records takes.
         full: returns why no new sensor is admitted; an empty text if one is.
         refused: receives a message about each join that ``full`` refuses.

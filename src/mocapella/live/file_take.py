@@ -24,9 +24,9 @@ class FileTake:
     """Writes a take on the caller's thread. A context manager; leaving it closes the take.
 
     Args:
-        path: of the take, which must not exist.
-        setup: of the tracker.
-        method_settings: of the tracker; a replay uses both.
+        path: path of the take, which must not exist.
+        setup: setup of the tracker.
+        method_settings: settings of the tracker's method, by name; a replay uses them and the setup.
         reserve_bytes: free disk space to leave [bytes].
 
     Raises:
@@ -41,7 +41,7 @@ class FileTake:
         self._since = 0
 
     def write(self, frame: SensorFrame, arrival: Arrival, scene: Scene) -> None:
-        """Write a frame in its stored form, its arrival, and the resulting scene.
+        """Write a frame, with the arrival's time as log time, and the scene that the tracker made of the arrival.
 
         Raises:
             DiskFullError, RecordingError: earlier flushed frames are safe.

@@ -25,7 +25,7 @@ def free_bytes(folder: Path) -> int | None:
 
 
 def open_descriptors() -> Descriptors | None:
-    """Return how many file descriptors this process has open, and may have; None if the system does not say."""
+    """Return the numbers of open and of allowed file descriptors of this process; None if the system reports none."""
     try:
         import resource  # not on Windows
 

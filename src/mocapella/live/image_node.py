@@ -57,7 +57,7 @@ def run_image_node(
         acquisition: source of the images, not started yet; stays open.
         work: encodes the images.
         service: answers queries to the node.
-        settings: of the node; the defaults if None.
+        settings: settings of the node; the defaults if None. ``drop_after_s`` has no effect: all images are sent.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.
@@ -67,7 +67,7 @@ def run_image_node(
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever received a frame.
+        NoServerError: the source has ended, and no server ever accepted the node.
         MocapellaError: the images of the source have changed.
     """
 

@@ -54,10 +54,10 @@ class ImageWork:
     Args:
         camera: the camera's name.
         acquisition: source of the images; used for its reports only.
-        settings: of the encoding; the defaults if None.
+        settings: settings of the encoding; the defaults if None.
 
     Attributes:
-        newest: the last sent image; None before the first.
+        newest: the last encoded image; None before the first.
         detector: None; there are no markers.
     """
 

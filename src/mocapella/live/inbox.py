@@ -22,8 +22,8 @@ class ReceivedMessage(NamedTuple):
     """A message from a node that waits for the tracker's thread.
 
     Attributes:
-        node: its node, by its key.
-        data: its bytes.
+        node: the node that sent it.
+        data: the encoded message.
         arrived_ns: its arrival on the server's monotonic clock [ns].
         stranger: whether the node did not hold its sensor's name when it arrived.
     """
@@ -39,7 +39,7 @@ class Inbox:
 
     A tracker that falls behind loses the oldest frames of the fastest sensors, and a sensor at ten times its rate
     cannot crowd out another. The newest `STRANGERS_WAITING` messages of strangers are kept; at most
-    `STRANGERS_A_SECOND` are taken.
+    `STRANGERS_A_SECOND` are taken each second.
 
     Args:
         depth: messages of a sensor that are kept.
@@ -93,7 +93,7 @@ class Inbox:
             timeout: longest wait for a message [s].
 
         Returns:
-            The message; None if none came, or if `wake` was called.
+            The message; None if none came before the timeout or a call of `wake`.
         """
         with self._ready:
             if not self._queues and not self._woken and not self._stranger_due():

@@ -19,7 +19,7 @@ from mocapella.supervision import Boundary
 
 
 class Children:
-    """Child processes that `start` adds, and that end with the ``with`` block or when this process is killed.
+    """Child processes, started by `start`, that end with the ``with`` block, or when this process is killed.
 
     At the end of the block, `close` terminates them. If this process is killed, their standard input is closed, and
     each child must then end by itself, as Mocapella's programs do.
@@ -35,7 +35,7 @@ class Children:
         """Start ``mocapella <arguments>``, or another module.
 
         Args:
-            arguments: of the command line.
+            arguments: arguments of the command line.
             on_line: called with each line of output and errors, without its end, on a thread of its own.
             module: the Python module to run.
         """

@@ -66,18 +66,18 @@ def run_marker_node(
         acquisition: source of the images, not started yet; stays open.
         work: detects markers.
         service: answers queries to the node.
-        settings: of the node; the defaults if None.
+        settings: settings of the node; the defaults if None.
         epoch: the Unix time [s] at which the source's time is 0; the start of the run if None.
         stop: ends the run.
         wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
         times: receives each frame's stage times; the run ends when it is full, and needs no server.
-        camera: of the rig, if known; then the time to undistort the points is measured, too.
+        camera: the camera as calibrated, if known; then the time to undistort the points is measured, too.
         clock: the monotonic clock, in seconds.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever received a frame.
+        NoServerError: the source has ended, and no server ever accepted the node.
         MocapellaError: the images of the source have changed.
     """
     s = settings or CameraNodeSettings()

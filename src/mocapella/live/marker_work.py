@@ -24,10 +24,7 @@ OFTEN: Final = 0.5
 
 
 def colour_image(picture: Picture) -> NDArray[np.uint8]:
-    """Return a colour camera's image, (height, width, 3) uint8 blue, green, red, without a copy if it is uint8.
-
-    Depth images are not for this function.
-    """
+    """Return a colour camera's image, (height, width, 3) uint8 blue, green, red, without a copy if it is uint8."""
     return np.asarray(picture.image, np.uint8)
 
 
@@ -36,8 +33,8 @@ class DetectedPicture:
 
     Attributes:
         picture: the image with its times, as taken.
-        frame: the markers.
-        detector: that found the markers; None if no colours are learnt.
+        frame: the detected markers.
+        detector: the detector that was used; None if no colours are learnt.
         image: (height, width, 3) uint8 blue, green, red; the picture's array, not a copy.
     """
 
@@ -55,12 +52,12 @@ class MarkerWork:
         camera: the camera's name.
         acquisition: source of the images; used for its reports only.
         profile: the markers' colours; None until they are learnt.
-        settings: of the detector; the defaults if None.
+        settings: settings of the detector; the defaults if None.
         tags: detector of tags, besides the colours; None detects no tags.
 
     Attributes:
-        late: images whose processing took longer than the frame period.
-        too_late: late images whose markers were not sent.
+        late: number of images whose processing took longer than the frame period.
+        too_late: number of images whose markers were too old to send.
         newest: the last processed image; None before the first.
     """
 
@@ -121,7 +118,7 @@ class MarkerWork:
         return frame
 
     def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
-        """Count an image in ``late`` and ``too_late`` if it is; return whether its markers are recent enough to send.
+        """Update the counts ``late`` and ``too_late``; return whether an image's markers are recent enough to send.
 
         Args:
             took_s: duration of the processing [s].

@@ -1,4 +1,4 @@
-"""A sensor's node: publishes the frames of a source, each when it is due."""
+"""A sensor's node: publishes the frames of a source, each at its time, and claims the sensor's name at the server."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
 
 ASK_AFTER_S: Final = 1.5
-"""Time without a question of the server, which asks for the clock each second, until the node asks the server [s]."""
+"""Time without a query of the server, which probes the clock each second, until the node queries the server [s]."""
 ANSWER_S: Final = 0.8
-"""Longest wait for that answer; then the server stands still [s]."""
+"""Longest wait for the reply to that query; without one, the server is reported as hanging [s]."""
 _LOOK_EVERY_S: Final = 0.5
 _TRIES_BEFORE_NOTICE = 5
 """Failed attempts to join before the user is notified; the first fail while the connection is being made."""
 
 
 class DueFrame(NamedTuple):
-    """A frame to publish, and its time.
+    """A frame to publish, and the time at which to publish it.
 
     Attributes:
         due_s: when the frame is to be published, since the source's time 0 [s].
@@ -65,13 +65,13 @@ class NodeSummary:
 class Membership:
     """Claims the sensor's name until a server accepts the node, and again when a server comes back.
 
-    A thread, which the constructor starts, does so until ``stop`` is set. A server that stands still, or whose link is
+    A thread, which the constructor starts, does so until ``stop`` is set. A server that hangs, or whose network is
     down, is reported within 3 s.
 
     Args:
         link: the sensor's end of the bus; stays open.
-        stop: ends the thread; the thread sets it if a server refuses the name. If it is a `StopEvent`, the link leaves
-            without waiting once a thread has died.
+        stop: ends the thread; the thread sets it if a server refuses the name. If it is a `StopEvent`, the link waits
+            for no acknowledgement at its end once any thread of the process has died.
         say: receives messages about the server.
         clock: the monotonic clock, in seconds.
 
@@ -112,10 +112,10 @@ class Membership:
         self._thread.join()
 
     def close(self) -> None:
-        """Wait as `wait` does, and raise a refusal.
+        """Wait as `wait` does, then raise ``refusal``, if any.
 
         Raises:
-            NameTakenError: the name was refused.
+            NameTakenError: a server refused the name.
         """
         self.wait()
         if self.refusal is not None:
@@ -152,7 +152,7 @@ class Membership:
         self._joined = there
 
     def _hear(self) -> None:
-        """Ask a connected server that has said nothing for a while, and report whether it answers."""
+        """Query a connected server that has sent no query for a while, and report whether it answers."""
         sensor, address, silent_s = self._link.node.sensor, self._link.address, self._clock() - self._link.heard_s
         if silent_s > ASK_AFTER_S and not self._link.join(ANSWER_S):
             if not self._still:
@@ -178,7 +178,7 @@ def run_node(
 
     Args:
         link: the sensor's end of the bus; stays open.
-        frames: returns them in the order of their time; called when the run begins.
+        frames: called when the run begins; returns the frames in the order of their times.
         epoch: the Unix time [s] at which the source's time is 0, which synchronises nodes of one epoch; the start of
             the run if None.
         stop: ends the run.
@@ -188,7 +188,7 @@ def run_node(
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the frames have ended, and no server ever received one.
+        NoServerError: the frames have ended, and no server ever accepted the node.
     """
     membership = Membership(link, stop, say)
     late, worst = 0, 0.0

@@ -1,4 +1,4 @@
-"""A node's own disk: the spool of frames that no server has stored, and a take of its own."""
+"""What a node writes to its own disk: a spool of frames that no server has stored, and, if wanted, a take."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class NodeDisk:
     """What a node writes to its own disk.
 
     Attributes:
-        spool: folder of the frames of an open take that the server has not stored; made when it is needed.
-        record: take with all frames of the node; None records none.
-        reserve_bytes: free space that both leave.
-        farewell_s: longest wait at the end for the server to store further frames of an open take [s]; the spool keeps
-            those that it has not stored.
+        spool: folder for frames of a server's open take that it has not stored; made when it is needed.
+        record: path of a take for all frames of the node; None records none.
+        reserve_bytes: free disk space that spool and take leave [bytes].
+        farewell_s: longest wait at the end for the server to store further frames of its open take [s]; the spool keeps
+            the others.
     """
 
     spool: Path = SPOOL_FOLDER

@@ -35,7 +35,8 @@ class Notices:
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        left_out: number of notices beyond the rate, which are neither shown nor logged.
+        left_out: number of notices beyond the rate, neither shown nor logged, and of notices that a blocked terminal
+            did not print.
     """
 
     def __init__(self, say: Callable[[str], None], *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -60,7 +61,7 @@ class Notices:
 
         Args:
             text: the notice.
-            foreign: whether another program can cause it at will; beyond the rate it is only counted.
+            foreign: whether another program can cause it at will; beyond the allowed rate it is only counted.
         """
         with self._lock:
             if foreign and not self._may_speak():
@@ -70,7 +71,7 @@ class Notices:
             self._tell(text)
 
     def beat(self) -> None:
-        """Tell of notices that were left out, once there is room again; called several times a second."""
+        """Add the number of notices left out as a notice, once the rate allows it; called several times a second."""
         with self._lock:
             if self._untold and self._may_speak():
                 self._allowed -= 1

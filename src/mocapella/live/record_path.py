@@ -2,8 +2,8 @@
 
 A request acknowledges what the last commit stored, and lists the gaps; the answer has those frames in order and the
 number of the node's next frame. After an outage, several requests to a node are under way, each for other frames. A
-take is complete once each node has said its end and nothing before it is missing. A clock is only used to wait for
-frames that may still be on their way.
+take is complete once the last frame of each node is known and none before it is missing. Times are used only to wait
+for frames that may still be on their way. Frames are identified by sequence number, called number here.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import REQUEST_TIMEOUT_S, OnFrame
 
 ON_THE_WAY_S: Final = 0.3
-"""A frame that has not arrived this long after its node said that it was sent is requested [s]."""
+"""A frame is requested if it has not arrived this long after its node reported it as sent [s]."""
 ASK_EVERY_S: Final = 1.0
-"""A node without news is asked this often for the number of its next frame [s]."""
+"""Interval of requests to a node without missing frames, for the number of its next frame [s]."""
 GIVE_UP_S: Final = 5.0
 """The end of a take waits this long for the next missing frame, or for a node's answer [s]."""
 CLOSE_S: Final = 1.0
-"""How long the end of a take waits for its nodes to hear of it [s]."""
+"""Longest wait for the nodes' answers to the message that a take is closed [s]."""
 _POLL_S: Final = 0.25
 MOST_REQUESTS: Final = 4
-"""Requests to one node that are under way at the same time."""
+"""Largest number of requests to one node that are under way at the same time."""
 MOST_UNTOLD: Final = 256
-"""Nodes that have missed the end of a take, and are told later."""
+"""Largest number of nodes that are remembered because they have missed the end of a take."""
 EVER_NS: Final = 2**61
-"""Age of a resumed take: a node that it does not know sends all frames that it has."""
+"""Age stated for a resumed take, so that all frames of a node that it does not know belong to it [ns]."""
 _EVERYTHING: Final = 2**62
 
 
@@ -107,7 +107,7 @@ class _Contact:
     mark_s: float = float("-inf")
 
     def hear(self, next_number: int, now_s: float) -> None:
-        """Take over the number of the node's next frame."""
+        """Note the number of the node's next frame, and update ``settled``."""
         self.answered, self.mute = True, False
         if now_s - self.mark_s >= ON_THE_WAY_S:
             self.settled, self.mark, self.mark_s = self.mark, next_number, now_s
@@ -130,8 +130,8 @@ class RecordPath:
     The constructor starts a thread for it.
 
     Args:
-        recorder: of the take; its ``committed`` callback is replaced.
-        link: to the nodes.
+        recorder: recorder of the take; its ``committed`` callback is replaced.
+        link: sends requests to the nodes.
         nodes: returns the connected nodes.
         first: number of the first frame of each node that belongs to the take, where it is known.
         fresh: whether the take is new; else nodes that it does not know are asked for all their frames.
@@ -168,7 +168,7 @@ class RecordPath:
         self._wake.set()
 
     def finish(self, give_up_s: float | None = None) -> None:
-        """Ask every connected node for its last frame, and wait until all frames are here or are given up.
+        """Ask every connected node for its last frame, and wait until no frame is missing, or no more arrive.
 
         Args:
             give_up_s: how long to wait without progress; `GIVE_UP_S` if None [s].
@@ -187,12 +187,12 @@ class RecordPath:
         self._thread.join()
 
     def close(self, closed: ClosedTakes) -> None:
-        """Tell the connected nodes the result, after `finish` and the recorder's `close`; wait up to `CLOSE_S`.
+        """Tell the take's nodes that it is closed, after `finish` and the recorder's `close`; wait up to `CLOSE_S`.
 
-        Frames that the nodes still keep for the take are not requested any more.
+        They learn which frames it lacks; these are not requested any more.
 
         Args:
-            closed: tells the nodes that do not answer now.
+            closed: sends the messages, later to nodes that do not answer now.
         """
         mute = {node for node, contact in list(self._contacts.items()) if contact.mute}
         for node, state in self._recorder.states.items():
@@ -212,7 +212,7 @@ class RecordPath:
                 self._errors.run("request for frames", partial(self._ask, node))
 
     def _committed(self) -> None:
-        """Forget which frames were asked for that are stored now; runs on the recorder's thread."""
+        """Forget the requests whose frames are stored now; runs on the recorder's thread."""
         with self._lock:
             for contact in self._contacts.values():
                 contact.batches = tuple(batch for batch in contact.batches if not batch.landed)
@@ -293,7 +293,7 @@ class RecordPath:
         return self._recorder.states.get(node)
 
     def _whole(self) -> bool:
-        """Whether every connected node has said its end and nothing is missing; a failed take only needs the ends."""
+        """Whether the end of every connected node is known and, unless the recording failed, no frame is missing."""
         mute = {node for node, contact in list(self._contacts.items()) if contact.mute}
         states = [self._state(node) for node in self._nodes() if node not in mute]
         if self._recorder.failed:
@@ -305,12 +305,12 @@ class RecordPath:
 
 
 class ClosedTakes:
-    """Tells nodes that a take is closed; those that have missed it, once they are there again.
+    """Tells nodes that a take is closed; if a node is away, once it is connected again.
 
-    Until they hear it, they keep their frames for the take. Any thread may use it.
+    Until a node is told, it keeps its frames for the take. Any thread may call the methods.
 
     Args:
-        link: to the nodes.
+        link: sends the messages to the nodes.
     """
 
     def __init__(self, link: Requests) -> None:
@@ -320,7 +320,7 @@ class ClosedTakes:
         self._lock = threading.Lock()
 
     def add(self, node: NodeKey, request: FrameRequest) -> None:
-        """Add a node that is to be told the end of a take; of more than `MOST_UNTOLD`, the oldest is forgotten."""
+        """Add the message to a node that its take is closed; of more than `MOST_UNTOLD`, the oldest is discarded."""
         with self._lock:
             self._untold[node, request.take] = request
             while len(self._untold) > MOST_UNTOLD:
@@ -328,14 +328,17 @@ class ClosedTakes:
                 del self._untold[forgotten]
 
     def forget(self, take: str) -> None:
-        """Tell nobody the end of a take that goes on."""
+        """Discard the messages about a take, because it is resumed."""
         with self._lock:
             for key in [key for key in self._untold if key[1] == take]:
                 self._asked_s.pop(key, None)
                 del self._untold[key]
 
     def tell(self, nodes: Iterable[NodeKey]) -> list[threading.Event]:
-        """Tell the connected nodes, each at most every `ASK_EVERY_S`; return an event for each, set when it is over."""
+        """Send the messages to connected nodes, each at most every `ASK_EVERY_S`.
+
+        Return an event for each sent message, which is set when it is answered or has failed.
+        """
         if not self._untold:
             return []
         connected, now_s = set(nodes), time.monotonic()
@@ -372,10 +375,10 @@ def request_of(
 
     Args:
         take: identity of the take.
-        state: of the node's frames at the last commit; None if none has come.
+        state: state of the node's frames at the last commit; None if none has come.
         first: number of the node's first frame that belongs to the take, if it was known when the take began.
-        age_ns: time since the take began, which decides the first frame if it is not known.
-        settled: frames below this number are not on their way any more.
+        age_ns: time since the take began [ns]; the node determines the first frame from it if it is not known.
+        settled: frames below this number can be requested, because they are not on their way any more.
         under_way: (first, last) of frames that were asked for already.
         most: frames to ask for.
     """
@@ -415,7 +418,7 @@ def hear_answer(
 
     Args:
         ledger: sent, stored and lost frames of the node (`mocapella.recording.ledger`); updated.
-        answer: of the node.
+        answer: the node's answer to a request.
         first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
         end: number after the node's last frame that belongs to the take; None while more may follow.
         wanted: (first, last) of the frames that the node was asked for; those that it cannot read are given up.

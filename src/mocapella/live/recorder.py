@@ -1,4 +1,4 @@
-"""The recording thread: writes messages to a take, and commits them to the disk ten times a second.
+"""The recording thread: writes messages to a take, and commits them to the disk about twelve times a second.
 
 Only this thread writes to the take, so neither the tracker nor the bus waits for a disk. A frame is acknowledged to its
 node only after the commit that holds it (`mocapella.live.record_path`).
@@ -38,7 +38,7 @@ class NodeState(NamedTuple):
 
     Attributes:
         agreed: whether the number of the take's first frame of this node is known.
-        stored: every frame below this number that belongs to the take and exists is on the disk.
+        stored: every frame below this number that belongs to the take is on the disk, or lost.
         after: number after the last frame known to exist.
         end: number after the last frame that belongs to the take; None if it is not known yet.
         gaps: (first, last) of the missing frames that the node may still have; at most `MOST_GAPS`.
@@ -57,10 +57,10 @@ class NodeState(NamedTuple):
 
 
 class WantedFrames:
-    """The frames that one request to a node asks for, and how far its answer has come; used by the recorder's thread.
+    """The frames that one request to a node asks for, and the progress of its answer; used by the recorder's thread.
 
     Args:
-        ranges: (first, last) of their numbers, ascending.
+        ranges: first and last sequence number of each range of frames, ascending.
     """
 
     def __init__(self, ranges: Sequence[tuple[int, int]]) -> None:
@@ -68,7 +68,7 @@ class WantedFrames:
         self._last = -1
 
     def take(self, sequence: int) -> None:
-        """Check the number of a frame of the answer.
+        """Check the sequence number of a frame in the answer, and note it.
 
         Raises:
             WireError: it was not asked for.
@@ -78,7 +78,7 @@ class WantedFrames:
         self._last = max(self._last, sequence)
 
     def unreadable(self) -> int | None:
-        """Return the number of a frame that cannot be decoded, the answer's next one; None if there is none."""
+        """Return the number that an undecodable frame in the answer must have, the next one; None if none is left."""
         number = next((max(first, self._last + 1) for first, last in self.ranges if self._last < last), None)
         self._last = self._last if number is None else number
         return number
@@ -97,18 +97,18 @@ class Recorder:
 
     The recorder receives every frame as it arrives, again from the tracker with its scene, and missing frames on
     request. Messages are queued, and the methods return at once. When the recording has stopped by itself (`failed`),
-    they are dropped. An entry that cannot be written costs that entry only, which is counted and said. While 512 MiB
-    wait for the disk, frames are dropped, which are requested again later; scenes and ground truths are dropped for
-    good, which is said once.
+    they are dropped. If one entry cannot be written, the recording goes on without it; it is counted and reported.
+    While 512 MiB wait for the disk, frames are dropped, which are requested again later; scenes and ground truths are
+    dropped for good, which is reported once.
 
     Args:
-        writer: of the take; the recorder closes it.
+        writer: writer of the take; the recorder closes it.
         say: receives messages for the user, for example about a full disk; called on any thread.
         first: sequence number of each node's first frame that belongs to the take; earlier ones are not written.
         committed: called on the recorder's thread after each commit.
 
     Attributes:
-        states: of each node at the last commit.
+        states: state of each node's frames at the last commit.
         committed: see above; may be replaced.
     """
 
@@ -150,7 +150,7 @@ class Recorder:
 
     @property
     def crowded(self) -> bool:
-        """Whether so much waits for the disk that no more should be requested."""
+        """Whether more than 64 MiB wait for the disk, so that no missing frames should be requested."""
         return self._waiting_bytes > _CROWDED_BYTES
 
     def frame(self, node: NodeKey, data: bytes, arrived_ns: int, sequence: int | None = None) -> None:
@@ -167,15 +167,15 @@ class Recorder:
     def sent_again(self, wanted: WantedFrames, node: NodeKey, data: bytes, arrived_ns: int) -> None:
         """Write a frame that the node was asked for; arguments as in `frame`.
 
-        ``wanted`` is of the request; a frame with another number is refused, and one that cannot be decoded is given
-        up.
+        ``wanted`` has the frames of the request. A frame with another number is refused; one that cannot be decoded
+        counts as lost.
         """
         self._put(len(data), partial(self._write_frame, node, data, arrived_ns, None, wanted))
 
     def account(self, node: NodeKey, change: Callable[[NodeLedger], bool]) -> None:
-        """Change a node's account, also after the recording has stopped by itself.
+        """Change the ledger of a node's frames, also after the recording has stopped by itself.
 
-        ``change`` is called on the recorder's thread, and returns whether the take must store the account.
+        ``change`` is called with the ledger on the recorder's thread; it returns whether the take must store it.
         """
         work = partial(self._writer.accounts.change, node, change)
         self._queue.put(partial(self._attempt, "account of a node", work))
@@ -193,7 +193,7 @@ class Recorder:
         return True
 
     def scene(self, data: bytes, at_ns: int) -> None:
-        """Write an encoded scene, with the time [ns] on the server's monotonic clock."""
+        """Write an encoded scene; ``at_ns`` is its log time on the server's monotonic clock [ns]."""
         if not self._put(len(data), partial(self._writer.write_scene, data, at_ns)):
             self._refuse("the session", "scenes", _CROWDED_OUT)
 
@@ -211,7 +211,7 @@ class Recorder:
         self._put(0, partial(self._writer.write_clock, probes, at_ns))
 
     def run(self, info: TakeInfo) -> None:
-        """Write the beginning of a run: a new tracker with its method and settings."""
+        """Write the beginning of a run: ``info`` has the setup and settings of the new tracker."""
         self._put(0, partial(self._writer.start_run, info))
 
     def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:
@@ -245,7 +245,7 @@ class Recorder:
     def close(self, *, interrupted: bool = False) -> RecordingHealth:
         """Write all waiting messages, finish the take, and return its result; a failure is its ``problem``.
 
-        With ``interrupted``, a recording with `TakeWriter.resume_or_create` goes on with the take.
+        With ``interrupted``, `TakeWriter.resume_or_create` can continue the take.
         """
         self._interrupted = interrupted
         self._queue.put(None)
@@ -253,7 +253,7 @@ class Recorder:
         return self.health()
 
     def _put(self, size: int, write: Callable[[], None]) -> bool:
-        """Queue an entry; return False if there is no room. One of size 0, which nobody can send again, has room."""
+        """Queue an entry; return False if there is no room. There always is for size 0: such entries come only once."""
         if self._problem:  # which has been said
             return True
         if size and self._waiting_bytes + size > _QUEUE_BYTES:
@@ -268,7 +268,7 @@ class Recorder:
             self._unwritten += 1
 
     def _attempt(self, what: str, work: Callable[[], object]) -> str:
-        """Do a piece of work; return the description of an unexpected error, which costs that piece only.
+        """Call ``work``; return the description of an unexpected error, after which the recording goes on.
 
         Raises:
             RecordingError: the recording has stopped.
@@ -331,7 +331,7 @@ class Recorder:
         self.committed()
 
     def _account_until_end(self) -> None:
-        """After a failure, go on with the accounts, so that all lost frames are counted."""
+        """After a failure, go on with the ledgers, so that all lost frames are counted."""
         self._publish_states()
         while (work := self._queue.get()) is not None:
             work()
@@ -381,9 +381,9 @@ class Recorder:
             self._writer.accounts.change(node, lambda ledger: ledger.give_up(sequence))
 
     def _include(self, node: NodeKey, sequence: int) -> None:
-        """Let the take begin with a frame that was on its way when it began.
+        """Let the node's part of the take begin with this frame, if it was on its way when the take began.
 
-        The node has sent it before, so it does not count it; but it may be tracked, and scenes need their frames.
+        The node sent it before the take began, and does not count it; but scenes may be made of it, and need it.
         """
         ledger = self._writer.accounts.nodes.get(node)
         if ledger is not None and ledger.agreed and sequence < ledger.first:

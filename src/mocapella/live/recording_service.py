@@ -24,7 +24,7 @@ from mocapella.tracker import METHODS
 from mocapella.wire.keys import NodeKey
 
 FAILED_S = 0.5
-"""How long a new take waits for the nodes' numbers at the end of one that has stopped by itself [s]; tracking waits."""
+"""Longest wait for the last frame numbers of a failed take, before a new one begins [s]; tracking pauses meanwhile."""
 
 
 def outcome(health: RecordingHealth) -> str:
@@ -44,7 +44,7 @@ def packages_of(method: str) -> dict[str, str]:
         method: key of `METHODS`.
 
     Returns:
-        Package by descriptor, such as ``method NAME``, for plug-ins; and our own name and version.
+        Package and version by type and name of each plug-in, such as ``tracking method heat``; and those of Mocapella.
     """
     used: list[tuple[Table[Any], Iterable[str]]] = [
         (METHODS, (method,)),
@@ -59,19 +59,19 @@ class RecordingService:
     """Records at most one take at a time, started and finished on any thread.
 
     Args:
-        session: the tracker, whose setup, settings and snapshot a take begins with.
+        session: its setup, settings and tracker snapshot are stored at the start of a take.
         link: sends requests for frames to the nodes.
         nodes: returns the connected nodes.
         say: receives messages for the user, such as the result of a take.
         reserve_bytes: free disk space to leave [bytes].
-        between_steps: lock held while the tracker loses the recorder, so that a take has a step completely or not at
-            all; None if nothing else runs.
-        hurry: while it is set, the end of a take waits for no missing frame and no node, and interrupts the take: a
-            later process goes on with it. None never hurries.
+        between_steps: lock that the tracking thread holds during a step, so that a take ends between two steps; None
+            if no other thread tracks.
+        hurry: while it is set, the end of a take waits for no missing frame and no node, and leaves the take
+            interrupted, so that a later process can continue it. None never hurries.
 
     Attributes:
-        recorder: of the present take; None if there is none. Read it once before use: another thread may end it at any
-            time.
+        recorder: recorder of the present take; None if there is none. Copy the reference before use: another thread may
+            end the take at any time.
     """
 
     def __init__(
@@ -102,10 +102,10 @@ class RecordingService:
     def begin(self, path: Path, *, resume: bool = False, newest: Mapping[NodeKey, int] | None = None) -> str:
         """Start a take at ``path``, and return a message; with ``resume``, continue one that exists there.
 
-        ``newest`` has the sequence number of each node's newest tracked frame: a new take begins after it.
+        ``newest`` has the sequence number of each node's newest tracked frame: a new take begins after it. The take
+        begins with a snapshot of the tracker, so that it can be replayed although it begins mid-session. A previous
+        take whose recording has failed is finished first.
 
-        The take begins with a snapshot of the tracker, so that it can be replayed although it begins mid-session.
-        A previous take that has stopped by itself is finished first.
         Raises:
             NotNowError: a take is being recorded already, or is being ended.
             TakeExistsError, DiskFullError, RecordingError: before anything is created.
@@ -139,7 +139,7 @@ class RecordingService:
         return f"recording {path}"
 
     def tell_closed(self) -> None:
-        """Tell nodes that are there again the end of a take that they have missed; return at once."""
+        """Tell nodes that were away when a take was closed, and are connected again, of its end; return at once."""
         self._closed.tell(self._nodes())
 
     @property
@@ -149,7 +149,7 @@ class RecordingService:
         return recorder is not None and not recorder.failed
 
     def leaving(self, node: NodeKey, end: int) -> None:
-        """Note that a node leaves, and the number after its last frame."""
+        """Note that a node leaves; ``end`` is the sequence number after its last frame."""
         record_path = self._record_path
         if record_path is not None:
             record_path.leaving(node, end)
@@ -185,7 +185,7 @@ class RecordingService:
             return self._health()
 
     def interrupt(self) -> None:
-        """Close the take at once, so that a later process goes on with it; without a take, do nothing."""
+        """Close the take at once, so that a later process can continue it; without a take, do nothing."""
         with self._changing:
             self._end(0.0, interrupted=True)
 

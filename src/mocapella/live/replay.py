@@ -24,7 +24,7 @@ def replay(
     """Pass every frame and command to the session in order; return ``summary`` with the results added.
 
     A frame whose tracking fails unexpectedly is counted, and the replay goes on. A frame that failed in the live run is
-    no event: the tracker's memory after it is.
+    not among the events; a command that restores the tracker's snapshot after it is.
 
     Args:
         session: a new session with the recording's setup.

@@ -24,11 +24,11 @@ FOLDER_VARIABLE: Final = "MOCAPELLA_LOGS"
 MOST_BYTES: Final = 5_000_000
 """Size of a file before it is rotated."""
 KEPT_PIECES: Final = 2
-"""Rotated files of a run that are kept."""
+"""Number of rotated files to keep for a run."""
 KEPT_RUNS: Final = 50
-"""Files in the folder; the oldest are deleted when a run begins."""
+"""Largest number of files in the folder, of all runs; the oldest are deleted when a file is begun."""
 _WAITING: Final = 10_000
-"""Entries that wait for the disk; further ones are lost."""
+"""Largest number of entries that wait for the disk; further ones are lost."""
 _LONGEST_TRACE: Final = 20_000
 
 
@@ -36,7 +36,7 @@ class JsonLines(logging.Formatter):
     """Formats an entry as one line of JSON, with the traceback of an error; every text is escaped."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line: an object with time (UTC), level, part, thread and text, and reason, count, traceback."""
+        """Return the line: an object with time (UTC), level, part, thread, text; if any, reason, count, traceback."""
         row = {
             "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created)) + f".{record.msecs:03.0f}Z",
             "level": record.levelname.lower(),
@@ -97,10 +97,10 @@ class RunLog:
 
     Args:
         command: name of the command that runs; the file is named after it.
-        folder: of the file; by default `log_folder`.
+        folder: folder of the file; by default `log_folder`.
 
     Attributes:
-        path: of the file, which is made with the first entry.
+        path: path of the file, which is made with the first entry.
     """
 
     def __init__(self, command: str, folder: Path | None = None) -> None:
@@ -128,7 +128,7 @@ class RunLog:
 
 
 def log_in_use() -> str:
-    """Return the file of the log of this process; empty if it has none."""
+    """Return the path of this process's log file; empty if it has none."""
     return next((str(one.path) for one in _logger().handlers if isinstance(one, _Waiting)), "")
 
 
@@ -139,7 +139,7 @@ def _logger() -> logging.Logger:
 def log_folder(environment: Mapping[str, str]) -> Path:
     """Return the folder of the logs: the value of `FOLDER_VARIABLE`, or a folder in the user's state folder.
 
-    ``environment`` is such as `os.environ`. The folder may not exist yet.
+    ``environment`` has the environment variables. The folder may not exist yet.
     """
     if environment.get(FOLDER_VARIABLE):
         return Path(environment[FOLDER_VARIABLE])

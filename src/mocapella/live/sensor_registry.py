@@ -1,7 +1,7 @@
 """Registry of sensors: which node serves each, and its health (rate, gaps, clock offset). Time is an argument.
 
-A *node* is the process that serves a sensor. A node that holds a sensor's name has a *seat*: only its frames are
-tracked. A second node with that name is refused.
+A *node* is the process that serves a sensor. At most one node *holds* a sensor's name, and thus has a *seat*: only its
+frames are tracked. A second node with that name is refused.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from mocapella.wire.keys import NodeKey
 HOLDS_FOR_S: Final = 2.0
 """Time without a frame after which a node without a liveliness token no longer holds its name [s]."""
 STOOD_STILL_S: Final = 0.5
-"""Time between two looks at the sensors from which the server itself stood still, and could receive nothing [s]."""
+"""Time between two checks for silence above which the server itself must have been suspended [s]."""
 _RECENT_S = 3.0
 _MOST_REASONS = 32
-"""Different reasons reported for one node; a faulty node must not fill the memory."""
+"""Largest number of different reasons reported for one node, so that a faulty node does not fill the memory."""
 
 
 class NodeStanding(Enum):
     """Whether a node that sends a message is admitted.
 
     Attributes:
-        SEATED: it holds its sensor's name.
-        STRANGER: its sensor's name is free, and it has no seat yet.
-        REFUSED: another node holds its sensor's name.
+        SEATED: yes: it holds its sensor's name.
+        STRANGER: not yet: no node holds its sensor's name, which it can get with `SensorRegistry.admit`.
+        REFUSED: no: another node holds its sensor's name.
     """
 
     SEATED = "seated"
@@ -73,7 +73,7 @@ class _Entry:
     latencies: deque[float] = field(default_factory=lambda: deque(maxlen=256))
 
     def may_run(self, now_ns: int) -> bool:
-        """Whether a node without a liveliness token may still be running."""
+        """Whether a node without a liveliness token was heard so recently that it holds its name."""
         return not self.left and now_ns - self.heard_ns < HOLDS_FOR_S * 1e9
 
 
@@ -100,7 +100,7 @@ class SensorRegistry:
         self._looked_ns: int | None = None
 
     def standing(self, node: NodeKey, now_ns: int) -> NodeStanding:
-        """Return whether a node that sends a message is admitted, unknown or refused; nothing of a stranger is kept.
+        """Return whether a node that sends a message is admitted; a stranger stays unknown.
 
         Args:
             node: the node.
@@ -134,8 +134,8 @@ class SensorRegistry:
         Args:
             node: the node.
             now_ns: the present time on the server's monotonic clock [ns].
-            proven: whether a valid frame of it has come, which `arrived` is called with next.
-            quiet: whether to make no notice, because the message was no frame.
+            proven: whether it has sent a valid frame; `arrived` is called next with that frame.
+            quiet: whether to make no notice, because its message was not a valid frame.
         """
         entry = self._entries.get(node.sensor)
         if entry is not None and entry.node == node:
@@ -151,7 +151,7 @@ class SensorRegistry:
         return ""
 
     def _make_room(self, now_ns: int, *, proven: bool) -> bool:
-        """Return whether there is a seat for one more sensor; the longest unheard one gives up its seat if it may."""
+        """Whether there is room for one more sensor; if need be, remove the disconnected one that is silent longest."""
         kind = [entry for entry in self._entries.values() if bool(entry.frames) == proven]
         if len(kind) < (MOST_SENSORS if proven else MOST_UNPROVEN):
             return True
@@ -204,7 +204,7 @@ class SensorRegistry:
 
         Args:
             node: the node; ignored if another holds the name.
-            probes: in the order of their times.
+            probes: further clock probes, in the order of their times.
             now_ns: the present time on the server's monotonic clock [ns].
         """
         if not self.holds(node):
@@ -250,7 +250,7 @@ class SensorRegistry:
         return entry.clock.update(frame.time_ns, arrived_ns)
 
     def tracking_began(self) -> None:
-        """Note that tracking starts: frames and drops of each sensor before its next frame are reported apart."""
+        """Note that tracking starts: a sensor's frames and losses before its next frame are reported separately."""
         for entry in self._entries.values():
             entry.before = None
 
@@ -273,7 +273,7 @@ class SensorRegistry:
         """Count a published scene; return the latency [s] since its frame was sent, None if clocks are unknown.
 
         Args:
-            node: of the frame; it holds its sensor's name.
+            node: the frame's node; it holds its sensor's name.
             sent_ns: when the frame was sent, on the node's clock [ns]; 0 if unknown.
             now_ns: the present time on the server's monotonic clock [ns].
         """
@@ -288,8 +288,8 @@ class SensorRegistry:
     def notice_silence(self, now_ns: int) -> None:
         """Mark sensors that are silent (`Pace.silent`) or poorly synchronised; forget unproven ones after `UNPROVEN_S`.
 
-        It is to be called several times a second. After `STOOD_STILL_S` without a call, the server stood still, and
-        each silence counts from now on, once (`Pace.awake`).
+        Call it several times a second. After more than `STOOD_STILL_S` without a call, the server was suspended, so
+        silences are counted anew from now on, once (`Pace.awake`).
 
         Args:
             now_ns: the present time on the server's monotonic clock [ns].

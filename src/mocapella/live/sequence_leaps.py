@@ -1,8 +1,8 @@
 """Refuse a frame whose sequence number leaps further than a sensor can count since its last frame.
 
-One such frame, damaged or forged, would cut its node off: all its later frames would come too late. And a take would
-report all numbers between as lost. The number of the next frame, which a node says on the record path, is checked so,
-too. Frames that are sent again are not: they were asked for by number, and after an outage they arrive in any order.
+One such frame, damaged or forged, would cut its node off: all later frames would be refused as older. And a take would
+report all numbers between as lost. The number of the next frame, which a node reports on the record path, is checked,
+too. Frames that are sent again are not: they were requested by number, and after an outage they arrive in any order.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from mocapella.errors import WireError
 from mocapella.wire.keys import NodeKey
 
 MOST_HZ: Final = 1000
-"""Most frames a second of any sensor."""
+"""Largest frame rate of any sensor [Hz]."""
 ALWAYS: Final = 10_000
-"""Frames that may be skipped at any time, as by a node that sends a backlog."""
+"""Number of frames that may be skipped at any time, as by a node that sends a backlog."""
 
 
 def check_leap(sequence: int, last: int, since_s: float) -> None:
     """Check the sequence number of a frame against the node's last one.
 
     Args:
-        sequence: of the frame.
-        last: the highest one so far.
-        since_s: time since that arrived [s].
+        sequence: the frame's sequence number.
+        last: the node's highest one so far.
+        since_s: time since the frame with ``last`` arrived [s].
 
     Raises:
-        WireError: so many frames cannot have been skipped since.
+        WireError: the sensor cannot have made so many frames since.
     """
     most = ALWAYS + int(MOST_HZ * max(0.0, since_s))
     if sequence - last > most:
@@ -47,7 +47,7 @@ class LeapGuard:
         """Check the plausibility of a node's sequence number, and remember it; the first one may be any.
 
         Raises:
-            WireError: so many frames cannot have been skipped since the last number.
+            WireError: the sensor cannot have made so many frames since its highest number.
         """
         newest, newest_ns = self._newest.get(node, (sequence, arrived_ns))
         check_leap(sequence, newest, (arrived_ns - newest_ns) / 1e9)

@@ -2,10 +2,10 @@
 
 bus threads ──► inbox ──► tracker thread ──► bus (scenes), recorder (scenes and their frames)
           └───► recorder                 ▲ commands, in the order of arrival
-record path thread: acknowledges frames to the nodes, and requests missing ones
+record path thread: acknowledges stored frames to the nodes, and requests missing ones
 housekeeping thread: silent sensors, status
 clock thread: clock probes, which a node may not answer
-notices thread: the terminal, which may not take them
+notices thread: prints notices, because a terminal may block
 
 No message or command ends a thread: each turn of a loop is within a `Boundary`.
 """
@@ -48,7 +48,7 @@ from mocapella.wire.server import ServerLink
 
 STATUS_EVERY_S = 0.2
 _COMMANDS_A_TURN = 4
-"""Commands that are carried out between two frames."""
+"""Largest number of commands that are carried out between two frames."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ class Server:
     """A session on the bus: receives frames, tracks, and publishes scenes, from the constructor on until `close`.
 
     Args:
-        settings: of the server.
+        settings: settings of the server.
         say: called with each notice, on a thread of its own.
         link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
-        failed: value of the attribute; whoever finds that any thread of the process has died sets it.
+        failed: value of the attribute ``failed``, to be set also if another thread of the process dies.
 
     Attributes:
         summary: statistics of the run.
@@ -150,7 +150,7 @@ class Server:
             thread.start()
 
     def _serve(self, undo: ExitStack) -> None:
-        """Begin the take of the settings, and only then admit nodes: it has their first frames."""
+        """Begin the take of the settings, and only then admit nodes, so that the take has their first frames."""
         self._link.on_nonsense, self._link.on_refused = self._on_nonsense, self._note_foreign
         self._link.errors = self._errors
         door = Door(self._registry, self._lock, self._inbox, self._commands, lambda: self._recording,
@@ -213,7 +213,7 @@ class Server:
                 self._errors.run("snapshot after an error", self._record_memory)
 
     def _record_memory(self) -> None:
-        """Record what an error has left of the tracker, so that the take's replay goes on from there."""
+        """Record the tracker's snapshot after an error, so that the take's replay continues from it."""
         if self._recording.recorder is not None:
             self._recording.record_command("restore", self._session.memory())
 
@@ -311,7 +311,7 @@ class Server:
             return self._recording.begin(path, resume=resume, newest=newest)
 
     def ready(self, *, begin: bool) -> None:
-        """End the wait of `ServerSettings.waiting_for`; with ``begin``, start tracking, unless it was started."""
+        """End the wait of `ServerSettings.waiting_for`; with ``begin``, start tracking unless it runs already."""
         with self._stepping:  # between two steps
             self._session.ready()
             if begin and not self._session.running:
@@ -319,7 +319,7 @@ class Server:
                 self._watch_state()
 
     def layout(self) -> SensorLayout | None:
-        """Return the sensor layout; None while it is unknown."""
+        """Return the sensors' poses, to be used by a later session; None while they are unknown."""
         with self._stepping:  # between two steps
             return self._session.layout_now()
 
@@ -376,7 +376,7 @@ class Server:
         self._notices.add(text)
 
     def _note_foreign(self, text: str) -> None:
-        """Report what any program on the bus can cause at will."""
+        """Add a notice that any program on the bus can cause at will; its rate is limited."""
         self._notices.add(text, foreign=True)
 
     def _on_nonsense(self, text: str) -> None:
@@ -434,7 +434,7 @@ class Server:
         )
 
     def halt(self) -> None:
-        """Stop tracking: from now on, `status` and `summary` give the session's result."""
+        """Stop tracking and housekeeping: from now on, `status` and `summary` give the session's result."""
         self._ended.set()
         self._inbox.wake()
         for thread in self._threads:  # no command may start another take afterwards

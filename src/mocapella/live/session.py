@@ -49,15 +49,15 @@ class Session:
         method_settings: settings of its method, by name.
         running: whether tracking begins at once.
         layout: the sensors' last known poses; None if unknown.
-        waiting_for: if tracking cannot begin yet, the reason, in the state until `ready`; ``start`` is refused with it.
+        waiting_for: if tracking cannot begin yet, the reason, as in ``state`` until `ready`; ``start`` is refused.
 
     Attributes:
         setup: the present setup. Each method keeps its own settings while another method is set up.
         layout: the sensors' last known poses; every new tracker starts from them, until a recalibration.
         running: whether frames are tracked.
         next_step: number of the next scene; starts at 0 with every tracker.
-        names: of people, by id. A new tracker assigns new ids, and starts without names.
-        state: of the tracker.
+        names: people's names by id. A new tracker assigns new ids, and starts without names.
+        state: phase of the tracker, with the reason and progress.
         problem: why the tracker could not use the last frame; empty if it could.
 
     Raises:
@@ -107,7 +107,7 @@ class Session:
             self.state = _stopped()
 
     def memory(self) -> dict[str, Any]:
-        """Return arguments for a ``restore`` that lets another session continue like this one."""
+        """Return the arguments of a command ``restore`` that lets another session continue like this one."""
         memory: dict[str, Any] = {
             "tracker": base64.b64encode(self._tracker.snapshot()).decode("ascii"),
             "names": {str(person): name for person, name in self.names.items()},
@@ -115,12 +115,12 @@ class Session:
         return memory if self.layout is None else {**memory, _LAYOUT: encode_layout(self.layout).decode()}
 
     def layout_now(self) -> SensorLayout | None:
-        """Return the layout to keep; None if the tracker has none yet, or keeps none."""
+        """Return the tracker's present sensor poses; None if it has none yet, or its method keeps none."""
         return _keeper(self._tracker).layout() if METHODS[self.setup.method].keeps_layout else None
 
     @property
     def verbs(self) -> tuple[str, ...]:
-        """Commands for users; ``restore`` is for takes only."""
+        """Names of the commands for users; ``restore``, which only takes have, is not among them."""
         return tuple(verb for verb in self._verbs if verb != "restore")
 
     @property
@@ -151,12 +151,13 @@ class Session:
 
         Args:
             verb: one of `verbs`, or ``restore``.
-            arguments: of the command, by name: for ``setup`` the fields of `Setup`; for ``use-rig`` the file's text as
+            arguments: its arguments by name: for ``setup`` the fields of `Setup`; for ``use-rig`` the file's text as
                 ``rig``, and ``method``; for ``name`` the fields of `PersonName`; for ``restore`` what `memory` returns.
 
         Raises:
-            SettingsError: the verb or an argument is unknown.
-            NotNowError: the command is impossible in the present state; names the one to use first.
+            SettingsError: the verb or an argument is unknown or invalid.
+            InputError: the rig of ``use-rig`` is invalid.
+            NotNowError: the command is impossible in the present state; names the command to use first, or the reason.
             WireError: the tracker's snapshot, an argument of ``restore``, is invalid.
         """
         if verb not in self._verbs:

@@ -20,7 +20,7 @@ from typing import Final, NoReturn
 from mocapella.live.thread_deaths import StopEvent, end_with_any_thread
 
 STARTED_BY_US: Final = "MOCAPELLA_STARTED_BY_US"
-"""Environment variable of a child process, whose parent holds its standard input open."""
+"""Environment variable set for a child process of Mocapella, which ends when its parent closes its standard input."""
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """SIGHUP comes when the terminal is closed; Windows has none."""
 
@@ -57,7 +57,7 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopEvent]:
-    """Yield an event set by a signal, the parent's end, or the death of a thread; restore earlier handlers.
+    """Yield an event that is set by a signal, the parent's end, or the death of a thread; restore earlier handlers.
 
     Raises:
         MocapellaError: a thread died within the block (`mocapella.live.thread_deaths`).

@@ -31,7 +31,7 @@ UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]
 RecordStep = Callable[[Arrival, int | None, Scene], None]
 ROOM_NODE, VIDEO_NODE = 1, 2
-"""Node ids of recorded frames: of the empty room, and of the videos."""
+"""Node ids of the frames in a recorded take: of images of the empty room, and of the videos."""
 
 
 class PersonStep(msgspec.Struct, frozen=True, eq=False):
@@ -40,7 +40,8 @@ class PersonStep(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         followed: the tracker's fit.
         row: the body in this frame, in the form of the result file.
-        waits: by camera, the silhouette of a lost body at the pose where it waits; empty while it is tracked.
+        waits: silhouette of a lost body at its last clearly seen pose, or at first the initial one, by camera; else
+            empty.
     """
 
     followed: FittedBody
@@ -60,11 +61,11 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     """One set of simultaneous images of the silhouettes tracker, and its results.
 
     Attributes:
-        frame: its number.
+        frame: number of the set in the videos.
         images: (height, width, 3) uint8 BGR by camera, as available.
         people: results by the body's name.
         took_s: duration of tracking [s].
-        scene: after the frame's last image.
+        scene: the tracker's scene after the last of the images.
     """
 
     frame: int
@@ -87,20 +88,21 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
 
 class SilhouetteRun:
-    """Runs the tracker through frames, and measures and counts.
+    """Passes frames to the tracker, measures its time, and counts its results.
 
     Args:
-        tracker: newly made.
+        tracker: a tracker that has seen no frame yet.
         say: receives messages about the run.
-        record: receives each arrival, the number of its frame (None: of the empty room), and the resulting scene.
+        record: receives each arrival, the number of its frame (None for an image of the empty room), and the resulting
+            scene.
 
     Attributes:
-        tracker: see above.
-        meshes: of the bodies, by name.
-        rig: of the cameras.
-        frames: number so far; frames of `feed` do not count.
-        statistics: of each body by name; the rows are not kept.
-        took_ms: durations of the tracking of these frames [ms].
+        tracker: the tracker.
+        meshes: body meshes by the bodies' names.
+        rig: rig of the cameras.
+        frames: number of frames of `step` so far; frames of `feed` alone do not count.
+        statistics: statistics of each body by name; the rows are not kept.
+        took_ms: durations of tracking of these frames [ms].
         notes: all messages so far.
     """
 
@@ -164,7 +166,7 @@ class SilhouetteRun:
         self._record(arrival, number, self._scene)
 
     def steps(self, frames: Iterable[FrameSet]) -> Iterator[Step]:
-        """Yield the result of each frame, which is tracked when its result is asked for."""
+        """Yield the result of each frame; a frame is tracked only when the iterator is advanced."""
         for shown in frames:
             yield self.step(shown)
 

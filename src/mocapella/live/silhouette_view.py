@@ -43,7 +43,7 @@ class RunView:
     Args:
         host: the interface to serve on, and no other.
         port: its port; 0 takes a free one.
-        rig: of the cameras.
+        rig: rig of the cameras.
         bodies: initial bodies by name.
 
     Raises:
@@ -92,7 +92,7 @@ class RunView:
         self.beat()
 
     def beat(self) -> None:
-        """Serve the browsers; call it at a steady rate while there is no new scene."""
+        """Send the present scene and images to browsers; call it at a steady rate while there is no new scene."""
         self.viewer.show(self._scene, self._frames, None, pictures=self._pictures, keep=self._kept)
 
     def stay(self, stop: threading.Event, seconds: float | None = None) -> None:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 STAGES: Final = ("retrieval", "rectification", "detection", "sending", "all")
-"""Decoding an image; undistorting the points; detecting them; encoding and sending; from an image's arrival until its
-markers are sent."""
+"""Decoding an image; undistorting the points; detecting the markers; encoding and sending them; the sum of these."""
 
 
 class StageTimes:

@@ -16,7 +16,7 @@ class StateNotices:
     """Reports changes of the tracker's state, and adds them to the summary.
 
     Args:
-        summary: receives each change of the phase, and names sensors in texts.
+        summary: receives each change of the phase; formulates the texts about sensors.
         say: receives the notices.
     """
 

@@ -20,7 +20,7 @@ from mocapella.registry import load
 class LatencyHistogram:
     """Percentiles of any number of latencies in a few kilobytes: logarithmic bins, 1.2 % wide.
 
-    A percentile is the upper edge of its bin: never too small, and at most 1.2 % too large.
+    A percentile is the upper edge of its bin: from 1 µs to 100 s, never too small and at most 1.2 % too large.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class LatencyHistogram:
 
 
 MOST_CONDITIONS = 100
-"""Number of different conditions to keep, the newest."""
+"""Largest number of different conditions to keep: the most recently reported ones."""
 
 
 @dataclass
@@ -67,7 +67,7 @@ class Labels:
     Attributes:
         views: number of views.
         swapped: number of views with swapped labels.
-        repairs: how often a swap began.
+        repairs: number of times that the tracker began to swap a person's labels.
         swapped_now: ids of people whose newest view is swapped.
     """
 
@@ -87,12 +87,12 @@ class RunSummary:
         scenes_out: number of scenes.
         counts: present number of parts, such as people, by part type.
         most: largest number of parts in one scene, by part type.
-        meters: quality meter by part type, where the type has one.
+        meters: object that accumulates quality statistics of a part type, by type, where there is one.
         state_changes: changes of the tracker's phase.
         latencies: from a frame's sending to its scene, where the clocks are known.
         began_ns: start of the run on the clock of its scenes [ns]; set to the first scene's time if None.
         conditions: reports of faults and tasks by their text; the newest `MOST_CONDITIONS`.
-        conditions_left_out: number of older ones.
+        conditions_left_out: number of older conditions, which are not kept.
         places: the sensors' poses in the newest scene.
         labels: counts of swapped labels by sensor.
         times: completion of the newest 1024 scenes, on the monotonic clock [ns].
@@ -214,11 +214,11 @@ class RunSummary:
         return f"{why}; {self.in_words(last.reason)}" if last.reason else why
 
     def in_words(self, reason: str) -> str:
-        """Return the reason, with sensors that share a problem named together."""
+        """Return a state's reason for users, with sensors that share a problem named together."""
         return "; ".join(conditions(reason, [place.sensor for place in self.places])) if self.places else reason
 
     def as_json(self, last: TrackerState) -> dict[str, Any]:
-        """Return the part of a summary that all runs have; ``last`` is the final state."""
+        """Return the fields of a summary that live and replayed runs share; ``last`` is the tracker's final state."""
         return {
             "phase": last.phase.value,
             "reason": last.reason,

@@ -39,7 +39,7 @@ CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
 ATTEMPT_S = 0.5
 """Longest duration of an attempt to reach the server [s]; Ctrl-C waits for its end."""
 STALE_AFTER_S = 2.0
-"""Age from which a scene or a status is no longer shown [s]; a frame is not once its sensor is silent."""
+"""Age above which a scene or a status is no longer shown [s]; frames are hidden once their sensor is silent instead."""
 
 T = TypeVar("T")
 
@@ -48,7 +48,8 @@ class Held(Generic[T]):
     """Holds the last received value for display until a newer one comes, or until it is too old to show (stale).
 
     Args:
-        pace: of the values, whose silence ends each; None for `STALE_AFTER_S`.
+        pace: measures the usual interval of the values; a value is stale once `Pace.silent` is true. If None, it is
+            stale after `STALE_AFTER_S`.
     """
 
     def __init__(self, pace: Pace | None = None) -> None:
@@ -128,7 +129,7 @@ class Link:
         on_waiting: called once, on that thread, with the reason if no server admits this program at first.
 
     Raises:
-        BusError: the address is invalid.
+        BusError: the address is invalid, or there is no key for it.
     """
 
     def __init__(self, connect: str, on_waiting: Callable[[str], None]) -> None:

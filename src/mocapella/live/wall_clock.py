@@ -1,4 +1,4 @@
-"""Notice steps of this machine's wall clock. Nothing is timed by it; they explain times in logs and file names."""
+"""Notice steps of this machine's wall clock, to explain times in logs and file names. No measurement uses it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TRIES: Final = 5
 
 
 class WallClock:
-    """Compares the wall clock with the monotonic one, each time `step` is called, about five times a second.
+    """Compares the wall clock with the monotonic one each time `step` is called, which is several times a second.
 
     Args:
         wall_ns: returns the Unix time [ns].

@@ -1,1 +1,1 @@
-"""Write and read takes, which survive a kill of the recording process, and files such as the study log."""
+"""Write and read takes, which survive a kill of the recording process, the study log, and files of other programs."""

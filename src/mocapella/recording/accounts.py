@@ -18,8 +18,8 @@ class Accounts:
     """The ledgers of a take's nodes: which frames were received, stored and lost. One thread writes, others may read.
 
     Args:
-        nodes: the ledgers so far, such as of an interrupted take; kept and changed in place. An end that only the
-            take's was is open again.
+        nodes: the ledgers so far, such as of an interrupted take; kept and changed in place. Those of nodes that had
+            not left are reopened (`NodeLedger.reopen`), because more frames may follow.
 
     Attributes:
         nodes: ledger of each node.
@@ -54,7 +54,7 @@ class Accounts:
 
     @property
     def unknown(self) -> tuple[UnknownEnd, ...]:
-        """Nodes that have not reported the number of their last frame."""
+        """Nodes whose last frame in the take is not known."""
         afters = ((node, self.nodes[node].unknown_after) for node in sorted(self.nodes))
         return tuple(UnknownEnd(sensor, node_id, after) for (sensor, node_id), after in afters if after is not None)
 
@@ -64,33 +64,33 @@ class Accounts:
             self._changed.add(node)
 
     def agree_on_all(self) -> None:
-        """For each node without an agreed first frame number, agree on its first received frame.
+        """For each node without an agreed first frame, take its first received frame for the first of the take.
 
-        Such nodes do not answer the server's request to record.
+        Such nodes have not answered the server's requests, like programs that only publish frames.
         """
         for node, ledger in self.nodes.items():
             if not ledger.agreed and ledger.expect(ledger.first):
                 self._changed.add(node)
 
     def wants(self, node: Node, number: int) -> bool:
-        """Whether a frame that arrived is to be stored: it belongs to the take and is no duplicate, which is counted.
+        """Whether an arrived frame belongs to the take and was not received before; if it was, count a duplicate.
 
         Args:
-            node: its node.
-            number: its sequence number.
+            node: the frame's node.
+            number: the frame's sequence number.
         """
         ledger = self.nodes.setdefault(node, NodeLedger())
         self.duplicates += ledger.has(number)
         return ledger.wants(number)
 
     def receive(self, node: Node, number: int) -> None:
-        """Note that the frame ``number`` of ``node``, for which `wants` was true, is written to the file."""
+        """Note that a frame for which `wants` was true is added to the file, by its node and sequence number."""
         self.pending += self.nodes[node].receive(number)
 
     def take_rows(self, *, last: bool = False) -> list[bytes]:
-        """Return the ledger rows that have changed since the last call, as JSON to store in the take.
+        """Return the rows of the ledgers that have changed since the last call, as JSON to store in the take.
 
-        With ``last``, at the end of a take, the rows of nodes without a reported last frame are returned as well.
+        With ``last``, at the end of a take, the rows of nodes with an unknown last frame are returned as well.
         """
         if last:
             self._changed.update(node for node, ledger in self.nodes.items() if ledger.unknown_after is not None)
@@ -104,7 +104,7 @@ class Accounts:
             ledger.commit()
 
     def recount(self, found: Mapping[Node, NodeLedger]) -> None:
-        """Correct the counts of stored frames after a disk has failed; all other received frames count as pending.
+        """Correct the numbers of stored frames after a disk has failed; all other received frames count as pending.
 
         Args:
             found: ledgers of the frames that were read back from the disk, by node.

@@ -24,7 +24,7 @@ PEOPLE_FORMAT: Final = "mocapella followed people"
 VERSION: Final = 1
 """Version of both file formats: of one body, and of several people."""
 ALONE: Final = ""
-"""Key of the body in a run that tracks a single, unnamed person."""
+"""Name, in mappings by body, of the single body in a run that tracks one unnamed person."""
 LONGEST_NAME: Final = 40
 _MOST_BYTES: Final = 1 << 30
 FARTHEST_M: Final = 1000.0
@@ -43,7 +43,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         joints: world positions of the body's landmarks by name [m].
         overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
         left_out: the reason why a camera's image was not used, by camera.
-        lost: whether the body is lost; the pose is then the last known one.
+        lost: whether the body is lost; the pose is then the last known one, or at first the initial one.
     """
 
     frame: int
@@ -136,7 +136,7 @@ def is_followed_people(data: Any) -> bool:
 
 
 def is_followed_body(data: Any) -> bool:
-    """Whether decoded JSON has frames, like a file of one body, rather than named joints; they are not checked."""
+    """Whether decoded JSON has a field ``frames``, as a file of one body has; its content is not checked."""
     return isinstance(data, dict) and "frames" in data
 
 
@@ -200,7 +200,7 @@ def check_person_name(name: str) -> str:
     """Return a person's name unchanged if it is valid.
 
     Raises:
-        SettingsError: the name is empty, longer than `LONGEST_NAME`, not printable, or has an equals sign.
+        SettingsError: the name is empty, longer than `LONGEST_NAME`, not printable, or has "=" or an outer space.
     """
     if not (0 < len(name.strip()) == len(name) <= LONGEST_NAME and name.isprintable() and "=" not in name):
         raise SettingsError(

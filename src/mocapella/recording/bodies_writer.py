@@ -1,6 +1,6 @@
 """Write tracked bodies frame by frame to a JSON file that can be read at any time.
 
-During a run, the frames are in a part file beside the result: ``out.part.json`` for ``out.json``. After every frame,
+During a run, the frames are in a *part file* beside the result: ``out.part.json`` for ``out.json``. After every frame,
 it is valid JSON that `bodies_file.py` reads, so a killed run leaves its frames. For one body, it has the layout of the
 result without the summary; for several, each row has all bodies. At the end of the run, the part file is completed and
 renamed to the result, which therefore appears complete or not at all.
@@ -40,7 +40,7 @@ class BodiesWriter:
     Attributes:
         path: the result file, or None.
         part: the part file during the run; None after `finish`, or if ``path`` is None.
-        bodies: as above.
+        bodies: the tracked bodies, as given.
         frames: number of written frames.
 
     Raises:

@@ -25,9 +25,9 @@ from mocapella.model.topology import Topology, topology
 Float64 = NDArray[np.float64]
 
 FARTHEST_M: Final = 100.0
-"""Largest coordinate [m]."""
+"""Coordinates of this absolute value or more are refused [m]."""
 NEAREST_M: Final = 0.1
-"""Nearest that a person can be to a sensor [m]: if all are nearer, coordinates have another unit."""
+"""If no coordinate in a file reaches this [m], the file is refused, because its unit must be another one."""
 _AZURE_STATES: Final = np.array(
     [JointState.NOT_TRACKED, JointState.INFERRED, JointState.TRACKED, JointState.TRACKED], np.uint8
 )
@@ -43,10 +43,10 @@ _LATEST_NS: Final = 2.0**62
 
 
 class _Kind(NamedTuple):
-    """How a file is read.
+    """Format of a kind of file.
 
     Attributes:
-        topology: of the sensor.
+        topology: joints of the sensor's skeletons.
         separator: between two cells.
         header: whether the first row has the names of the columns.
         time: name of the column of the time.
@@ -94,9 +94,9 @@ _KINECT: Final = _Kind(
 
 
 def is_body_csv(path: Path) -> bool:
-    """Return whether a file begins as one of these files do; False if it cannot be read.
+    """Whether the first row of a file is that of one of the two kinds of body CSV; False if it cannot be read.
 
-    A study log, which is another CSV file, does not.
+    It is False for a study log.
     """
     try:
         return _kind_of(_first_row(path)) is not None
@@ -119,8 +119,8 @@ def _kind_of(first: str) -> _Kind | None:
 def read_body_csv(path: Path | str) -> BodyRows:
     """Read a file of one sensor's bodies, ``.csv`` or ``.csv.gz``.
 
-    Columns of an Azure Kinect are found by name, those of a Kinect v2 by their order; an empty cell at the end of its
-    rows is ignored.
+    Columns of an Azure Kinect are found by name, columns of a Kinect v2 by order. An empty cell at the end of a row is
+    ignored.
 
     Raises:
         InputError: the file cannot be read, is of neither kind, has no rows, or has an invalid row or value; or a
@@ -199,7 +199,7 @@ class _Reader:
     """Reads blocks of rows.
 
     Args:
-        file: named in errors.
+        file: path of the file, named in errors.
         kind: how the file is read.
         columns: names of the columns, in the file's order.
     """
@@ -291,10 +291,10 @@ def _number(cell: str) -> float | None:
 
 
 def _check_units(parts: list[_Part], kind: _Kind, file: str) -> None:
-    """Check that somebody is farther away than a body can be: otherwise the coordinates have another unit.
+    """Check that a coordinate reaches `NEAREST_M`, if any joint is tracked: else the coordinates have another unit.
 
     Raises:
-        InputError: nobody is.
+        InputError: none does.
     """
     most = max((float(np.abs(part.positions[np.isfinite(part.positions)]).max(initial=0)) for part in parts), default=0)
     tracked = any((part.states > 0).any() for part in parts)

@@ -170,7 +170,7 @@ def check_folder(folder: Path, reserve_bytes: int) -> None:
 
 
 def name_taken(path: Path, why: str = "it exists") -> TakeExistsError:
-    """Return the error for a take whose file name is in use; ``why`` is its reason in the message."""
+    """Return the error for a take whose file name is in use; ``why`` is the reason in its message."""
     return TakeExistsError(f"cannot record to {path}: {why}, and nothing is overwritten; choose another name")
 
 
@@ -192,7 +192,7 @@ def is_full(error: OSError) -> bool:
 
 
 def as_ours(error: OSError, what: str) -> RecordingError:
-    """Return a `DiskFullError` or `RecordingError` for an error of the disk; ``what`` begins its message."""
+    """Return a `DiskFullError` or `RecordingError` to raise for an `OSError`; ``what`` begins its message."""
     if is_full(error):
         return DiskFullError(f"{what}: the disk is full ({error.strerror}); free some space or choose another disk")
     return RecordingError(f"{what}: the disk failed ({error.strerror}); look at the disk or choose another")
@@ -242,7 +242,7 @@ def size(fd: int) -> int:
 
 
 def leads_to(path: Path, fd: int) -> bool:
-    """Whether the path still names the open file: it was neither removed, moved nor replaced."""
+    """Whether the path still names the open file; False if it was removed, moved or replaced."""
     try:
         return os.path.samestat(path.stat(), os.fstat(fd))
     except OSError:

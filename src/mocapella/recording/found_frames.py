@@ -1,6 +1,6 @@
 """Find frames that a take lacks in other files: spools of nodes, or takes that nodes recorded themselves.
 
-A node's number is random, so (sensor, node, sequence number) identifies a frame in every file.
+Node ids are random, so (sensor, node id, sequence number) identifies a frame in every file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class FoundFrames:
 
     Attributes:
         frames: the file that has the frame, and the frame's position in it, for each frame.
-        rows: changed ledgers of the frames' nodes.
+        rows: ledgers of the nodes to be stored in the take, because frames were found or an end became known.
         log_ns: the frames' log time in the take, on the server's clock: the take's last one, because other files have
             other clocks.
     """
@@ -60,7 +60,7 @@ class FoundFrames:
 def found_frames(index: TakeIndex, others: Sequence[tuple[Path, TakeIndex]]) -> FoundFrames:
     """Find the frames that belong to a take and are only in other files.
 
-    A node that the take does not know is added if the other file is a spool of this take, with the same `take_id`.
+    A node without frames in the take is included if the other file is a spool of this take, with the same `take_id`.
 
     Args:
         index: index of the take; its ledgers are updated with the found frames.

@@ -128,8 +128,8 @@ def read_csv(path: Path) -> ImageTracks:
     """Read 2D points from Caliscope's CSV or Mocapella's, recognised by the columns.
 
     Returns:
-        Cameras and points are in natural order (``cam_2`` before ``cam_10``). A point without a row is NaN with
-        confidence 0; confidences are 1 without a column, times NaN.
+        Cameras and points are in natural order (``cam_2`` before ``cam_10``). A point without a row, or with
+        confidence 0, is NaN with confidence 0. Without their columns, confidences are 1 and times NaN.
 
     Raises:
         InputError: the file is invalid; names file, row, field and value.

@@ -2,7 +2,7 @@
 
 Frames are identified by their sequence numbers. The law is *sent = stored + lost*: each frame from `NodeLedger.first`
 to before `NodeLedger.end` is stored once, or counts as lost. While the end is unknown, `NodeLedger.unknown_after` is
-the last number that is known.
+the number of the last frame that is known to have been sent.
 """
 
 from __future__ import annotations
@@ -118,7 +118,9 @@ class NodeLedger:
         return changed
 
     def finish(self, end: int, *, left: bool = False) -> bool:
-        """Note that no frame from sequence number ``end`` on belongs to the take; return False if that was known.
+        """Note that no frame from sequence number ``end`` on belongs to the take; return whether the ledger changed.
+
+        A known end is kept, and an end below received frames is raised to include them.
 
         Args:
             end: the number.
@@ -134,14 +136,14 @@ class NodeLedger:
         return True
 
     def reopen(self) -> bool:
-        """Forget the end of a take that goes on, unless the node has left; return whether the ledger changed."""
+        """Forget the end, because the take is resumed, unless the node has left; return whether the ledger changed."""
         if self.end is None or self.left:
             return False
         self.end = None
         return True
 
     def give_up(self, number: int) -> bool:
-        """Note that a frame can never be stored: it counts as lost, and is not requested; False if it was received."""
+        """Count a frame as lost that can never be stored, so that it is not requested; False if it was received."""
         if number in self._received:
             return False
         if self._settled is self._received:
@@ -153,7 +155,7 @@ class NodeLedger:
         return True
 
     def wants(self, number: int) -> bool:
-        """Whether the frame with this sequence number belongs to the take, and was not received."""
+        """Whether the frame with this sequence number belongs to the take, as far as known, and was not received."""
         outside = (self.agreed and number < self.first) or (self.end is not None and number >= self.end)
         return not outside and number not in self._received
 
@@ -197,7 +199,7 @@ class NodeLedger:
 
     @property
     def gap(self) -> int:
-        """Number of missing frames from ``first`` to the last received frame."""
+        """Number of frames that were not received between ``first`` and the last received frame."""
         return self._received.last + 1 - self.first - len(self._received) if len(self._received) else 0
 
     @property
@@ -211,7 +213,7 @@ class NodeLedger:
         yield from self._received.gaps(self.first, end)
 
     def obtainable(self, below: int) -> Iterator[tuple[int, int]]:
-        """Yield the gaps that can still be requested: without frames that the node lost, or that are given up."""
+        """Yield (first, last) of each gap before ``below`` in the frames that can still be requested from the node."""
         yield from self._settled.gaps(max(self.first, self.oldest), min(below, self.after))
 
     def row(self, sensor: str, node_id: int) -> LedgerRow:

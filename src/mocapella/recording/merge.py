@@ -40,7 +40,7 @@ class _Entry(msgspec.Struct, frozen=True):
 
 
 def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
-    """Merge the parts of an interrupted take into one file, properly closed; a closed take stays unchanged.
+    """Merge the parts of an interrupted take into one file, properly closed; a take that was closed stays unchanged.
 
     Args:
         path: the take, ``NAME.mcap``.
@@ -87,7 +87,7 @@ def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int
         InputError: the take or a file cannot be read.
         RecordingError: the take is being recorded, or the copy differs from the parts.
         DiskFullError: there is no space for the copy.
-        DamagedTakeError: a part or a file is damaged; everything is kept.
+        DamagedTakeError: the take is damaged; everything is kept. Of a damaged other file, readable frames are added.
     """
     path = Path(path)
     merge_parts(path, reserve_bytes=reserve_bytes)
@@ -158,7 +158,7 @@ def closed(path: Path) -> bool:
 
 
 def reopen(path: Path) -> bool:
-    """Remove the end of a take that was closed because its program failed; return whether it is one.
+    """Remove the end of an MCAP file marked with `INTERRUPTED_METADATA`; return False if it has no such mark.
 
     A kill at any point leaves an interrupted take. The caller holds the take's lock.
 

@@ -20,7 +20,7 @@ class PointRecording(msgspec.Struct, frozen=True, eq=False):
     """Positions of points over time.
 
     Attributes:
-        at_s: (frames,) times, as in the file, ascending [s].
+        at_s: (frames,) times, as in the file, ascending and each once [s].
         points: (frames, points, 2) image positions [px], or (frames, points, 3) positions in space [m]; NaN where not
             seen. The points are in the order of their names.
         unit: ``px`` or ``m``.
@@ -34,11 +34,10 @@ class PointRecording(msgspec.Struct, frozen=True, eq=False):
 def read_point_recording(path: Path) -> PointRecording:
     """Read a CSV with the columns ``time_s, point`` and ``x_m, y_m, z_m`` or ``x_px, y_px``.
 
-    `mocapella track points` writes such files.
+    `mocapella track points` writes such files. A file without rows gives empty arrays.
 
     Raises:
-        InputError: the file is invalid, or has points of two cameras; names file, row, field and value. A file without
-            rows gives empty arrays.
+        InputError: the file is invalid, or has points of two cameras; names file, row, field and value.
     """
     fix = "give a CSV in UTF-8"
     columns, table = decode_csv(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)

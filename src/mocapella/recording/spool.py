@@ -1,7 +1,7 @@
 """A node's spool on the disk: files with the frames that no server has stored yet.
 
-Each file is a take of its own. A file that remains at the end has the `take_id` of the server's take that lacks its
-frames; `mocapella.recording.merge.merge_frames` adds them to it.
+Each file is a take of its own. A file that remains at the end has the identity (`take_id`) of the server's take that
+lacks its frames; `mocapella.recording.merge.merge_frames` adds them to that take.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class DiskSpool:
         Args:
             take_id: identity of the take.
             frames: sequence number and encoded frame of each available frame.
-            numbers: sequence numbers of the node's frames that belong to the take.
+            numbers: sequence numbers of the frames that the take lacks, available or not.
 
         Raises:
             RecordingError: the disk is full or failed.
@@ -104,7 +104,7 @@ class DiskSpool:
         return path
 
     def close(self) -> None:
-        """Delete the files that `write` made, whose frames are stored elsewhere by now; files of `keep` stay."""
+        """Delete the files that `write` made, and the folder if it is empty then; files of `keep` stay."""
         for first in list(self._sizes):
             self.remove(first)
         with suppress(OSError):  # it is missing, or other files are in it

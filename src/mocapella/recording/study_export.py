@@ -93,7 +93,7 @@ def rows_of(
 
 
 def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
-    """Write a sensor's pose as in the thesis, T = R(θ)(p − C); return the angle θ [rad] and C's z [m].
+    """Return a sensor's pose as in the thesis, T = R(θ)(p − C): the angle θ [rad] and the z of C [m].
 
     Args:
         T_world_sensor: (4, 4). C is the world's origin in camera space. For a tilted sensor, θ is the direction of its

@@ -39,8 +39,8 @@ _AT_THE_LENS: Final = 1e-6
 def read_study_log(path: Path | str) -> StudyLog:
     """Read a study log, ``.csv`` or ``.csv.gz``, with any of the three known headers.
 
-    Joints with all three coordinates −9999, or all three within 10⁻⁶ m of 0, are missing and become NaN. The columns
-    ``Study_Id`` and ``Kinect_Config``, which the oldest files lack, become −9999.
+    Joints with all three coordinates −9999, or all three within 10⁻⁶ m of 0, are missing and become NaN, as does −9999
+    in other columns of floats. ``Study_Id`` and ``Kinect_Config``, which the oldest files lack, become −9999.
 
     Raises:
         InputError: the file cannot be read, has no rows, or has an invalid row or field, such as a joint with only some

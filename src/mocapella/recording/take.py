@@ -33,7 +33,7 @@ TRUTH: Final = "/truth/"
 RUN_METADATA: Final = "mocapella.run"
 MERGED_METADATA: Final = "mocapella.merged"
 INTERRUPTED_METADATA: Final = "mocapella.interrupted"
-"""Last record of the data of a file that was closed because its program failed: a recording goes on with it."""
+"""Name of the metadata record at the end of a file whose recording was interrupted, and can be continued."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,11 @@ class TakeInfo:
 
 @dataclass(frozen=True)
 class Run:
-    """The section of a take that one tracker made, within which the scenes' step numbers rise.
+    """The section of a take that one tracker made; its scenes have rising step numbers. A new tracker is a new run.
 
     Attributes:
         number: number of the run in the take, from 0.
-        part: number of the take's file that has the run: 1, plus 1 for each resumption after a kill of the server.
+        part: number of the file that recorded the run: 1, plus 1 for each resumption after an interruption.
         info: how the run was made.
     """
 
@@ -89,7 +89,7 @@ class Command:
     Attributes:
         before_step: number of the first scene that the tracker made after the command.
         log_ns: time of the command, on the server's clock.
-        values: the command's name and arguments.
+        values: the command's name ``verb``, its ``arguments`` by name, and its sender ``by``, if known.
     """
 
     before_step: int
@@ -98,7 +98,7 @@ class Command:
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):
-    """A frame of a take: decoded, and as the bytes that the server received, with the time of its arrival.
+    """A frame of a take: decoded, and as the bytes that the server received, with its arrival time.
 
     Attributes:
         log_ns: time at which the server received the frame, on the server's clock.
@@ -120,7 +120,8 @@ class NodeFrames:
         first, last: sequence numbers of the first and the last frame that belong to the take, as far as known.
         stored: number of the node's frames in the take.
         missing: first and last sequence number of each gap.
-        end_known: whether the node reported the number of its last frame; True for older takes, which lack it.
+        end_known: whether the number of the node's last frame in the take is known; True for older takes, where
+            ``last`` is that of the last stored frame.
     """
 
     sensor: str
@@ -139,7 +140,7 @@ class NodeFrames:
 
 @dataclass(frozen=True)
 class Interruption:
-    """An interruption of a recording by a kill of the server.
+    """An interruption of a recording, because the server was killed or failed.
 
     Attributes:
         last_log_ns: log time of the last entry before the interruption, on the server's clock.
@@ -156,10 +157,10 @@ class TakeReport:
 
     Attributes:
         path: path of the take.
-        parts: files of the take: only ``path``, unless the parts of an interrupted take could not be merged.
+        parts: files of the take: only ``path``, unless the parts of an interrupted take are not merged.
         frames: number of stored frames by sensor.
         lost: number of missing frames by sensor.
-        unknown: nodes that have not reported the number of their last frame.
+        unknown: nodes whose last frame in the take is not known, so that more frames may be missing.
         duplicates: number of frames that were received again, and stored only once.
         scenes: number of stored scenes.
         size_bytes: size of all files.

@@ -1,4 +1,4 @@
-"""When sensors of a take had problems, such as a camera that was moved: from the statuses that the take stores."""
+"""Times at which sensors of a take had problems, such as a camera that was moved, from the take's stored statuses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.conditions import problems
 
 LONGEST_GAP_S: Final = 5.0
-"""After a longer time without a status, such as an interruption, a problem that goes on is a new interval [s]."""
+"""After a longer time without a status, such as an interruption, a problem that persists is a new interval [s]."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class ConditionInterval:
     Attributes:
         sensor: name of the sensor.
         condition: the problem and its remedy, as the view showed it.
-        from_s, to_s: the first status with it, and the first without it or the last one [s]; statuses are a second
-            apart.
+        from_s, to_s: times of the first status with the problem, and of the first without it or else of the last
+            status [s]; a server stores five a second.
     """
 
     sensor: str
@@ -31,11 +31,11 @@ class ConditionInterval:
 
 
 def condition_intervals(statuses: Iterable[tuple[int, dict[str, Any]]], began_ns: int) -> list[ConditionInterval]:
-    """Return the intervals in the order of their beginning.
+    """Return the intervals with problems in the order of their beginning, then by sensor and condition.
 
     Args:
         statuses: time [ns] and content of each `mocapella.model.session.SessionStatus`, as `Take.statuses` yields them.
-        began_ns: the time that counts as 0.
+        began_ns: the time that counts as 0 s, on the statuses' clock [ns].
     """
     since: dict[tuple[str, str], float] = {}
     found: list[ConditionInterval] = []
@@ -54,6 +54,6 @@ def condition_intervals(statuses: Iterable[tuple[int, dict[str, Any]]], began_ns
 
 
 def _problems(status: dict[str, Any]) -> dict[tuple[str, str], None]:
-    """Return the sensors of a status, each with a problem."""
+    """Return (sensor, problem) of each problem in a status."""
     sensors = {str(one.get("name")) for one in status.get("sensors", ()) if isinstance(one, dict)}
     return {(name, text): None for name, text in problems(str(status.get("reason", "")), sensors) if name}

@@ -15,7 +15,7 @@ from mocapella.schema.envelope import protobuf_format
 
 
 class TakeFile(McapFile):
-    """An `McapFile` with the channels of a take, which writes to an open descriptor.
+    """An `McapFile` that adds the channel of each topic of a take by itself, when its first message comes.
 
     Args:
         fd: descriptor of an empty file, opened for writing; the caller closes it.
@@ -33,7 +33,7 @@ class TakeFile(McapFile):
             topic: topic of the message's channel, such as `mocapella.recording.take.SCENES`.
             data: the encoded message.
             log_ns: time of the entry, on the server's clock.
-            sequence: sequence number of a frame, else 0.
+            sequence: sequence number of a frame, number of a run, else 0.
             publish_ns: MCAP's time of publication, on the server's clock; None for ``log_ns``.
         """
         channel = self._channel_of.get(topic)

@@ -81,15 +81,16 @@ class TakeIndex:
 
     Attributes:
         clean: whether all files were closed properly and nothing is damaged.
-        damaged: whether a file was not closed properly, or bytes are damaged; else only ends of nodes are unknown.
+        damaged: whether a file was not closed properly, or has damaged bytes; an undamaged take is unclean if the last
+            frame of a node is unknown.
         problems: faults of the take, a line each.
         runs: descriptions of the runs.
-        interruptions: interruptions of the recording by kills of the server.
+        interruptions: interruptions of the recording.
         frames, scenes: positions and identities of the frames and scenes.
-        commands: run and position of each command.
+        commands: number of the run and position of each command.
         others: positions of other messages by topic.
-        nodes: ledger by sensor and node.
-        parts: number of scene parts by the name of their type.
+        nodes: ledger of each node's frames, by sensor and node id.
+        parts: number of parts in all scenes, such as people, by the name of their type.
         first_ns, last_ns: smallest and largest log time, on the server's clock; None and 0 without messages.
         damaged_parts: indices of files that are damaged, from 0.
     """
@@ -132,7 +133,7 @@ class TakeIndex:
             OSError: the file cannot be read.
             InputError: a chunk is compressed.
             SchemaVersionError: the take was made with another message schema; names both versions.
-            DamagedTakeError: its description of a run is invalid.
+            DamagedTakeError: its description of a run is invalid, though its checksum is right.
         """
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -226,7 +227,7 @@ class TakeIndex:
         return self.nodes.setdefault((sensor, node_id), NodeLedger())
 
     def close_accounts(self) -> None:
-        """Complete the nodes' ledgers after the last file; add a problem for each node whose last frame is unknown."""
+        """Count all read frames as stored, after the last file; add a problem for each node with an unknown end."""
         for (sensor, node_id), ledger in self.nodes.items():
             ledger.commit()
             if ledger.unknown_after is not None:

@@ -66,12 +66,12 @@ class Take:
 
     @property
     def clean(self) -> bool:
-        """Whether the take was closed properly, in one file, and nothing in it is damaged or unknown."""
+        """Whether the take was closed properly, in one file, undamaged, and the last frame of each node is known."""
         return self._index.clean
 
     @property
     def damaged(self) -> bool:
-        """Whether a file was not closed properly, bytes are damaged, or entries were left out (``skips``)."""
+        """Whether a file was not closed properly, has damaged bytes, or entries were left out (``skips``)."""
         return self._index.damaged or bool(self.skipped)
 
     @property
@@ -86,7 +86,7 @@ class Take:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Runs of the take: the sections that one tracker each made."""
+        """Runs of the take, in order; each is the section that one tracker made."""
         return tuple(self._index.runs)
 
     @property
@@ -96,7 +96,7 @@ class Take:
 
     @property
     def interruptions(self) -> tuple[Interruption, ...]:
-        """Interruptions of the recording by kills of the server."""
+        """Interruptions of the recording, because the server was killed or failed."""
         return tuple(self._index.interruptions)
 
     @property
@@ -185,7 +185,7 @@ class Take:
             yield Command(stored.before_step, log_ns, stored.command)
 
     def arrivals(self, run: int | None = None) -> Iterator[Arrival]:
-        """Yield the tracked frames of one run, or of all, in the tracker's order, with capture times on its clock.
+        """Yield the tracked frames of one run, or of all, in the tracker's order, with server-clock capture times.
 
         Scenes whose frame is missing are skipped; `problems` names them.
         """
@@ -196,9 +196,9 @@ class Take:
                     yield from self._arrivals(files, scene)
 
     def replay(self) -> Iterator[Run | Command | Arrival]:
-        """Yield the inputs that trackers need to make the same scenes again.
+        """Yield the inputs for trackers that compute the same scenes again.
 
-        A `Run` stands for a new tracker with the run's setup; its frames and commands follow in the tracker's order.
+        At each `Run`, make a new tracker with the run's setup; its frames and commands follow in the tracker's order.
         """
         for run in self._index.runs:
             yield run
@@ -294,7 +294,7 @@ class Take:
 
 
 def read_take(path: Path | str) -> Take:
-    """Open a take, of a damaged one the readable sections; `Take.problems` lists the faults.
+    """Open a take. Of a damaged one, the readable sections are read; `Take.problems` lists the faults.
 
     Unmerged parts of an interrupted recording (`merge_parts`) are read as one take.
 

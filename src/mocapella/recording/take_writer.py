@@ -185,14 +185,14 @@ class TakeWriter:
         self._write(take.STATUS, msgspec.json.encode(status), log_ns)
 
     def write_clock(self, probes: Mapping[str, Any], log_ns: int) -> None:
-        """Add raw measurements of a node's clock offset, a JSON object, so that it can be estimated again."""
+        """Add the raw clock probes of a node, as a JSON object, so that its clock offset can be estimated again."""
         self._write(take.CLOCK, msgspec.json.encode(probes), log_ns)
 
     def write_command(self, values: Mapping[str, Any], log_ns: int, before_step: int) -> None:
         """Add a command to the tracker.
 
         Args:
-            values: the command's name and arguments.
+            values: the command's name, arguments and sender, as in `mocapella.recording.take.Command`.
             log_ns: time of the command, on the server's clock.
             before_step: number of the first scene that the tracker makes after the command.
         """
@@ -220,9 +220,8 @@ class TakeWriter:
     def close(self, *, interrupted: bool = False) -> TakeReport:
         """Flush and close the take, and merge its parts if its recording was interrupted; return the report.
 
-        With ``interrupted``, `resume_or_create` goes on with the take; its parts are not merged yet.
-
-        If the parts cannot be merged, they are kept and read as one take, and the report gives the reason. A second
+        With ``interrupted``, the file is marked, so that `resume_or_create` can continue the take, and parts are not
+        merged. If parts cannot be merged, they are kept and read as one take, and the report gives the reason. A second
         call returns the same report.
 
         Raises:

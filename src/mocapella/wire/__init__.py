@@ -1,1 +1,1 @@
-"""The bus: keys, sessions, and the links of nodes, servers and readers."""
+"""The bus, a zenoh network: its keys, sessions and TLS, and the links of nodes, servers and readers to it."""

@@ -28,7 +28,7 @@ class Address(NamedTuple):
 
     @property
     def locator(self) -> str:
-        """``tls/HOST:PORT``: the address as the bus takes it."""
+        """``tls/HOST:PORT``: the address as zenoh takes it."""
         return f"tls/{self.host}:{self.port}"
 
     @property

@@ -1,7 +1,7 @@
 """Certificates of a session for TLS: a small authority of its own, and certificates that it signs. All as DER.
 
-Nothing else is trusted: both sides verify against the session's authority, which is pinned in every key, so names and
-expiry carry no meaning, and a node whose clock stands at 1970 connects too.
+Nothing else is trusted: both sides verify against the session's authority, which is pinned in every key. So host names
+are not checked, and certificates are valid from 1970 to 2200, also for a node whose clock was never set.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Certified(NamedTuple):
 
 
 def make_authority(session: str) -> Certified:
-    """Make a session's authority, which signs itself."""
+    """Make a session's certificate authority, with a self-signed certificate."""
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -43,7 +43,7 @@ def make_authority(session: str) -> Certified:
 
 
 def issue(authority: Certified, common_name: str) -> Certified:
-    """Issue a certificate: for a server if the common name is `SERVER`, else for a client, which cannot act as one."""
+    """Issue a certificate: for a server if the common name is `SERVER`, else for a client, which cannot be a server."""
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_der_private_key

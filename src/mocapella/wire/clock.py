@@ -1,8 +1,9 @@
 """Estimate the offset between two clocks continuously, with an error bound that holds while the clocks drift apart.
 
-A probe bounds the offset (Cristian 1989): the far clock was read between question and answer. The bounds of all probes
-are intersected, as in the intersection algorithm of Marzullo and Owicki (1983), so that the fastest question and the
-fastest answer count, even if they are of different probes. As the clocks drift, older bounds widen.
+The *near* clock is that of the asking process, the *far* clock that of the answering one. A probe bounds the offset
+(Cristian 1989): the far clock was read between question and answer. The bounds of all probes are intersected
+(Marzullo and Owicki 1983), so that the fastest question and the fastest answer count, even if they are of different
+probes. As the clocks drift, older bounds widen.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _MAX_DIGITS = 19
 
 @dataclass(frozen=True, slots=True)
 class ClockProbe:
-    """One clock probe (Cristian): the far clock, read between the times of a question and of its answer.
+    """One reading of the far clock (Cristian), between the times at which its question was sent and answered.
 
     Attributes:
         sent_ns: when the question was sent, on the near clock [ns].
@@ -84,9 +85,9 @@ def read_clock(answer: bytes) -> int:
 MOST_DRIFT_PPM: Final = 1000
 """Largest drift between two clocks for which bounds hold [µs/s]: two clocks that are each slewed by 500 µs/s."""
 POOR_BOUND_S: Final = 0.010
-"""Error bound of the offset from which a clock counts as poorly synchronised [s]."""
+"""Error bound of the offset above which a clock counts as poorly synchronised [s]."""
 DRIFT_OVER_S: Final = 60
-"""Time over which the drift is measured [s]."""
+"""Longest time over which the drift is measured [s]."""
 DRIFT_FROM_S: Final = 10
 """Shortest time over which the drift is measured [s]."""
 
@@ -113,11 +114,11 @@ class _Bounds:
 class OffsetFilter:
     """Bounds the offset between two monotonic clocks from all probes so far.
 
-    The truth is within the bounds as long as the clocks drift apart by less than `MOST_DRIFT_PPM`. Probes that
-    contradict this, after a step of a clock, restart the filter.
+    The true offset is within the bounds as long as the clocks drift apart by less than `MOST_DRIFT_PPM`. A probe whose
+    bounds do not overlap the earlier ones, as after a step of a clock, restarts the filter.
 
     Attributes:
-        restarts: number of contradictions so far.
+        restarts: number of restarts so far.
     """
 
     def __init__(self) -> None:
@@ -126,7 +127,7 @@ class OffsetFilter:
         self._past: deque[_Bounds] = deque()
 
     def update(self, probes: Iterable[ClockProbe]) -> None:
-        """Use further probes, in the order of their times; those with inconsistent times are ignored."""
+        """Use further probes, in the order of their times; probes with a negative round trip are ignored."""
         for probe in probes:
             if probe.round_trip_ns >= 0:
                 self._add(probe)
@@ -168,7 +169,7 @@ class OffsetFilter:
         self._bounds = new
 
     def _drift(self, now: _Bounds) -> tuple[float, float] | tuple[None, None]:
-        """Return mean drift and its largest error [µs/s], from the past bounds that tell it best."""
+        """Return mean drift and its largest error [µs/s], from the past bounds that determine it best."""
         best: tuple[float, float] | None = None
         for past in self._past:
             seconds = (now.at_ns - past.at_ns) / 1e9
@@ -181,17 +182,18 @@ class OffsetFilter:
 
 
 _JUMP_NS = 2_000_000_000
-"""A frame earlier by this than all previous ones, or later by ten times this, indicates a clock jump [ns]."""
+"""Fall of (arrival − capture) below its minimum that indicates a clock jump; so does a rise by ten times this [ns]."""
 
 
 class SensorClock:
     """Converts a sensor's clock to the server's, online, from arrival times alone.
 
     A frame cannot arrive before its capture, so the smallest (arrival − capture) of the last seconds is the offset plus
-    the smallest latency. Two half-windows follow clock drift. A jump of the sensor's clock restarts the estimate.
+    the smallest latency. The minimum is over the current and the previous half-window, so that it follows clock drift.
+    A jump of the sensor's clock restarts the estimate.
 
     Args:
-        window_s: time over which the smallest difference is taken [s]; a longer one follows drift more slowly.
+        window_s: length of both half-windows together [s]; a longer one follows drift more slowly.
     """
 
     def __init__(self, window_s: float = 10.0) -> None:

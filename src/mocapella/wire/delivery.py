@@ -1,7 +1,7 @@
-"""Messages of the record path: what a recording server asks a node, and what the node answers, as JSON.
+"""Messages of the record path: a recording server's requests for lost frames, and the nodes' answers, as JSON.
 
 A query carries a `FrameRequest`: what is on the disk, and which frames are missing. The node answers with those frames
-in order, and then with a `FrameAnswer`. Numbers identify frames, so no clock matters.
+in order, and then with a `FrameAnswer`. Frames are identified by their sequence numbers, called numbers here.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from mocapella.decoding import convert, decode_json
 from mocapella.errors import InputError, WireError
 
 MOST_GAPS: Final = 32
-"""Gaps in one request; more are asked for in the next."""
+"""Largest number of gaps in one request; further ones are in the next."""
 MOST_FRAMES: Final = 256
-"""Frames in one answer."""
+"""Largest number of frames in one answer."""
 MOST_ANSWER_BYTES: Final = 4 * 1024 * 1024
 """An answer has no further frame once it has this many bytes."""
 
@@ -32,10 +32,10 @@ class FrameRequest(msgspec.Struct, frozen=True, omit_defaults=True):
         take: identity of the take.
         stored: every frame below this number that belongs to the take is on the disk, or lost; None before the first
             number is agreed.
-        age_ns: time since the take began, if its first number is not agreed; the node then says its first frame since.
+        age_ns: time since the take began [ns], while ``stored`` is None; the node answers with its first frame since.
         end: number after the last frame that belongs to the take; None while it goes on.
-        closed: whether the take is closed: nothing more is asked for.
-        wanted: (first, last) of each gap to send.
+        closed: whether the take is closed, so that no more frames are requested.
+        wanted: (first, last) of each range of frames to send.
     """
 
     take: Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
@@ -65,7 +65,7 @@ class FrameAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def check_number(value: object) -> int:
-    """Return a frame's number, decoded from JSON, unchanged.
+    """Return a value decoded from JSON unchanged if it is a valid sequence number.
 
     Raises:
         WireError: it is no whole number from 0 to below 2**62.

@@ -26,9 +26,9 @@ class KeyedAddress(NamedTuple):
     """The address of a server, and the TLS key with which it admits this program.
 
     Attributes:
-        locator: address as zenoh takes it.
-        key: of the role that is used.
-        origin: file of the key, or "the pairing code".
+        locator: address as zenoh takes it, ``tls/HOST:PORT``.
+        key: the key, whose user determines what the program may do.
+        origin: path of the key's file, or ``the pairing code``; for messages.
     """
 
     locator: str
@@ -37,7 +37,7 @@ class KeyedAddress(NamedTuple):
 
 
 def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
-    """Find the address of the server, and the key for it, from what the user gave as ``connect``.
+    """Find the address of a server, and the key for it. For a server on this machine, a missing session key is made.
 
     Args:
         connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.
@@ -45,7 +45,8 @@ def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
 
     Raises:
         BusError: the text is no address.
-        KeyFileError: there is no key for it, or it is of another role; says how to get one.
+        KeyFileError: there is no key for it, or none of ``users``; says how to get one.
+        SettingsError: ``SESSION`` is no name of a session.
     """
     if is_code(connect):
         return _opened(read_code(connect), "the pairing code", users)
@@ -61,15 +62,15 @@ def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
 
 
 def node_users(sensor: str) -> tuple[str, str]:
-    """Return the users that may serve a sensor: the one of this sensor alone, then the one of all sensors."""
+    """Return the users that may serve the sensor NAME: ``sensor.NAME``, then ``sensor``."""
     return f"{SENSOR}.{sensor}", SENSOR
 
 
 def keep_paired(key: RoleKey) -> Path:
-    """Keep a key from a pairing code for its address; return the file.
+    """Write a key from a pairing code to the folder of keys, for later use at its server's address; return the file.
 
     Raises:
-        KeyFileError: it cannot be kept.
+        KeyFileError: the file cannot be written.
     """
     path = _paired_file(parse_address(key.address), key.user)
     write_private(path, write_code(key) + "\n")
@@ -126,7 +127,7 @@ def _opened(key: RoleKey, origin: str, users: Sequence[str]) -> KeyedAddress:
 
 
 def _own_door(address: Address, users: Sequence[str]) -> KeyedAddress:
-    """The door of a session whose key this user has."""
+    """Return the address with a key from the session's own key, which this account has or makes."""
     name = session_name(address.session)
     path = session_file(name)
     if not address.local and not path.exists():

@@ -1,7 +1,7 @@
-"""The doorbell: tells a program with a wrong key why a server does not admit it, and the server that somebody tried.
+"""The doorbell: tells a program with a wrong key why a server does not admit it, and reports the attempt at the server.
 
-TLS refuses such a program without a word to either side. So it sends one datagram to the server's port number on UDP,
-and gets the name of the server's session. Nothing in it is authenticated, and nothing depends on it but messages.
+TLS refuses such a program without a reason to either side. So it sends one UDP datagram, a *ring*, to the server's port
+number, and gets the name of the server's session. Nothing in it is authenticated; it is used for messages only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mocapella.wire.role_key import fingerprint
 from mocapella.wire.session_key import SessionKey
 
 _RING_BYTES: Final = 512
-"""Exact size of a ring; an answer is shorter, so that nobody can multiply traffic with it."""
+"""Exact size of a ring [bytes]; an answer is shorter, so that forged senders cannot amplify traffic."""
 _MOST_NOTES: Final = 32
 _EVERY_S: Final = 0.02
 """Shortest time between two answers [s]."""
@@ -40,7 +40,7 @@ class Ring(msgspec.Struct, frozen=True):
     """Datagram of a program that TLS does not admit, as JSON: it asks the server for the reason.
 
     Attributes:
-        session, fingerprint, user: session, authority and user of the program's key.
+        session, fingerprint, user: of the program's key: its session's name and authority (`fingerprint`), its user.
         sensor: name of the sensor, if the program is a node; else empty.
         machine: name of the program's machine.
     """
@@ -56,8 +56,8 @@ class RingAnswer(msgspec.Struct, frozen=True):
     """The server's answer to a ring, as JSON.
 
     Attributes:
-        session, fingerprint: the server's session and its authority.
-        known: whether the server knows the user of the ring.
+        session, fingerprint: name and authority (`mocapella.wire.role_key.fingerprint`) of the server's session.
+        known: whether the server's session has the user of the ring.
     """
 
     session: str
@@ -66,16 +66,16 @@ class RingAnswer(msgspec.Struct, frozen=True):
 
 
 class Doorbell:
-    """Answers rings on a thread of its own until `close`. If the port cannot be used, it notes that and stays silent.
+    """Answers rings on a thread of its own until `close`. If the UDP port is in use, it reports that and answers none.
 
     Args:
-        address: of the server.
-        key: of its session.
-        note: called with a message at the first ring of each program with a wrong key, on that thread.
+        address: address of the server.
+        key: key of the server's session.
+        note: called with a message at the first ring of each program with a wrong or unknown key, on that thread.
         guard: calls the function that answers a ring, and catches its unexpected errors.
 
     Attributes:
-        refused: number of rings with a wrong key.
+        refused: number of rings with a wrong or unknown key.
     """
 
     def __init__(
@@ -144,9 +144,10 @@ class Doorbell:
 
 
 def why_not(door: KeyedAddress, sensor: str = "") -> str:
-    """Return why the server at a door does not admit its key, with the remedy; empty if none is there or it does.
+    """Return why the program at an address does not admit the key, with the remedy.
 
-    ``sensor`` is the name of the node's sensor, if it is a node; the server's message has it.
+    The text is empty if a server admits it, or if no program listens there. ``sensor`` is the name of the node's
+    sensor, if this program is a node; the server's message names it.
     """
     key, mine = door.key, fingerprint(door.key.authority)
     address = parse_address(door.locator)

@@ -1,4 +1,4 @@
-"""The folder of session keys: private files of one user.
+"""The folder of keys, of sessions and from pairing codes: private files of one account of the operating system.
 
 ``MOCAPELLA_SESSIONS`` names it, else it is ``mocapella/sessions`` in ``$XDG_CONFIG_HOME`` or ``~/.config``. It has mode
 0700 and its files have mode 0600; a key that other users can read is refused.
@@ -55,7 +55,7 @@ def read_private(path: Path) -> str | None:
 
 
 def write_private(path: Path, text: str, *, replace: bool = True) -> bool:
-    """Write a key file with mode 0600, at once or not at all; return False if it exists and ``replace`` is False.
+    """Write a key file with mode 0600, atomically; return False if it exists and ``replace`` is False, else True.
 
     Raises:
         KeyFileError: it cannot be written.
@@ -79,7 +79,7 @@ def write_private(path: Path, text: str, *, replace: bool = True) -> bool:
 
 @contextmanager
 def _scratch_file(folder: Path, text: str) -> Iterator[Path]:
-    """Give a file of mode 0600 with this text, which is gone at the end of the context.
+    """Yield a file of mode 0600 with this text; delete it at the end of the context, unless it was renamed.
 
     Raises:
         OSError: it cannot be written.

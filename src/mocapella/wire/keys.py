@@ -1,4 +1,4 @@
-"""Keys on the bus. `docs/wire.md` lists them for other languages.
+"""Keys (addresses of messages) on the bus, as zenoh key expressions. `docs/wire.md` lists them for other languages.
 
 ``v1`` is the version of these keys; the messages carry the schema's own.
 """
@@ -31,7 +31,7 @@ class NodeKey(NamedTuple):
 
     Attributes:
         sensor: name of the sensor.
-        node_id: random 64-bit number that the node draws at its start.
+        node_id: random number, from 1 to 2**63, that the node draws at its start.
     """
 
     sensor: str
@@ -71,7 +71,7 @@ def node_of(key: str) -> NodeKey:
 
 
 def parse_node_id(text: str) -> int:
-    """Return the node id at the end of a key. It has one form only, so that a node has one key.
+    """Return the node id from its text at the end of a key. Only one form is valid, so that a node has one key.
 
     Raises:
         WireError: the text is not 16 lower-case hex digits.

@@ -1,7 +1,7 @@
-"""A sensor node's link to the bus: frames, what a take lacks of them, clock probes, queries, and a liveliness token.
+"""A sensor node's link to the bus: live frames, lost frames on request, clock probes, queries, a liveliness token.
 
-Live path: best effort, newest wins. Record path: a queryable, which a recording server asks for the frames that it
-lacks, by number, and with which it acknowledges the frames that are on its disk
+Live path: frames are published once, and dropped if the network is too slow. Record path: with zenoh queries, a
+recording server requests the frames that it lacks, by sequence number, and acknowledges those on its disk
 (docs/decisions/0021-acknowledged-frames.md).
 """
 
@@ -37,14 +37,14 @@ from mocapella.wire.session import open_node_at
 from mocapella.wire.spool import Spool, Spooler
 
 FAREWELL_S: Final = 10.0
-"""How long a node that ends waits until its frames are acknowledged [s]."""
+"""Longest wait of a node that ends for the next acknowledgement of its frames [s]."""
 
 OnQuestion = Callable[[bytes, Callable[[bytes], None]], None]
-"""Called with a query and the function that answers it once."""
+"""Called with a query's payload, and the function that sends its one answer."""
 
 
 def new_node_id() -> int:
-    """Return a unique random number, so that frames of two starts are never confused."""
+    """Return a random number from 1 to 2**63, so that the frames of two starts of a node are never confused."""
     return secrets.randbits(63) + 1
 
 
@@ -67,27 +67,28 @@ class JoinReply:
 
 
 class NodeLink:
-    """A sensor's link to the bus. A context manager: leaving it tells the server the last frame's number.
+    """A sensor's link to the bus. A context manager: leaving it calls `close`.
 
-    The constructor does not wait for a server; frames published before one is there are kept like any others.
+    The constructor does not wait for a server; frames published before one is connected are kept like any others.
 
     Args:
         connect: address of the server, a pairing code, or a file with one.
         sensor: name of the sensor.
         history_frames: number of frames to keep in memory for a recording server.
-        spool: makes the place on the disk for further frames of an open take; None drops them.
+        spool: returns the node's spool, for frames of an open take that do not fit into memory; None drops them.
         say: receives messages about frames that are not stored.
 
     Attributes:
-        node: identity on the bus.
-        address: of the server.
-        outbox: the frames that are kept.
+        node: the sensor's name and the random id of this node.
+        address: address of the server, as zenoh takes it.
+        outbox: the frames that are kept for a recording server.
         hurry: while it is set, `close` waits for no acknowledgement; may be replaced.
         errors: catches unexpected errors of the callbacks.
-        heard_s: monotonic time of the server's last question or answer; negative infinity before the first [s].
-        put_off: why the server took no new sensor at the last `join`; empty if it did.
+        heard_s: monotonic time of the server's last query or reply; negative infinity before the first [s].
+        put_off: why the server accepted no new sensor at the last `join`; empty otherwise.
         farewell_s: how long `close` waits for the next acknowledgement, until all frames of an open take have one [s].
-        on_published: is called with the number, the bytes and the time [ns] of each published frame; must not block.
+        on_published: called with sequence number, encoded bytes and ``sent_ns`` of each published frame, on the
+            publishing thread; None calls nothing.
 
     Raises:
         BusError: ``connect`` is no address.
@@ -143,7 +144,7 @@ class NodeLink:
         return self.outbox.next
 
     def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
-        """Number, stamp, keep and publish a frame, with a simulation's ground truth.
+        """Publish a frame under the next sequence number, and keep it in ``outbox``; publish its ground truth, if any.
 
         Returns:
             The published copy: ``sensor``, ``node_id``, ``sequence`` and ``sent_ns`` are set. ``frame`` is unchanged.
@@ -166,7 +167,7 @@ class NodeLink:
         return stamped
 
     def answer(self, on_question: OnQuestion) -> None:
-        """Answer queries from now on; ``on_question`` must return quickly, because the bus waits for it."""
+        """Pass queries to this node to ``on_question`` from now on; it must return quickly: it runs on a bus thread."""
         key = keys.of_node("ask", self.node)
 
         def callback(query: zenoh.Query) -> None:
@@ -182,7 +183,7 @@ class NodeLink:
     def join(self, timeout: float = 1.0) -> bool:
         """Claim the sensor's name at the server; return whether it accepts the node.
 
-        It does not if no server answers within ``timeout`` seconds, or if it can take no new sensor now.
+        False if no server answers within ``timeout`` seconds, or if it accepts no new sensor now (``put_off``).
 
         Raises:
             NameTakenError: another connected node serves a sensor of this name.
@@ -194,13 +195,13 @@ class NodeLink:
         return answer is not None and answer.accepted
 
     def why_not_admitted(self) -> str:
-        """Return why the server at the address does not admit this node, with the remedy; empty if none says so."""
+        """Return why the server does not admit this node, with the remedy; empty if it does, or nothing listens."""
         return self.put_off or why_not(self._door, self.node.sensor)
 
     def server_is_there(self) -> bool:
         """Whether a server is connected now; waits up to half a second for its liveliness token.
 
-        A server that stands still, or whose link is down, stays connected for ten seconds; see `heard_s`.
+        A server that hangs, or whose network is down, counts as connected for ten more seconds; see `heard_s`.
         """
         there = any(True for _ in self._session.liveliness().get(keys.SERVER_ALIVE, timeout=0.5))
         if not there:

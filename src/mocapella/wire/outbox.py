@@ -1,8 +1,8 @@
-"""Frames that a node has sent and a recording server may still ask for, by number; without threads or clocks.
+"""Frames that a node has sent and a recording server may still request, by sequence number; without threads or clocks.
 
 Without a take, the newest frames are kept in memory. While a take is open, also while its server is away, every frame
-from the first that is not acknowledged on is kept: in memory first, then in a `Store`. What no longer fits is dropped
-from the oldest end, and counted.
+from the first unacknowledged one on is kept: in memory first, then in a `Store`. If there is no more space, the oldest
+frames are dropped and counted.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from mocapella.errors import RecordingError
 from mocapella.wire.delivery import MOST_ANSWER_BYTES, MOST_FRAMES, FrameAnswer, FrameRequest
 
 READ_FOR_S: Final = 10.0
-"""Time for which frames that the store cannot give are tried again before they count as lost [s]."""
+"""Time for which reading frames from a failing store is tried again before they count as lost [s]."""
 MOST_TAKES: Final = 8
-"""Open takes for which a node keeps frames."""
+"""Largest number of open takes for which a node keeps frames."""
 
 
 class Store(Protocol):
@@ -35,7 +35,7 @@ class Store(Protocol):
         ...
 
     def read(self, first: int) -> Sequence[bytes]:
-        """Return frames as written.
+        """Return the frames that `write` stored under the number ``first``.
 
         Raises:
             RecordingError: they cannot be read.
@@ -43,7 +43,7 @@ class Store(Protocol):
         ...
 
     def remove(self, first: int) -> None:
-        """Remove frames as written; an error of the disk is ignored."""
+        """Remove the frames that `write` stored under the number ``first``; an error of the disk is ignored."""
         ...
 
 
@@ -53,8 +53,9 @@ class Hold:
 
     Attributes:
         stored: number of the first frame that is not acknowledged.
-        end: number after the last frame, once a server has ended the take or heard that the node leaves; else None.
-        closed: whether the take is closed, and lacks these frames.
+        end: number after the take's last frame, once a server has ended the take or heard that the node leaves; else
+            None.
+        closed: whether the take is closed, and lacks the frames from ``stored`` on.
         first: number of the first frame that belongs to the take.
         heard_ns: when a server last asked for frames of the take, on the node's monotonic clock.
     """
@@ -66,9 +67,9 @@ class Hold:
     heard_ns: int = 0
 
     def numbers(self, after: int) -> range:
-        """Return the numbers of the frames; ``after`` is the number of the node's next frame.
+        """Return the numbers of the claimed frames; ``after`` is the number of the node's next frame.
 
-        Until the take is closed they include later frames than its end: a take goes on if its server is killed first.
+        Until the take is closed, frames after ``end`` are included: if its server is killed, the take is resumed.
         """
         return range(self.stored, min(self.end, after) if self.closed and self.end is not None else after)
 
@@ -90,8 +91,8 @@ class Outbox:
     Methods may be called on any thread.
 
     Args:
-        most: number of frames that are kept in memory.
-        store: for the frames of an open take that do not fit; None drops them.
+        most: number of frames to keep in memory; up to twice as many while a take needs them.
+        store: keeps frames of an open take that do not fit into memory; None drops them.
 
     Attributes:
         dropped: number of frames that a take needed, and that are no longer available.
@@ -151,7 +152,7 @@ class Outbox:
             self._leaving = True
 
     def update(self, request: FrameRequest, now_ns: int) -> FrameAnswer:
-        """Update a take's claim on the node's frames; return the state of the node.
+        """Update a take's claim on the node's frames from a server's request; return the state of the node.
 
         A claim ends when the take has all frames of a node that leaves, or is closed and lacks none. Beyond
         `MOST_TAKES` takes, a new claim is ignored. A late or repeated request never takes an acknowledgement back, and
@@ -179,12 +180,12 @@ class Outbox:
             return FrameAnswer(self._next, self.oldest, first, self._leaving)
 
     def wanted(self, request: FrameRequest, gone: dict[tuple[int, int], str] | None = None) -> Iterator[bytes]:
-        """Yield the wanted frames that are available, in order, as many as one answer has.
+        """Yield the requested frames that are available, in order, up to the limits of one answer.
 
         Args:
-            request: names them.
-            gone: gets the reason for each range (first, last) of wanted frames that the store has failed to give
-                for `READ_FOR_S`, until the last `update`.
+            request: has the numbers, in ``wanted``.
+            gone: is filled with the reason for each range (first, last) of frames that the store has failed to read
+                for at least `READ_FOR_S` at the time of the last `update`.
         """
         count = size = 0
         for first, last in request.wanted:
@@ -206,10 +207,10 @@ class Outbox:
                 number, count, size = number + 1, count + 1, size + len(data)
 
     def frame(self, number: int) -> bytes | None:
-        """Return a frame; None if it is not available.
+        """Return a frame's bytes by its number; None if it is not available.
 
         Raises:
-            RecordingError: the store cannot be read.
+            RecordingError: the store cannot be read, or its content is damaged.
         """
         with self._lock:
             place = number - (self._next - len(self._memory))
@@ -238,7 +239,7 @@ class Outbox:
         return last[1]
 
     def frames(self, numbers: range) -> Iterator[tuple[int, bytes]]:
-        """Yield number and bytes of the available frames; those that the store cannot give are left out."""
+        """Yield number and bytes of the available frames among ``numbers``; unreadable ones are left out."""
         for number in numbers:
             try:
                 data = self.frame(number)
@@ -254,7 +255,7 @@ class Outbox:
             self._forget()
 
     def waiting_ns(self, now_ns: int) -> int:
-        """Return how long the oldest frame in memory has waited for an acknowledgement [ns]; 0 without a take.
+        """Return the age of the oldest frame in memory that waits for an acknowledgement [ns]; 0 without an open take.
 
         Args:
             now_ns: the present time on the node's monotonic clock [ns].
@@ -263,9 +264,9 @@ class Outbox:
             return now_ns - self._memory[0].sent_ns if self._holds and self._memory else 0
 
     def spill(self) -> bool:
-        """Move the frames in memory that a take needs to the store; return False if that is impossible.
+        """Move the frames in memory that a take needs to the store.
 
-        The disk is not waited for under the lock, so frames can be added meanwhile.
+        Return False if there are none, there is no store, or it fails. Frames can be added while the disk is written.
         """
         with self._lock:
             self._forget()
@@ -284,7 +285,7 @@ class Outbox:
         return True
 
     def drop_oldest(self) -> None:
-        """Drop the oldest spilled frames, or else the oldest frame in memory, to make room."""
+        """Drop the oldest group of frames in the store, as written together, or else the oldest frame in memory."""
         with self._lock:
             if self._spilled:
                 part = self._spilled[0]
@@ -296,7 +297,7 @@ class Outbox:
                 self._forgotten_ns = self._memory.popleft().sent_ns
 
     def _make_room(self) -> None:
-        """Drop frames beyond the memory's bound; a take's frames at twice the bound, for they are spilled before."""
+        """Drop frames beyond the limit `most`; while a take needs frames, beyond twice the limit, after spilling."""
         if not self._holds:
             self._forgotten_ns = self._memory.popleft().sent_ns
         elif len(self._memory) > 2 * self._most:

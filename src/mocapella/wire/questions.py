@@ -1,4 +1,4 @@
-"""Queries to a camera's node and its answers, both as JSON with images in base64. docs/wire.md lists them."""
+"""Queries to a camera's node, such as for an image, and its answers; JSON with images in base64 (docs/wire.md)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class AskPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fi
 
     Attributes:
         scale: size of the image in the answer, relative to the camera's, 0.05 to 2.
-        format: of the image.
-        keep: whether the node keeps the image for a while, for `AskLearn`.
+        format: format of the image in the answer.
+        keep: whether the node keeps the image, so that a later `AskLearn` can refer to it by its ``time_ns``.
     """
 
     scale: float = 1.0
@@ -35,8 +35,8 @@ class AskMask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
     Classified pixels have their marker's colour; the rest is dimmed and gray. A node without learnt colours refuses.
 
     Attributes:
-        scale: size of the image in the answer, relative to the camera's.
-        format: of the image.
+        scale: size of the image in the answer, relative to the camera's, 0.05 to 2.
+        format: format of the image in the answer.
     """
 
     scale: float = 1.0
@@ -88,7 +88,7 @@ class AskBoard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fiel
 
     Attributes:
         board: the text of its TOML file.
-        explain: whether to explain why no board is detected, which takes long.
+        explain: whether the answer's ``message`` explains why no board is detected, which takes long.
     """
 
     board: str
@@ -103,18 +103,19 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         ok: whether the query was carried out.
-        message: the effect, or what would have worked.
-        time_ns: of the image, on the camera's clock.
+        message: the effect, or the fault and its remedy.
+        time_ns: capture time of the image, on the camera's clock.
         size_px: (width, height) of the camera's image, before scaling.
         image: the encoded image.
-        format: of ``image``: jpeg or png.
-        names: of the markers.
-        positions_px: x, y of each in the camera's image; null if it is not seen.
-        controls: exposure, gain, white_balance, saturation, contrast, automatic; and fps, asked_fps, size_px, times.
+        format: format of ``image``: jpeg or png.
+        names: names of the markers.
+        positions_px: x, y of each marker in the camera's image; null if it is not seen.
+        controls: exposure, gain, white_balance, saturation, contrast, automatic; and fps, asked_fps, size_px, problems,
+            times (how capture times are obtained) and source.
         report: counts, and ``problems`` in sentences.
-        separability: of the learnt colours: ``kept`` and ``in_background`` by name, ``distances``, ``problems``.
-        corners: of the board: ``ids``, ``corners_px`` (x, y of each), and ``edge_px``, which is null if unknown; the
-            lists are empty if the board is not detected.
+        separability: separability of the learnt colours, as `mocapella.sensing.colour_table.Separability`.
+        corners: corners of the board: ``ids``, ``corners_px`` (x, y of each), and ``edge_px``, the median width of the
+            edges [px], null if unknown; the lists are empty if the board is not detected.
     """
 
     ok: bool
@@ -179,7 +180,7 @@ def ask_node(session: zenoh.Session, sensor: str, question: Question, timeout: f
     """Query the node that serves a camera, and wait for its answer; a refusal has ``ok`` False.
 
     Args:
-        session: of the server, or of a program that reads results (`mocapella.wire.session.open_reader`).
+        session: zenoh session of the server, or of a program that reads results (`mocapella.wire.session.open_reader`).
         sensor: the camera's name.
         question: the query.
         timeout: longest wait for the answer [s]; learning takes seconds.

@@ -35,8 +35,8 @@ class Newest:
     Attributes:
         refused: number of unreadable messages.
         skipped: number of scenes that were replaced by newer ones before they were read.
-        heard_s: monotonic time of the newest status, which a server publishes five times a second; negative infinity
-            before the first. A server that stands still, or whose link is down, is only noticed by it [s].
+        heard_s: monotonic time of the newest status; negative infinity before the first [s]. A server publishes five
+            a second; if none comes, it hangs or the network is down, which nothing else shows.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -139,7 +139,7 @@ def send_command(
 ) -> CommandReply:
     """Send a command, and wait until it is carried out or refused.
 
-    ``program`` says what sends it; a take has it with the user's and the machine's name.
+    ``program`` names the sender; a take stores it with the names of the account and the machine.
 
     Returns:
         The server's reply; a refusal has ``ok`` False and the reason.

@@ -1,4 +1,4 @@
-"""A role's key: what a node or reader needs to be admitted; as a pairing code it is one line of text."""
+"""The key that a node or reader needs to be admitted by a server; as one line of text, it is a *pairing code*."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _MAX_CODE: Final = 8192
 
 
 class RoleKey(msgspec.Struct, frozen=True, array_like=True):
-    """The key of a user of a session; `mocapella.wire.roles` has the users.
+    """A key that admits a program to a session's server as one user, which has rights (`mocapella.wire.roles`).
 
     Attributes:
         session: name of the session.
         user: such as ``sensor.front``.
-        address: of the server: ``tls/HOST:PORT``.
+        address: address of the server, ``tls/HOST:PORT``.
         authority: certificate of the session's authority (DER), the only one that is trusted.
         own: the user's certificate and private key.
     """
@@ -43,7 +43,7 @@ def fingerprint(authority: bytes) -> str:
 
 
 def is_code(text: str) -> bool:
-    """Whether a text is meant as a pairing code."""
+    """Whether a text begins like a pairing code; the rest is not checked."""
     return text.startswith(PREFIX)
 
 

@@ -1,8 +1,8 @@
-"""Who may do what on the bus: users, their rights, and zenoh's access control made of them.
+"""Access rights on the bus: its users, their rights, and zenoh's access control made of them.
 
-A user is a role, with an addition: ``sensor`` or ``sensor.NAME`` (only that sensor), ``reader`` or ``operator``, each
-also with ``+pictures``. Whatever no rule allows is denied, in both directions, and only the server of the session may
-publish scenes and status, and answer commands. docs/wire.md has the table for other languages.
+A *user* is no person but a role that a key gives: ``sensor``, ``sensor.NAME`` (only that sensor), ``reader`` or
+``operator``, the last two also with ``+pictures``. Whatever no rule allows is denied, in both directions, and only the
+server may publish scenes and status, and answer commands. docs/wire.md has the table for other languages.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ READER: Final = "reader"
 OPERATOR: Final = "operator"
 PICTURES: Final = "+pictures"
 EVERYTHING: Final = OPERATOR + PICTURES
-"""The user of programs that hold the session's own key."""
+"""The user with all rights of readers; readers that hold the session's own key are admitted as it."""
 READERS: Final = (EVERYTHING, OPERATOR, READER + PICTURES, READER)
-"""Users that read results, the one with most rights first."""
+"""Users that may read results, the one with most rights first."""
 
 _MOST_OWN_NAME: Final = 64 - len(f"{SENSOR}.")
 """A common name has at most 64 letters."""
@@ -80,10 +80,10 @@ _RIGHTS: Final[dict[str, tuple[_Right, ...]]] = {
 
 
 def check_user(name: str) -> str:
-    """Return ``name`` if it is a role that a key may have: ``sensor``, ``sensor.NAME``, or a reader's.
+    """Return ``name`` unchanged if it is a user: ``sensor``, ``sensor.NAME``, or one of `READERS`.
 
     Raises:
-        SettingsError: it is not; names those there are.
+        SettingsError: it is not; names the valid ones.
     """
     role, dot, sensor = name.partition(".")
     if role == SENSOR:
@@ -97,18 +97,18 @@ def check_user(name: str) -> str:
 
 
 def sensor_of(user: str) -> str:
-    """Return the only sensor that a user may serve; empty for others."""
+    """Return NAME for the user ``sensor.NAME``; an empty text for every other user."""
     role, _, sensor = user.partition(".")
     return sensor if role == SENSOR else ""
 
 
 def users_of(sensors: Iterable[str]) -> tuple[str, ...]:
-    """Return all users of a session that has keys of their own for these sensors."""
+    """Return all users of a session whose sensors of these names have keys of their own."""
     return (SENSOR, *(f"{SENSOR}.{name}" for name in sensors), *READERS)
 
 
 def access_control(sensors: Sequence[str]) -> dict[str, Any]:
-    """Return zenoh's ``access_control`` for the server of a session; a user is the common name of a certificate.
+    """Return zenoh's configuration ``access_control`` of a session's server; users are certificates' common names.
 
     Args:
         sensors: names of the sensors that have keys of their own; the key of all sensors does not serve these.
@@ -145,7 +145,7 @@ def _rights_of(user: str) -> Iterator[_Right]:
 
 
 def _denials(sensors: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What the key of all sensors may not do under the names of those that have their own."""
+    """Yield rules that deny the user ``sensor`` to serve sensors that have keys of their own."""
     for name in sensors:
         for number, right in enumerate(right for right in _RIGHTS[SENSOR] if right.flow == _IN):
             keys = tuple(key.format(s=name) for key in right.keys)

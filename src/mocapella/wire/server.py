@@ -1,4 +1,4 @@
-"""A server's link to the bus. Callbacks run on the bus's own threads, and must only pass the bytes on."""
+"""A server's link to the bus. Callbacks run on zenoh's threads, and must return quickly: they only pass bytes on."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class Answer:
         query: the command's query on the bus.
 
     Attributes:
-        client: identity that the client's session gives itself; empty if it gives none.
-        sender: what the program that sent the command says about itself; empty if nothing.
+        client: zenoh id that the sending program claims, as hex of its text; empty if it claims none. Not verified.
+        sender: program, user and machine that the sender claims, such as ``the view of anna@lab``; empty if none.
     """
 
     def __init__(self, query: zenoh.Query) -> None:
@@ -56,15 +56,15 @@ class Answer:
         self.sender = "".join(letter for letter in words if letter.isprintable())[:_MOST_SENDER]
 
     def __call__(self, data: bytes) -> None:
-        """Send the answer."""
+        """Send the encoded reply."""
         self._query.reply(self._query.key_expr, data)
         self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stub has no annotation here
 
 
 OnCommand = Callable[[str, dict[str, Any], Answer], None]
-"""Called with the verb, its arguments, and what answers it."""
+"""Called with a command's verb and arguments, and the function that sends the reply."""
 OnMember = Callable[[keys.NodeKey, dict[str, Any], Answer], None]
-"""Called with a node that joins or leaves, its arguments, and what answers it."""
+"""Called with a node that joins or leaves, the arguments of its query, and the function that sends the reply."""
 
 
 class ServerLink:
@@ -73,11 +73,11 @@ class ServerLink:
     Args:
         listen: address to listen at, ``[SESSION@]tls/HOST:PORT``.
         on_nonsense: value of the attributes ``on_nonsense`` and ``on_refused``, which may be replaced later.
-        errors: value of the attribute; None makes a boundary that only logs.
+        errors: value of the attribute ``errors``; None makes a `Boundary` that only logs.
 
     Attributes:
         on_nonsense: is called with a description of each message that cannot be read.
-        on_refused: is called with a description of each program that has a wrong key.
+        on_refused: is called with a message at the first attempt of each program that has a wrong key.
         errors: catches unexpected errors of the callbacks that `serve` registers.
 
     Raises:
@@ -133,7 +133,7 @@ class ServerLink:
 
     @property
     def refused(self) -> int:
-        """Number of refused programs with a wrong key that asked for the reason (`mocapella.wire.doorbell`)."""
+        """Number of attempts of programs with a wrong key that asked for the reason (`mocapella.wire.doorbell`)."""
         return self._bell.refused
 
     def publish_scene(self, data: bytes) -> None:
@@ -155,7 +155,7 @@ class ServerLink:
         """Tell a node which of its frames are stored, and ask for those that are missing; return at once.
 
         ``on_frame`` is called with each frame in order, then ``on_answer`` with the node's state, if it answers within
-        `REQUEST_TIMEOUT_S`, and in any case ``on_end`` at last. Their unexpected errors are caught by ``errors``.
+        `REQUEST_TIMEOUT_S`; finally, in any case, ``on_end``. Their unexpected errors are caught by ``errors``.
         """
         on_end = self.errors.wrap("end of an answer", on_end)
 
@@ -184,9 +184,9 @@ class ServerLink:
             on_end()
 
     def probe_clock(self, node: keys.NodeKey, timeout: float = 1.0) -> list[ClockProbe]:
-        """Query the node's monotonic clock eight times in sequence, as far as it answers within ``timeout`` seconds.
+        """Query the node's monotonic clock eight times in sequence, all within ``timeout`` seconds.
 
-        The list is empty if the node does not answer in that time.
+        Return the probes that were answered in that time; an empty list if none was.
 
         Raises:
             WireError: an answer is no time.
@@ -245,7 +245,7 @@ class ServerLink:
         return self.errors.wrap("command of the bus", callback)
 
     def _admitting(self, on_member: OnMember) -> Callable[[zenoh.Query], None]:
-        """Of a node that joins or leaves: the key says which, for access control protects keys, not payloads."""
+        """Wrap the callback of a joining or leaving node, named by the key: access control protects no payloads."""
 
         def callback(query: zenoh.Query) -> None:
             try:
@@ -260,7 +260,7 @@ class ServerLink:
         return self.errors.wrap("node of the bus", callback)
 
     def _arguments(self, query: zenoh.Query, what: str) -> dict[str, Any] | None:
-        """Return the arguments of a query; None if they cannot be used, which is answered."""
+        """Return the arguments of a query; if they are invalid, answer that and return None."""
         if query.payload is not None and len(query.payload) > MAX_COMMAND_BYTES:
             self.on_nonsense(f"{what}: {len(query.payload)} bytes; at most {MAX_COMMAND_BYTES} are read")
             self._refuse(query, "the arguments are too long")

@@ -1,9 +1,10 @@
 """Open zenoh sessions that connect only to given addresses: no scouting, no gossip, no shared memory.
 
-Every link is TLS, with certificates of one session on both sides (docs/decisions/0020-doors-of-the-bus.md).
+A *session* of Mocapella is a server with the programs that have its keys; a zenoh session is one program's connection.
+Every connection is TLS, with certificates of one session on both sides (docs/decisions/0020-doors-of-the-bus.md).
 
-A server only listens, so two servers on one machine never see each other's sensors. A node is a peer that tries to
-reach its one server for ever; a reader of results is a client, to which the server forwards the nodes' messages
+A server only listens, so two servers on one machine never see each other's sensors. A node is a zenoh peer that keeps
+trying to reach its one server. A reader of results is a zenoh client; the server forwards the nodes' messages to it
 (measured: a peer forwards to clients, not to other peers).
 """
 
@@ -25,7 +26,9 @@ __all__ = ["DEFAULT_ADDRESS", "open_client_at", "open_node", "open_node_at", "op
 
 
 def open_server(listen: str) -> zenoh.Session:
-    """Open the session of a server, which admits those who have a key of its session.
+    """Open a server's zenoh session at ``listen``, ``[SESSION@]tls/HOST:PORT``.
+
+    It admits programs that have a key of the session named there, or else of `session_name`'s.
 
     Raises:
         AddressInUseError: another program listens there.
@@ -47,7 +50,7 @@ def open_server(listen: str) -> zenoh.Session:
 
 
 def open_node(connect: str, sensor: str = "") -> zenoh.Session:
-    """Open a session that keeps trying the server at ``connect``; return without waiting for it.
+    """Open a node's zenoh session, which keeps trying to reach the server; return without waiting for it.
 
     Args:
         connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or the path of a file that contains a pairing code.
@@ -63,7 +66,7 @@ def open_node(connect: str, sensor: str = "") -> zenoh.Session:
 
 
 def open_node_at(door: KeyedAddress) -> zenoh.Session:
-    """Open a node's zenoh session at an address, with the key that opens it; return without waiting for the server.
+    """Open a node's zenoh session, given the server's address and a key; return without waiting for the server.
 
     The session is a peer that keeps trying this one server, and finds no others. `open_node` looks up the key.
     """
@@ -76,21 +79,21 @@ def open_node_at(door: KeyedAddress) -> zenoh.Session:
 
 
 def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
-    """Open a session of a program that reads results and sends commands, as far as its key allows.
+    """Open the zenoh session of a program that reads results and sends commands, as far as its key allows.
+
+    ``connect`` is as in `open_node`; the key is the one with most rights that this user has for the server.
 
     Raises:
         NoServerError: no server answers at ``connect`` within ``timeout`` seconds.
         NotAdmittedError: the server there is of another session, or does not know the key.
         BusError: ``connect`` is no address.
-        KeyFileError: there is no key for it.
+        KeyFileError: there is no key for it, or the key is damaged.
     """
     return open_client_at(find_door(connect, READERS), timeout)
 
 
 def open_client_at(door: KeyedAddress, timeout: float = 3.0) -> zenoh.Session:
-    """Open a client's zenoh session at an address, with the key that opens it: it reads results and sends commands.
-
-    `open_reader` looks up the key.
+    """Open the zenoh session of `open_reader`, given the server's address and a key.
 
     Raises:
         NoServerError: no server answers within ``timeout`` seconds.

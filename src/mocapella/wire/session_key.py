@@ -1,6 +1,6 @@
-"""A session's own key: its authority for certificates, and one certificate for each user, kept in a private file.
+"""A session's key: its certificate authority, and one certificate for each user of the bus (`mocapella.wire.roles`).
 
-It is made when this user's first server, or first program on this machine, needs it. Who can read it can do everything.
+It is a private file, made when the first program of this account needs it. Whoever reads the file has all rights.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from mocapella.wire.roles import SENSOR, check_user, sensor_of, users_of
 DEFAULT_SESSION: Final = "default"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 MOST_SENSORS: Final = 64
-"""Most sensors of a session that have keys of their own."""
+"""Largest number of a session's sensors with keys that serve only that sensor."""
 
 
 class SessionKey(msgspec.Struct, frozen=True):
     """The key of a session, as it is kept in ``<session>.json``.
 
     Attributes:
-        session: its name.
-        authority: signs the certificates.
-        issued: certificate of the server and of each user, by common name.
+        session: name of the session.
+        authority: the certificate authority, which signs the certificates.
+        issued: certificate of the server (`SERVER`) and of each user, such as ``sensor.front``, by common name.
         sensors: names of the sensors that have keys of their own.
     """
 
@@ -41,23 +41,23 @@ class SessionKey(msgspec.Struct, frozen=True):
     sensors: tuple[str, ...] = ()
 
     def role_key(self, user: str, address: str) -> RoleKey:
-        """Return the key of a user for a server at ``address``.
+        """Return the key that admits a program as ``user``, such as ``reader``, to the server at ``address``.
 
         Raises:
-            SettingsError: there is no such user; a sensor needs `with_sensor` first.
+            SettingsError: there is no such user; ``sensor.NAME`` needs `with_sensor` first.
         """
         if check_user(user) not in self.issued:
             raise SettingsError(f"the session {self.session} has no key of the sensor {sensor_of(user)} alone")
         return RoleKey(self.session, user, address, self.authority.certificate, self.issued[user])
 
     def with_sensor(self, name: str) -> SessionKey:
-        """Return the key with a key of its own for a sensor, and keep it in the file.
+        """Issue a certificate that serves the sensor ``name`` only; write the file, and return the new session key.
 
-        If the sensor has one, the key is returned unchanged. A server knows the new one from its next start on.
+        If the sensor has one, this key is returned unchanged. A server knows the new one from its next start on.
 
         Raises:
-            KeyFileError: it cannot be kept, or the session has `MOST_SENSORS` such keys.
-            SettingsError: the name is none of a sensor, or too long for a certificate.
+            KeyFileError: the file cannot be written, or the session has `MOST_SENSORS` such certificates.
+            SettingsError: the name is not valid for a sensor, or too long for a certificate.
         """
         user = check_user(f"{SENSOR}.{name}")
         if name in self.sensors:
@@ -75,7 +75,7 @@ def session_name(named: str = "") -> str:
     """Return the name of the session: the given one, else ``MOCAPELLA_SESSION``, else ``default``.
 
     Raises:
-        SettingsError: it is no name.
+        SettingsError: the name is invalid.
     """
     name = named or os.environ.get("MOCAPELLA_SESSION") or DEFAULT_SESSION
     if not _NAME.fullmatch(name):
@@ -86,12 +86,12 @@ def session_name(named: str = "") -> str:
 
 
 def session_file(session: str) -> Path:
-    """Return the path of a session's key."""
+    """Return the path of the file with a session's key, which may not exist yet."""
     return key_folder() / f"{session}.json"
 
 
 def session_key(session: str) -> SessionKey:
-    """Return this user's key of a session; if there is none, make it and write it to `session_file`.
+    """Return this account's key of a session; if there is none, make it and write it to `session_file`.
 
     An existing file is never replaced. The session's name is not checked; `session_name` does that.
 
@@ -110,10 +110,10 @@ def session_key(session: str) -> SessionKey:
 
 
 def read_session_key(text: str, session: str, path: Path) -> SessionKey:
-    """Return the key of a session from the text of its file.
+    """Return the key of a session from the text of its file; ``path`` is named in errors.
 
     Raises:
-        KeyFileError: it is damaged, or of another session.
+        KeyFileError: the text is damaged, incomplete, or of another session.
     """
     try:
         key = decode_json(text, SessionKey)

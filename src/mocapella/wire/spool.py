@@ -18,7 +18,7 @@ from mocapella.wire.outbox import Hold, Outbox, Store
 SPILL_AFTER_S: Final = 2.0
 """Frames that wait longer for an acknowledgement are moved to the disk [s]."""
 NEGLECTED_S: Final = 60.0
-"""A take that a present server has not asked about for so long is taken for closed [s]; servers ask every second."""
+"""A take counts as closed if a connected server has not asked about it for this long [s]; servers ask every second."""
 _EVERY_S: Final = 0.5
 
 
@@ -26,7 +26,9 @@ class Spool(Store, Protocol):
     """A node's directory on the disk for frames that the server has not stored."""
 
     def keep(self, take: str, frames: Iterable[tuple[int, bytes]], numbers: range) -> Path:
-        """Write the available of the numbered frames into a file that can be merged into the take; return its path.
+        """Write frames that a take lacks into a file that can be merged into it; return its path.
+
+        ``frames`` yields number and bytes of the available ones, ``numbers`` has all that the take lacks.
 
         Raises:
             RecordingError: the disk is full or failed.
@@ -34,22 +36,22 @@ class Spool(Store, Protocol):
         ...
 
     def close(self) -> None:
-        """Remove files that are not needed any more."""
+        """Remove the files of `write`; files of `keep` stay."""
         ...
 
 
 class Spooler:
-    """A thread that spills an `Outbox`, from `begin` to `close`.
+    """A thread that spills an `Outbox`: moves frames that wait too long to the disk, from `begin` to `close`.
 
     Args:
-        outbox: of the node.
+        outbox: the node's frames.
         spool: the place on the disk; None if there is none.
         say: receives a message when frames are lost, or are kept in a file.
-        server_since_ns: returns the time since which a server is there, on the node's monotonic clock; None without
-            one.
+        server_since_ns: returns the time since which a server is connected, on the node's monotonic clock; None
+            without one.
 
     Attributes:
-        kept: files with frames of takes that lack them.
+        kept: paths of files with frames that takes lack, to be merged into them.
     """
 
     def __init__(
@@ -71,17 +73,17 @@ class Spooler:
 
     @property
     def missing(self) -> int:
-        """Number of frames that takes lack at their end."""
+        """Number of frames that takes lack at their end, whether they are in ``kept`` files or lost."""
         return sum(self._missing.values())
 
     def begin(self) -> None:
-        """Start the thread if a take holds frames and it does not run."""
+        """Start the thread if a take claims frames and it does not run yet."""
         if self._thread is None and self._outbox.holds and not self._stop.is_set():
             self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
             self._thread.start()
 
     def close(self) -> None:
-        """End the thread, and keep all frames that takes lack in files; afterwards `missing` counts them."""
+        """End the thread, and write all frames that takes lack into files; afterwards `missing` counts them."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -91,10 +93,10 @@ class Spooler:
             self._spool.close()
 
     def update(self, now_ns: int) -> None:
-        """Spill once if it is due; without space, the oldest frames are dropped until it succeeds.
+        """Spill once if frames wait longer than `SPILL_AFTER_S`; without space, drop the oldest until it succeeds.
 
-        Frames that a closed take lacks are kept in a file; also those of a take whose end the node may have missed,
-        because a server is there and does not ask about it: they would fill the disk.
+        Frames that a closed take lacks are written into a file for merging. So are those of a take that a connected
+        server has not asked about for `NEGLECTED_S`: the node may have missed its end, and they would fill the disk.
         """
         outbox, since_ns = self._outbox, self._server_since_ns()
         for take, hold in outbox.holds.items():
