@@ -28,11 +28,15 @@ def add_frame(
     states: NDArray[np.uint8],
     inferred: float,
 ) -> bool:
-    """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`; return False if it is not newer.
+    """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`.
+
+    Return False if its time is not newer, or not finite; then nothing changes.
 
     Args:
-        times, points, weights, held, frozen_since: (2·kept,) [s], (2·kept, joints, 3) [m], (2·kept, joints), (2,) and
-            (1,) [s] of `pair_memory.BodyTrack`, updated.
+        times, points, weights: (2·kept,) [s], (2·kept, joints, 3) [m] and (2·kept, joints) of `pair_memory.BodyTrack`,
+            updated; kept is `FRAMES_KEPT`.
+        held: (2,) index of the first stored frame, and index after the last one, updated.
+        frozen_since: (1,) time since when no joint has moved at all [s], NaN if one has; updated.
         at: capture time, on the common clock [s].
         positions: (joints, 3) in the sensor's camera space [m].
         states: (joints,) `JointState`.

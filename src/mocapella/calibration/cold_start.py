@@ -156,11 +156,15 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     labels: float
 
     def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
-        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
+        """Return ``estimate``, or a copy with a problem, so that it is not trusted, while rivals fit nearly as well.
 
-        Without a walk, the hypothesis with swapped labels is a rival, too, and `POSTURE_S` must pass. If ``wary``, as
-        with several people in view, an estimate from single postures is not trusted at all, and one from a walk must
-        be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
+        Before a person has walked, the hypothesis with swapped labels (`labels`) is a rival, too, and the shared motion
+        must last `POSTURE_S`. If ``wary``, as with several people in view, an estimate from single postures is not
+        trusted at all, and one from a walk must be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
+
+        Args:
+            estimate: result of this hypothesis' estimator, the attribute ``pair``; unchanged if it has a problem.
+            wary: whether to apply the stricter conditions.
         """
         if not estimate.trusted:
             return estimate

@@ -296,9 +296,10 @@ class PairCalibration:
 
 
 def estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    """Compute pose, clock offset and covariance of each pair, with the settings of the first; `NO_PERSON` if unknown.
+    """Compute pose, clock offset and covariance of each pair, with the settings of the first.
 
-    The pairs are not changed, and the results are copies.
+    A pair that has compared no joints, and was given no pose, has the problem `NO_PERSON`. The pairs are not changed,
+    and the results are copies.
     """
     begun = [pair for pair in pairs if pair.moments[0] > 0]
     found = iter(_estimates(begun) if begun else ())

@@ -178,7 +178,9 @@ class BodyTrack:
         return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
     def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
-        """Append a frame by copying its values, and drop frames beyond `FRAMES_KEPT`; False if it is not newer.
+        """Append a frame by copying its values, and drop frames beyond `FRAMES_KEPT`.
+
+        Return False, without a change, if its time is not newer, or not finite.
 
         Args:
             at: capture time, on the common clock [s].

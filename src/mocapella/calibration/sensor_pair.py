@@ -32,19 +32,21 @@ _GIVEN: Final = np.diag([GIVEN_SD_M**2 / 3] * 3 + [GIVEN_SD**2 / 3] * 3)
 
 @dataclass
 class PairOfSensors:
-    """Two sensors, a and b: the accepted estimate of their relative pose, or the hypotheses that are tried.
+    """Two sensors, a and b: the estimate of their relative pose, and the hypotheses that are tried.
 
     Attributes:
-        calibration: accepted estimate; None before there is one.
-        cold: hypotheses; empty while nothing contradicts the accepted estimate.
+        calibration: estimate that is refined: accepted, given (``told``) or `unproven`; None before there is one.
+        cold: hypotheses; empty unless ``trying``.
         told: source of the estimate until people confirm it: `BY_LAYOUT`, or ``others`` for other pairs' poses; empty
             once confirmed.
         shown: whether people have confirmed the estimate once; it then stays in use even if it becomes less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: person of each tracking id, in a and in b, that ``matched`` was derived from; empty mappings if none.
+        owners: for a and for b, the person of each tracking id; ``matched`` was derived from these two mappings. They
+            are empty if it was derived from positions.
         turn: counter that selects the matched bodies in turn, one pair of bodies for each refinement.
         due: capture time of the next refinement [s].
-        trying: whether the hypotheses are tried.
+        trying: whether hypotheses are tried: without an estimate, with an `unproven` one, or after no body has agreed
+            with the estimate for long.
         agreed_at: capture time at which a body last was at the same position in both sensors [s].
         seen_since: capture time since when both sensors see bodies without a break [s].
         estimate: result of the last refresh with new data.
