@@ -343,7 +343,7 @@ def costs(
     The cost is scaled to three channels, whatever their number; the log 2π/2 of every channel is left out.
 
     Args:
-        values: (channels, blocks, size) int16 values in half grey levels, 0 in the middle of the scale; a block is
+        values: (channels, blocks, size) int16 values in half grey levels: grey level g is 2g − 255; a block is
             ``size`` consecutive samples of a row.
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         left, top: column and row of the first sample of row 0, block 0.

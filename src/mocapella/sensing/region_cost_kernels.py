@@ -30,7 +30,7 @@ class ContourBand(NamedTuple):
     """The samples that can change sides, as `region_reading_kernels.lay_out` and `read_samples` write them.
 
     Attributes:
-        values: (channels, blocks, size) int16 half grey levels, 0 in the middle of the scale; size is a multiple of 8.
+        values: (channels, blocks, size) int16 half grey levels: grey level g is 2g − 255; size is a multiple of 8.
         active: (blocks, size) uint8, 1 where a sample may change sides.
         known: (blocks, size) uint8, 1 where a sample is active and the image shows it.
         phi: (rows, padded) float32 signed distance to the prior's contour [px], above 0 inside.
@@ -213,16 +213,18 @@ def update_costs(
     levels: Float32, blocks: Int32, rows: int, along: Float32, coefficients: Float32, dirty: UInt8, modelled: UInt8,
     one: Float32, two: Float32,
 ) -> None:  # fmt: skip
-    """Write the costs −log p [nats] of the samples of all blocks that are marked.
+    """Write the costs −log p [nats] of the samples of all blocks that ``dirty`` marks.
+
+    The nodes' coefficients are interpolated linearly in both directions.
 
     Args:
-        levels: (channels, blocks, size) float32 values in half grey levels, 0 in the middle of the scale.
+        levels: (channels, blocks, size) float32 values in half grey levels: grey level g is 2g − 255.
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         rows: number of rows of the window.
         along: (size,) float32 a sample's distance along its block, 0 to 1.
         coefficients: (node rows, node columns, 2 + 4 channels) of `DensityLattice`.
         dirty: (blocks,) not 0 where a block is evaluated.
-        modelled: (blocks,) uint8, 1 where a background model gives all costs outside, which are not evaluated.
+        modelled: (blocks,) uint8, 1 where a background model gives all costs outside, so ``two`` is not written.
         one, two: (blocks, size) written: costs inside and outside.
     """
     row = np.empty(coefficients.shape[1:], np.float32)
@@ -363,7 +365,7 @@ def background_costs(
     """Write the cost −log p [nats] of every sample's value under a model of the empty scene, scaled to three channels.
 
     Args:
-        values: (channels, blocks, size) int16 the image's values in half grey levels, 0 in the middle of the scale.
+        values: (channels, blocks, size) int16 the image's values in half grey levels: grey level g is 2g − 255.
         usual: (channels, blocks, size) int16 the background's values, in the same unit.
         spread: (channels, blocks, size) int16 the background's standard deviation, as 8 × grey levels − 255.
         known: (blocks, size) uint8 of `ContourBand`.

@@ -78,7 +78,7 @@ def add_sample(
     """Add sample j of block n to the sums of its four nodes, or subtract it.
 
     Args:
-        values: (channels, blocks, size) int16 in half grey levels.
+        values: (channels, blocks, size) int16 in half grey levels: grey level g is 2g − 255.
         n, j: indices of the block and of the sample in it.
         top, low: row of nodes above the block, and weight of the row below, from 0 to 2 size.
         k: the block's number in its row, which is the column of the nodes on its left.
@@ -106,7 +106,7 @@ def add_changes(values: Int16, before: UInt8, label: UInt8, blocks: Int32, rows:
     Moments are first taken over a block, about its left end, then spread to the four nodes.
 
     Args:
-        values: (channels, blocks, size) int16 in half grey levels.
+        values: (channels, blocks, size) int16 in half grey levels: grey level g is 2g − 255.
         before, label: (blocks, size) old and new labels.
         blocks: (blocks, 2) int32 row of each block, and its number in the row.
         rows: number of rows of samples.

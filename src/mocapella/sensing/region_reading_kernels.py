@@ -211,7 +211,7 @@ def read_samples(
         median: whether the median is applied.
         columns: number of columns of the window, padding included.
         blocks: (blocks, 2) of `lay_out`.
-        values: (channels, blocks, size) int16 written, in half grey levels, 0 in the middle of the scale.
+        values: (channels, blocks, size) int16 written, in half grey levels: grey level g is 2g − 255.
     """
     height, width, channels = image.shape
     taps, size = 2 * step - 1, values.shape[2]
