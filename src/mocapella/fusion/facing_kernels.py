@@ -137,7 +137,10 @@ def add_turned(total: Float64, first: Float64, second: Float64, part: float, fac
 
 @njit(cache=True)
 def most_likely(p: Float64) -> float:
-    """Return `mocapella.fusion.facing_grid.most_likely` of p (BINS,): a yaw from the first bin, in [−π, π) [rad]."""
+    """Return `mocapella.fusion.facing_grid.most_likely` of p (BINS,): the mean yaw near the peak, in [−π, π) [rad].
+
+    The yaw is relative to that of the first bin.
+    """
     best, most = 0, -1.0
     for i in range(BINS):
         five = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
@@ -273,7 +276,7 @@ def add_view(
         evidence: (BINS,) log-likelihoods over the facing, updated.
         seen: yaw that the labels imply, relative to the direction to the sensor, folded into [−π/2, π/2) [rad].
         score: of `shape_score`.
-        by: yaw from the person to the sensor, from the first bin [rad].
+        by: yaw of the direction from the person to the sensor, relative to the first bin's [rad].
         weight, shape_weight: weights of the yaw and of the shape.
         model: the facing model's tables.
     """
@@ -298,7 +301,7 @@ def add_labels(evidence: Float64, reported: float, weight: float, tables: Float6
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
-        reported: yaw that the labels imply, from the first bin [rad].
+        reported: yaw that the labels imply, relative to the first bin's [rad].
         weight: of the log-likelihoods.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
     """

@@ -428,6 +428,8 @@ class ArmModel:
     def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
         """Return for each landmark (23,) the fraction of the camera-facing surface around it that the image confirms.
 
+        It is 0 if no surface around the landmark faces the camera.
+
         Args:
             pose: the pose.
             front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.

@@ -102,9 +102,12 @@ def system(
         pose: pose and sizes of the arm.
         parameters: scales and weights.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to, unless ``only_costs``.
-        costs: (5,) written: weighted sum of the points' robust costs, 0 to 1 each; that over the flesh's area [m²];
-            sum of the digits' squared overlaps [cm²]; the flesh's area and the part that other objects occlude [m²].
-        targets: (5, 3) approximate fingertips, camera frame [m]; NaN where unknown.
+        costs: (5,) written: weighted sum of the points' robust costs, 0 to 1 each; integral of the flesh's robust cost,
+            0 to 1, over its area [m²]; sum of the digits' squared overlaps [cm²]; that area, and the part of it that
+            other objects occlude [m²]. The area is the flesh's within the image; palm, forearm and upper arm count less
+            than the digits.
+        targets: (5, 3) approximate fingertips, camera frame [m], which attract the digits' tips in H and g; NaN where
+            unknown.
         only_costs: do not change H and g.
     """
     z, v = pose.z, pose.v

@@ -281,7 +281,7 @@ def visible(
         R, t: (9,), (3,) from the palm's frame to the camera frame.
         front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         near: largest distance of the image's surface from the flesh's [m].
-        out: (k,) written, 0 to 1.
+        out: (k,) written, 0 to 1; 0 if no surface around the landmark faces the camera.
     """
     for i in range(len(places)):
         p, f = pieces[int(places[i, 0])], places[i, 1]
