@@ -28,13 +28,14 @@ class GestureScores:
     """Results of gestures, summed over frames.
 
     Attributes:
-        told: number of frames for each pair of true and reported gesture; an empty name is no gesture.
+        told: number of frames for each pair of true and reported gesture; an empty name is no gesture. Frames less than
+            `SETTLED_S` after the beginning of a true gesture do not count, here and in the next four.
         grabbed, grabbed_right: number of frames with a closed hand, and number of these frames with ``grabbing``
             reported.
         loose, loose_right: number of frames with an open hand, and number of these frames without ``grabbing``
             reported.
-        begun: number of gestures that began in the scenes.
-        late_s: delay from the beginning of a gesture to its detection, for each detected gesture [s].
+        begun: number of true gestures within the image.
+        late_s: delay from the beginning of a true gesture to its detection, for each detected one [s].
     """
 
     told: Counter[tuple[str, str]] = field(default_factory=Counter)

@@ -131,10 +131,10 @@ class AsLogged:
 
 
 class OneSensor(AsLogged):
-    """The front sensor's rows alone: a baseline for the fused skeleton."""
+    """The rows of the sensor named `FRONT` alone: a baseline for the fused skeleton."""
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
-        """Return the front sensor's rows of the pairs, or else the reference sensor's.
+        """Return the pairs' rows of the sensor named `FRONT`; of the reference sensor in a log without that name.
 
         Returns:
             Times (rows,) since the file's first frame [s], and skeletons (rows, joints, 3) in the reference sensor's

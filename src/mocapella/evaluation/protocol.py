@@ -24,7 +24,7 @@ RIGID_WITHIN = 1e-6
 
 
 class JointBias(Protocol):
-    """Interface of a function that returns the view-dependent correction of the joints; learnt on other people.
+    """Interface of a function that returns the correction to add to the joints of one view; learnt on other people.
 
     Its arguments describe the fused person only, so it cannot depend on the difference of the two views.
     """

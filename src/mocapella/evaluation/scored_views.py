@@ -90,14 +90,17 @@ def views_of(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, 
 
 
 def seen_views(session: StudySession, run: CausalRun, pairs: Pairs, known: Int64, labels: Int64) -> SeenViews:
-    """Interpolate both views of each pair to one instant, and select the estimates that apply; without a bias.
+    """Interpolate the later view of each pair to the earlier one's instant, and select the motions and label swaps.
+
+    They are not applied yet, and the joint bias is not added: `views_of` does both. The views are unchanged where a
+    clock offset is not known (NaN), or frames for the interpolation are missing.
 
     Args:
         session: the recorded session.
         run: the method's estimates over the session.
         pairs: the pairs to score.
-        known: (pairs,) index of the run's entry whose motions and clock offsets are applied.
-        labels: (pairs,) index of the entry whose label swaps are applied.
+        known: (pairs,) index of the run's entry that gives motions and clock offsets.
+        labels: (pairs,) index of the entry that gives label swaps.
     """
     sensor = session.sensor[pairs.rows]
     swapped = np.array(

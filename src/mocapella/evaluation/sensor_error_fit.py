@@ -155,10 +155,10 @@ def autocovariance(rests: Sequence[Float64]) -> Float64:
 
 
 def fit_shares(rests: Sequence[Float64]) -> Float64:
-    """Fit the variance (knots,) of each cubic spline in the residuals, one for each of `KNOTS_S` [m²].
+    """Fit the residuals as a sum of random cubic splines and white noise; return the splines' variances (knots,) [m²].
 
-    ``rests`` (frames, joints, 3) are results of `unexplained` [m]. The variance of white noise is fitted as well, but
-    not returned.
+    There is one spline for each of the knot spacings `KNOTS_S`. ``rests`` (frames, joints, 3) are results of
+    `unexplained` [m].
     """
     basis = [knot_autocorrelation(knot, LAGS * LAG_S) for knot in KNOTS_S]
     share = nnls(np.stack([LAGS == 0, *basis], axis=1).astype(np.float64), autocovariance(rests))[0][1:]
@@ -166,7 +166,7 @@ def fit_shares(rests: Sequence[Float64]) -> Float64:
 
 
 def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
-    """Return the variance (knots,) of each spline in Stationary, relative to the total variance in Walk.
+    """Return the variance (knots,) of each spline of `fit_shares` in Stationary, relative to the total one in Walk.
 
     ``views``, ``rests`` and ``sd`` are as in `fit_correlation`.
     """

@@ -23,7 +23,7 @@ class ReplayReport(msgspec.Struct, frozen=True):
     """Counts of a replay.
 
     Attributes:
-        rows: number of rows of the file with the chosen placement.
+        rows: number of replayed rows: all rows of the file; of a study log, those of the chosen placement.
         frames: number of frames made of these rows; a sensor's bodies of one instant are one frame.
         duplicates_dropped: number of rows that repeat a person's skeleton of the same sensor and instant.
         sorted: number of rows that follow a newer row of their sensor in the file.

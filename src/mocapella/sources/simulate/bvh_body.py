@@ -68,7 +68,8 @@ def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float6
 
     Returns:
         Joint angles (frames, joints) in the order of ``mesh.joint_names``, within the joint limits [rad]; yaw, pitch
-        and roll of the whole body (frames, 3) [rad]; and x and z of the hips' path on the floor (frames, 2) [m].
+        and roll of the whole body (frames, 3), without leaps of 2π [rad]; and x and z of the hips' path on the floor
+        (frames, 2), scaled by the ratio of the mesh's legs to the file's [m].
 
     Raises:
         InputError: joints are missing, or the legs have no length.
