@@ -246,7 +246,12 @@ def read_settings(
 
 
 def read_keys(kind: type[K], file: Path | None, pairs: Sequence[str] | None) -> K:
-    """Parse the settings of a command that has no tracking method or detector, as `read_settings` does.
+    """Parse a settings file and ``--set`` pairs of a command that has no other keys than its own.
+
+    Args:
+        kind: dataclass of the command's keys.
+        file: TOML, or None.
+        pairs: ``KEY=VALUE`` each; they override the file.
 
     Raises:
         InputError, SettingsError: as in `read_settings`; also for every unknown key.

@@ -158,7 +158,8 @@ def depth_of_take(text: str, options: DepthOptions | None = None) -> TakeDepth |
     """Return the depth images of TAKE or TAKE:SENSOR, with or without .mcap; None if the text names no take.
 
     Raises:
-        InputError: the take has no depth images, or none of that sensor.
+        InputError: there is no file of a name with .mcap; the take has no depth images, or none of that sensor; or the
+            options name the unit ``kinect-raw``.
         SettingsError: several sensors send depth images, and none is named.
     """
     name, colon, sensor = text.rpartition(":")

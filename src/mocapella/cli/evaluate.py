@@ -403,7 +403,7 @@ def charuco(
 
 
 def show_charuco(result: dict[str, Any], out: Console) -> None:
-    """Print the result of `mocapella.evaluation.charuco.evaluate` as a table."""
+    """Print the result of `mocapella.evaluation.charuco.evaluate` as a table, and whether each target is met."""
     table = Table(title="even frames, corner by corner", title_justify="left", box=SIMPLE_HEAD, padding=0)
     rows = {
         "points": "corners",

@@ -201,6 +201,8 @@ def _pass_on(line: str, on_url: Callable[[str], None], on_page: Callable[[], Non
 def start_together(session: LiveSession, nodes: list[list[str]]) -> None:
     """Start nodes, and let their sources begin at the same time once all are ready.
 
+    If a node ends or the session is stopped before, the other nodes' sources begin without waiting any longer.
+
     Args:
         session: the session; its ``nodes`` get the processes.
         nodes: arguments of ``mocapella node`` for each node.

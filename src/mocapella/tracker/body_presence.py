@@ -262,7 +262,7 @@ class SilhouettePresence:
         return not known or float(np.mean(known)) >= STANDS_OUT_WELL
 
     def _covers(self, name: str, pose: TreePose) -> dict[str, Silhouette]:
-        """Return the silhouette of a body in its waiting pose, by camera that shows it there."""
+        """Return the silhouette of a body's mesh in its waiting pose, by camera in whose image that pose is."""
         if name not in self._waits or self._waits[name][0] is not pose:
             covered = self._fitters.fitters[name].covered(pose)
             drawn = {

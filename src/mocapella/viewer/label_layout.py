@@ -39,7 +39,9 @@ class LabelCamera:
     def looking(
         cls, position: Float64, target: Float64, up: Float64, fov: float, height_px: float
     ) -> LabelCamera | None:
-        """Return a camera from its position and target; None if these define no direction.
+        """Return a camera from its position and target.
+
+        None if the two are equal or on a line along ``up``, or if ``fov`` or ``height_px`` is out of range.
 
         Args:
             position: (3,) position of the camera [m].

@@ -98,12 +98,14 @@ class Floors:
         self._tilts: dict[str, float] = {}
 
     def learn_frame(self, frame: OnFloor, pose: SensorPose | None = None) -> None:
-        """Update a sensor's tilt and height from its newest frame.
+        """Update a sensor's tilt and height from the setup, or else from its newest frame.
+
+        If that height is not above 0, it is unknown, and the floor follows the lowest of the frame's positions; it
+        stays if all of them are NaN.
 
         Args:
             frame: the frame, with the sensor's name.
-            pose: tilt and height from the setup, which replace both of the frame's. None if not configured. If the
-                height is 0, the floor follows the lowest of the frame's positions; it stays if all are NaN.
+            pose: tilt and height from the setup, which replace both of the frame's; None if not configured.
         """
         tilt, height = (frame.tilt, frame.height) if pose is None else (pose.tilt, pose.height)
         self._tilts[frame.sensor] = tilt

@@ -162,5 +162,5 @@ class Stage:
 
 
 def enlarged_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Return the title of a stage with enlarged content, which names the scale."""
+    """Return the title of a stage with enlarged content, which names the scale; the same for every perspective."""
     return f"Tracking · {drawing.scale:.1f} times as large"
