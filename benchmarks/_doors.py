@@ -143,7 +143,9 @@ def _texts() -> list[Door]:
     from mocapella.model.hand import HandShape
     from mocapella.model.hand_file import decode_hand_shape, encode_hand_shape
     from mocapella.model.session import Setup
+    from mocapella.recording.ledger import LedgerRow, NodeLedger
     from mocapella.recording.take import Run, TakeInfo, decode_run, encode_run
+    from mocapella.recording.take_so_far import TakeSoFar, decode_so_far
     from mocapella.sensing.colour_profile import decode_profile
     from mocapella.settings import settings_of_pairs
 
@@ -156,6 +158,8 @@ def _texts() -> list[Door]:
     layout = SensorLayout(VERSION, True, {name: LayoutSensor(T, 1.0, 0.1) for name in "ab"}, [pair])
     hand = HandShape("left", np.full((5, 3), 0.03), np.full((5, 3), 0.02), "anna")
     run = Run(0, 1, TakeInfo(Setup(), 1_700_000_000_000_000_000, 5))
+    ledger = NodeLedger.restored(LedgerRow("front", 7, 3, 12, 12, 2, True), True, [(3, 5), (8, 11)])
+    so_far = TakeSoFar([4096], "take", 1, 9, 5, 60, {("front", 7): ledger})
     return [
         of_bytes("camera rigs", [seeds.rig(), foreign],
                  lambda data: is_camera_rig(data) and decode_camera_rig(data), TEXT, 0.1),
@@ -164,6 +168,7 @@ def _texts() -> list[Door]:
         of_bytes("hands", [encode_hand_shape(hand)], decode_hand_shape, TEXT, 0.5),
         of_bytes("boards", [encode_board(Board("charuco", 7, 5, 0.03)).encode()], parse_board, TEXT, 0.5),
         of_bytes("runs of takes", [encode_run(run)], lambda data: decode_run(data, "take"), TEXT, 0.5),
+        of_bytes("accounts of takes", [so_far.encode()], decode_so_far, TEXT, 0.5),
         of_bytes(
             "bodies' builds", [b'{"model":"legs","height_m":1.7,"proportions":{"thigh":0.43}}'],
             lambda data: mesh_of_build(data.decode("utf-8", "surrogateescape")), TEXT, 0.02,

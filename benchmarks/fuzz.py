@@ -29,7 +29,7 @@ PARTS: Final = (
     "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys",
     "requests for frames", "answers about frames", "numbers of frames", "clocks", "replies", "statuses",
     "replies to nodes", "questions", "questions of the view", "answers", "corners of boards", "commands", "rings",
-    "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "bodies' builds", "colours", "settings",
+    "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "accounts of takes", "bodies' builds", "colours", "settings",
     "pairing codes", "key files", "session keys", "view tokens", "page requests", "page messages",
     "study logs", "study logs, packed", "Azure Kinect tables", "Kinect v2 tables", "image tracks", "keypoints",
     "point recordings", "distances", "timestamps", "followed bodies", "named joints",

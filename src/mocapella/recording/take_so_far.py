@@ -108,6 +108,19 @@ def _continued(so_far: TakeSoFar, parts: Sequence[Path], number: int, sizes: lis
     )
 
 
+def decode_so_far(data: bytes) -> TakeSoFar:
+    """Decode an account of `TakeSoFar.encode`.
+
+    Raises:
+        InputError: it is none, or its ranges of sequence numbers overlap or are not in order.
+    """
+    account = decode_json(data, _Account, what="account of a take")
+    nodes = {(n.row.sensor, n.row.node_id): NodeLedger.restored(n.row, n.agreed, n.received) for n in account.nodes}
+    return TakeSoFar(
+        account.sizes, account.take_id, account.next_run, account.scenes, account.first_ns, account.last_ns, nodes
+    )
+
+
 def _account_of(part: Path) -> TakeSoFar | None:
     """Read the account at the beginning of a part; None if there is none that can be used."""
     try:
@@ -115,15 +128,7 @@ def _account_of(part: Path) -> TakeSoFar | None:
             events = scan(file, part.stat().st_size, str(part))
             for event, _ in zip(events, range(_BEGINNING), strict=False):
                 if isinstance(event, MessageRead) and event.topic == take.EARLIER:
-                    return _decode(event.data)
+                    return decode_so_far(event.data)
     except (OSError, InputError):
         pass  # reading it all names the fault
     return None
-
-
-def _decode(data: bytes) -> TakeSoFar:
-    account = decode_json(data, _Account, what="account of a take")
-    nodes = {(n.row.sensor, n.row.node_id): NodeLedger.restored(n.row, n.agreed, n.received) for n in account.nodes}
-    return TakeSoFar(
-        account.sizes, account.take_id, account.next_run, account.scenes, account.first_ns, account.last_ns, nodes
-    )
