@@ -150,11 +150,11 @@ def test_a_ball_is_brought_within_its_limits_and_stays_where_it_is_within(seed: 
     joint = KINECT.index("ElbowLeft")
     values = MODEL.joint_values[joint]
     B, within, again = Rotation.random(random_state=rng).as_matrix().reshape(9), np.empty(9), np.empty(9)
-    changed = limited(MODEL.joint_values, joint, B, within)
+    changed = limited(MODEL.joint_values, joint, 0.0, B, within)
     assert changed or (within == B).all()
     direction = within.reshape(3, 3) @ values[:3]
     assert direction @ values[4:7] >= np.cos(values[7]) - 1e-9
-    limited(MODEL.joint_values, joint, within, again)
+    limited(MODEL.joint_values, joint, 0.0, within, again)
     np.testing.assert_allclose(again, within, atol=1e-6)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Walker, errors, standing_at
 
 from mocapella.calibration.people_state import CalibratedSensor
@@ -18,7 +19,7 @@ from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
 from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.default_settings import DefaultSettings
-from mocapella.tracker.people import SMOOTHING
+from mocapella.tracker.people import SMOOTHING, PeopleSettings
 
 PLACES = {"front": FRONT, "side": SIDE}
 RATE = 30.0
@@ -358,3 +359,57 @@ def test_a_calibration_that_begins_again_makes_nobody_new_whichever_sensor_speak
     assert all(len(scene.people) == 1 for scene in scenes)
     assert scenes[1].state.phase is Phase.CALIBRATING
     assert scenes[-1].state.phase is Phase.TRACKING
+
+
+class Hyperextended(Walker):
+    """Somebody whose left forearm is 70° behind the upper arm's line from one second on, for three seconds."""
+
+    def at(self, t: float) -> np.ndarray:
+        joints = super().at(t)
+        if not 1.0 < t < 4.0:
+            return joints
+        elbow, *forearm = (KINECT_V2.index(f"{part}Left") for part in ("Elbow", "Wrist", "Hand", "HandTip", "Thumb"))
+        across = joints[KINECT_V2.index("HipLeft")] - joints[KINECT_V2.index("HipRight")]
+        turn = Rotation.from_rotvec(np.radians(70.0) * across / np.linalg.norm(across))
+        joints[forearm] = joints[elbow] + turn.apply(joints[forearm] - joints[elbow])
+        return joints
+
+
+def test_an_elbow_beyond_the_models_limits_is_followed_and_the_scene_says_so_until_it_is_within_them() -> None:
+    walker = Hyperextended(speed=0.0)
+    arrivals = frames({1: walker}, 8.0, noise=0.005)
+    scenes = run(told(), arrivals)
+    conditions = {round(arrival.at_ns / 1e9, 2): scene.people[0].condition for arrival, scene in
+                  zip(arrivals, scenes, strict=True) if scene.people}  # fmt: skip
+    assert {text for at_s, text in conditions.items() if at_s < 1.0} == {""}
+    assert any(text.startswith("left elbow: sensors and body model disagree by") for text in conditions.values())
+    assert {text for at_s, text in conditions.items() if at_s > 7.0} == {""}
+    bent = max(k for k, arrival in enumerate(arrivals) if arrival.at_ns < 3.9e9)
+    found, truth = scenes[bent].people[0].positions, in_world(scenes[bent], walker.at(arrivals[bent].at_ns / 1e9))
+    wrist = KINECT_V2.index("WristLeft")
+    assert np.linalg.norm(found[wrist] - truth[wrist]) < 0.06
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHING)
+def test_a_snapshot_with_arrays_of_another_shape_is_refused(smoothing: str) -> None:
+    settings = DefaultSettings(people=PeopleSettings(smoothing=smoothing))
+    tracker = told(settings=settings)
+    run(tracker, frames({1: Walker()}, 1.0))
+    assert tracker._people is not None
+    tracker._people.memory.view_positions = tracker._people.memory.view_positions[:, :, :10]
+    again = DefaultTracker(settings, sensors_expected=2)
+    with pytest.raises(WireError, match="view_positions"):
+        again.restore(tracker.snapshot())
+    assert run(again, frames({1: Walker()}, 0.1))[-1].people == ()
+
+
+def test_a_snapshot_with_bodies_of_another_model_begins_them_anew() -> None:
+    tracker = told()
+    arrivals = frames({1: Walker()}, 2.0)
+    run(tracker, arrivals[:60])
+    assert tracker._people is not None
+    tracker._people.memory.body = tracker._people.memory.body[:, :-7]
+    again = DefaultTracker(sensors_expected=2)
+    again.restore(tracker.snapshot())
+    (person,) = run(again, arrivals[60:])[-1].people
+    assert np.isfinite(person.positions).all()

@@ -252,7 +252,8 @@ def scene_one_person() -> Scene:
         PotentialSkeleton("left.2", 8, 70_000_000, 0.0, 0.0, quarter_turn, positions + 0.25, states, mirrored=True),
     )
     sd = np.where(joint == 24, np.nan, joint / 256).astype(np.float32)
-    people = (Person(1, positions, states, views, sd, "Ada"),)
+    condition = "left knee: sensors and body model disagree by 50°"
+    people = (Person(1, positions, states, views, sd, "Ada", condition),)
     places = (
         SensorPlace("front", np.eye(4), 0.0, 0.0, "the world's own"),
         SensorPlace("left.2", None, problem="walk a few steps"),

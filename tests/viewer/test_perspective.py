@@ -112,6 +112,17 @@ def test_a_person_without_a_known_joint_is_named_and_the_others_are_drawn(perspe
         assert tracking_title(drawing, perspective).text.endswith("(no joint is known of person 1)")
 
 
+def test_the_condition_of_a_person_is_in_the_title():
+    room = Room(people=2)
+    frames = room.frames(1.0)
+    scene = room.scene(1.0, frames)
+    bent, other = scene.people
+    bent = msgspec.structs.replace(bent, name="Ada", condition="left knee: sensors and body model disagree by 50°")
+    both = scene.with_parts(people=(bent, other))
+    title = tracking_title(tracking_drawing(both, FREE, *learned(both, frames)), FREE).text
+    assert title == "Tracking · world frame (Ada: left knee: sensors and body model disagree by 50°)"
+
+
 def test_who_is_gone_is_forgotten():
     room = Room()
     frames = room.frames(1.0)

@@ -6,9 +6,10 @@ docs/methods/articulated.md. A body's *memory* is its state: pose, velocity, cov
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -19,6 +20,11 @@ from mocapella.kinematics.articulated_model import ArticulatedModel, Articulated
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]
+
+LEAST_REPORTED: Final = np.radians(10.0)
+"""Angle by which measurements have widened a joint's limits above which this is reported [rad]."""
+STEP_DEG: Final = 10
+"""Reported angles are multiples of this [degrees], so that a report changes rarely."""
 
 
 class Estimate(msgspec.Struct, frozen=True, eq=False):
@@ -136,13 +142,17 @@ def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
 
 
 def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
-    """Return a new memory row (memory_size,) that holds only a pose, NaN elsewhere, for kernels that read poses."""
+    """Return a new memory row (memory_size,) that holds only a pose, for kernels that read poses.
+
+    Limits have no slack; all else is NaN.
+    """
     starts = model.layout
     row = np.full(starts.size, np.nan)
     row[starts.angles : starts.velocities] = pose.angles
     row[starts.angles : starts.angles + 3] = pose.position
     row[starts.rotations : starts.bones] = pose.rotations.reshape(-1)
     row[starts.bones : starts.learnt] = pose.lengths
+    row[starts.slack : starts.demands] = 0.0
     return row
 
 
@@ -180,6 +190,29 @@ def bone_lengths(model: ArticulatedModel, pose: Pose) -> Float64:
     """Return the length (joints,) of the bone that ends at each joint [m]; 0 for the root."""
     at_joint = model.joint_table[:, 4]
     return np.where(at_joint >= 0, pose.lengths[at_joint], 0.0)
+
+
+def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
+    """Return by body the joints whose limits measurements have widened, with the angle; empty if there is none.
+
+    Args:
+        model: the body model.
+        memory: (people, memory_size) states of the bodies.
+    """
+    slack = memory[:, model.layout.slack : model.layout.demands]
+    beyond = slack > LEAST_REPORTED  # False for NaN
+    if not beyond.any():
+        return [""] * len(memory)
+    return [", ".join(_condition(model, int(j), row[j]) for j in np.flatnonzero(row > LEAST_REPORTED)) for row in slack]
+
+
+def _condition(model: ArticulatedModel, joint: int, slack: float) -> str:
+    """Describe by how much measurements are beyond the limits of the joint at the beginning of a bone."""
+    name = model.body.topology.joints[model.joint_table[joint, 0]]
+    side = next((side for side in ("Left", "Right") if name.endswith(side)), "")
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", f"{side} {name.removesuffix(side)}".strip()).lower()
+    degrees = STEP_DEG * round(np.degrees(slack) / STEP_DEG)
+    return f"{words}: sensors and body model disagree by {degrees}°"
 
 
 @cache

@@ -22,6 +22,7 @@ from mocapella.kinematics.articulated_model import ROOT_DOFS, BodyArrays
 from mocapella.kinematics.articulated_pose_kernels import advance, apply_motion, away_from_rest, pin
 from mocapella.kinematics.articulated_scale_kernels import follow_scale, predicted_scale, restart_scale, scale_bones
 from mocapella.kinematics.articulated_start_kernels import initialise, is_measured
+from mocapella.kinematics.articulated_yield_kernels import yield_length, yield_limits
 from mocapella.kinematics.chain_kernels import Elimination, forward, independent, marginals, solve
 
 Float64 = NDArray[np.float64]
@@ -144,12 +145,13 @@ def correct(
     advance(model, row, at_s)
     frame = Measurements(measured, measured_variances, np.empty((joints, 3)), np.zeros(joints), np.zeros(joints))
     R, total, posterior = np.empty((joints, 9)), np.zeros(layout.dofs), np.empty(layout.dofs)
+    excess = np.zeros(joints)
     body, origin = np.empty(9), np.empty(3)
     for k in range(9):
         body[k] = row[layout.rotations + k]
     scale = follow_scale(model, row, dt, measured, measured_variances) if known else restart_scale(model, row)
     scale_bones(layout, row, scale)
-    surprise, seen = _fit(model, row, frame, known, dt, origin, positions, variances, R, total, posterior)
+    surprise, seen = _fit(model, row, frame, known, dt, origin, positions, variances, R, total, posterior, excess)
     scale_bones(layout, row, 1.0 / scale)
     if seen > 0:
         if known:
@@ -162,6 +164,7 @@ def correct(
                 row[layout.variance + i] = posterior[i]
         row[at.SEEN] = row[at.AT]
         _judge(model.parameters.lost_m, row, measured, measured_variances, origin, positions)
+        yield_limits(model, row, dt, excess)
     for j in range(joints):
         for k in range(3):
             positions[j, k] += origin[k]
@@ -175,7 +178,7 @@ def correct(
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _fit(
     model: BodyArrays, row: Float64, frame: Measurements, known: bool, dt: float, origin: Float64, positions: Float64,
-    variances: Float64, R: Float64, total: Float64, posterior: Float64,
+    variances: Float64, R: Float64, total: Float64, posterior: Float64, excess: Float64,
 ) -> tuple[float, int]:  # fmt: skip
     """Fit the pose to a frame by Gauss–Newton steps about the prediction.
 
@@ -187,6 +190,7 @@ def _fit(
         origin, positions, variances, R: the fitted pose, written.
         total: (dofs,) sum of all steps; 0 at the beginning.
         posterior: (dofs,) variances, written.
+        excess: (joints,) angle by which the limits held each joint back [rad]; 0 at the beginning.
 
     Returns:
         The sum of the joints' surprises, and the number of measured joints.
@@ -218,7 +222,7 @@ def _fit(
                 D[i] += pull
         solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
         marginals(joint_table, order, xi, work.U, work.d, x, C, posterior, variances)
-        if pin(model, row, delta, D, e):
+        if pin(model, row, delta, D, e, excess):
             solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
         apply_motion(model, row, delta)
         largest = 0.0
@@ -325,7 +329,10 @@ def _learn_lengths(model: BodyArrays, row: Float64, dt: float, R: Float64, frame
         counts = dt * min(1.0, 0.0009 / (sd * sd + 1e-12))
         row[learnt] = min(row[learnt] + counts, model.parameters.length_memory_s)
         gain = counts / (row[learnt] + LENGTH_PRIOR_S)
-        row[i] += gain * min(max(along - row[i], -2.0 * sd), 2.0 * sd)
+        deviation = min(max(along - row[i], -2.0 * sd), 2.0 * sd)
+        if joint_values[j, 12] == 0.0:
+            yield_length(row, layout.strains + joint_table[j, 4], learnt, deviation / sd, dt)
+        row[i] += gain * deviation
         row[i] = max(row[i], 1e-3)
 
 

@@ -36,6 +36,10 @@ class MemoryLayout(NamedTuple):
         rotations: (balls, 3, 3) rotations of the ball joints, the root's first.
         bones: (lengths,) bone lengths [m].
         learnt: (lengths,) duration over which each length was learnt [s].
+        strains: (lengths,) recent average of the deviation of each measured length from the learnt one, in standard
+            deviations, limited to ±2 a frame.
+        slack: (joints,) angle by which the limits of each joint are widened [rad].
+        demands: (joints,) recent average of the angle by which a joint's limits held it back in a frame [rad].
         contacts: (contacts, 6) last position of each joint that may touch the floor, such as a foot, world [m], and its
             smoothed velocity [m/s].
         jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the noise variance of a
@@ -55,6 +59,9 @@ class MemoryLayout(NamedTuple):
     rotations: int
     bones: int
     learnt: int
+    strains: int
+    slack: int
+    demands: int
     contacts: int
     jumps: int
     size: int
@@ -68,6 +75,20 @@ def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: in
         contacts: number of joints that may touch the floor.
     """
     starts = [HEAD]
-    for size in (dofs, dofs, dofs, dofs, dofs, 9 * balls, lengths, lengths, 6 * contacts, 4 * joints):
+    for size in (
+        dofs,
+        dofs,
+        dofs,
+        dofs,
+        dofs,
+        9 * balls,
+        lengths,
+        lengths,
+        lengths,
+        joints,
+        joints,
+        6 * contacts,
+        4 * joints,
+    ):
         starts.append(starts[-1] + size)
     return MemoryLayout(dofs, balls, joints, lengths, *starts)

@@ -164,9 +164,9 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
             limit of its predicted variance [m² or rad²]. Ball joints' limits are in ``joint_values``.
         joint_table: (joints, 6) indices of parent joint and first degree of freedom, number of degrees of freedom, and
             indices of ball joint, bone length and contact; −1 for none.
-        joint_values: (joints, 12) unit direction of the bone at rest (3), its length as a fraction of stature, axis of
+        joint_values: (joints, 13) unit direction of the bone at rest (3), its length as a fraction of stature, axis of
             the ball joint's cone (3), its half angle, least and most twist [rad], 1 for the torso's joints, squared
-            `Bone.misfit_m` [m²].
+            `Bone.misfit_m` [m²], 1 for firm joints.
         order: (joints,) the joints, a parent before its children.
         parameters: the settings that the kernels read.
     """
@@ -209,7 +209,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     tree = body.topology
     joints, root = len(tree), tree.parts["root"]
     table = np.full((joints, 6), -1, dtype=np.int64)
-    values = np.zeros((joints, 12))
+    values = np.zeros((joints, 13))
     values[list(body.torso), 10] = 1.0
     values[root, 11] = body.root_misfit_m**2
     values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
@@ -224,7 +224,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     for parent, child in tree.bones:
         bone = body.bones[child]
         length = float(np.linalg.norm(bone.offset))
-        values[child, 11] = bone.misfit_m**2
+        values[child, 11:13] = bone.misfit_m**2, bone.firm
         values[child, :4] = *(np.array(bone.offset) / length), length
         first = len(kinds)
         q = density[bone.motion]

@@ -3,6 +3,7 @@
 Importing this module imports numba.
 """
 
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -62,15 +63,16 @@ def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
         v = e * e * v + q * qv
         c = min(c, math.sqrt(p * v))
         row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i] = p, c, v
-        if dof_kind[i] < OF_BALL:
-            a = row[layout.angles + i] + f * row[layout.velocities + i]
-            if a < dof_values[i, 0]:
-                a, row[layout.velocities + i] = dof_values[i, 0], 0.0
-            elif a > dof_values[i, 1]:
-                a, row[layout.velocities + i] = dof_values[i, 1], 0.0
-            row[layout.angles + i] = a
     R = np.empty(9)
     for j in range(layout.joints):
+        slack = row[layout.slack + j]
+        for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
+            if dof_kind[i] < OF_BALL:
+                a = row[layout.angles + i] + f * row[layout.velocities + i]
+                within = min(max(a, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
+                row[layout.angles + i] = within
+                if within != a:
+                    row[layout.velocities + i] = 0.0
         if joint_table[j, 3] >= 0:
             r, o = layout.rotations + 9 * joint_table[j, 3], layout.velocities + first_of_ball(joint_table, j)
             turned(row, r, f * row[o], f * row[o + 1], f * row[o + 2], R)
@@ -113,7 +115,7 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
 
 
 @njit(cache=True, error_model="numpy")
-def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64) -> bool:
+def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64, excess: Float64) -> bool:
     """Enforce joint limits (active set): hold degrees of freedom that a small motion would move beyond their limits.
 
     Args:
@@ -121,30 +123,64 @@ def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64)
         row: (memory_size,) a body's memory; its pose is read.
         delta: (dofs,) the small motion [m, rad].
         D, e: (dofs,) prior information and prior mean of `chain_kernels.solve`; overwritten for the held ones.
+        excess: (joints,) angle by which each joint would be beyond its limits, the largest of its degrees of freedom
+            [rad], written where it is larger.
 
     Returns:
         Whether any degree of freedom is held.
     """
     layout, dof_values, joint_table = model.layout, model.dof_values, model.joint_table
     pinned = False
-    for i in range(ROOT_DOFS, layout.dofs):
-        if model.dof_kind[i] < OF_BALL:
-            angle = row[layout.angles + i]
-            goal = angle + delta[i]
-            if goal < dof_values[i, 0]:
-                D[i], e[i], pinned = PINNED, dof_values[i, 0] - angle, True
-            elif goal > dof_values[i, 1]:
-                D[i], e[i], pinned = PINNED, dof_values[i, 1] - angle, True
     R, within = np.empty(9), np.empty(9)
     for j in range(layout.joints):
+        if joint_table[j, 0] < 0:
+            continue
+        slack = row[layout.slack + j]
+        for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
+            if model.dof_kind[i] < OF_BALL:
+                angle = row[layout.angles + i]
+                goal = angle + delta[i]
+                held = min(max(goal, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
+                if held != goal:
+                    D[i], e[i], pinned = PINNED, held - angle, True
+                    excess[j] = max(excess[j], abs(goal - held))
         if joint_table[j, 3] > 0:
             r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
             turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
-            if limited(model.joint_values, j, R, within):
+            if limited(model.joint_values, j, slack, R, within):
                 e[o], e[o + 1], e[o + 2] = turn_between(row, r, within)
+                x, y, z = turn_between(within, 0, R)
+                excess[j] = max(excess[j], math.sqrt(x * x + y * y + z * z))
                 D[o] = D[o + 1] = D[o + 2] = PINNED
                 pinned = True
     return pinned
+
+
+@njit(cache=True, error_model="numpy")
+def beyond_limits(model: BodyArrays, row: Float64, j: int) -> float:
+    """Return how far a joint of a pose is beyond its limits without slack, the largest of its angles [rad]; 0 within.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) a body's memory; its pose is read.
+        j: the joint.
+    """
+    layout, dof_values, joint_table, beyond = model.layout, model.dof_values, model.joint_table, 0.0
+    if joint_table[j, 0] < 0:
+        return beyond
+    for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
+        if model.dof_kind[i] < OF_BALL:
+            angle = row[layout.angles + i]
+            beyond = max(beyond, dof_values[i, 0] - angle, angle - dof_values[i, 1])
+    if joint_table[j, 3] > 0:
+        R, within = np.empty(9), np.empty(9)
+        r = layout.rotations + 9 * joint_table[j, 3]
+        for k in range(9):
+            R[k] = row[r + k]
+        if limited(model.joint_values, j, 0.0, R, within):
+            x, y, z = turn_between(within, 0, R)
+            beyond = max(beyond, math.sqrt(x * x + y * y + z * z))
+    return beyond
 
 
 @njit(cache=True, error_model="numpy")
@@ -161,15 +197,17 @@ def apply_motion(model: BodyArrays, row: Float64, delta: Float64) -> None:
     for k in range(layout.angles, layout.angles + 3):
         row[k] += row[r] * delta[0] + row[r + 1] * delta[1] + row[r + 2] * delta[2]
         r += 3
-    for i in range(ROOT_DOFS, layout.dofs):
-        if model.dof_kind[i] < OF_BALL:
-            row[layout.angles + i] = min(max(row[layout.angles + i] + delta[i], dof_values[i, 0]), dof_values[i, 1])
     R, within = np.empty(9), np.empty(9)
     for j in range(layout.joints):
+        slack = row[layout.slack + j]
+        for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
+            if i >= ROOT_DOFS and model.dof_kind[i] < OF_BALL:
+                goal = row[layout.angles + i] + delta[i]
+                row[layout.angles + i] = min(max(goal, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
         if joint_table[j, 3] >= 0:
             r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
             turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
-            limited(model.joint_values, j, R, within)
+            limited(model.joint_values, j, slack, R, within)
             orthonormal(within)
             for k in range(9):
                 row[r + k] = within[k]

@@ -123,7 +123,7 @@ def _point_bones(model: BodyArrays, row: Float64, measured: Float64, variances: 
             length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
             if length > 0.0:
                 swing(rest[j, 0], rest[j, 1], rest[j, 2], d[0] / length, d[1] / length, d[2] / length, S)
-                limited(model.joint_values, j, S, within)
+                limited(model.joint_values, j, row[layout.slack + j], S, within)
                 for k in range(9):
                     row[layout.rotations + 9 * ball + k] = within[k]
 

@@ -86,6 +86,7 @@ class Bone:
         misfit_m: standard deviation of a sensor's joint at the bone's end from the model's, apart from noise [m].
         hinges: revolute joints from the parent outwards.
         ball: a ball joint, instead of hinges. Without either, the bone is fixed to its parent.
+        firm: whether limits and length also hold against measurements that contradict them for long.
     """
 
     offset: tuple[float, float, float]
@@ -93,6 +94,7 @@ class Bone:
     misfit_m: float = 0.01
     hinges: tuple[Hinge, ...] = ()
     ball: BallJoint | None = None
+    firm: bool = False
 
     def __post_init__(self) -> None:
         check(sum(c * c for c in self.offset) > 0.0, "offset", self.offset, "not zero")

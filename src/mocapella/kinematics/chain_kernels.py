@@ -64,19 +64,21 @@ def swing(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, out:
 
 
 @njit(cache=True, error_model="numpy")
-def limited(joint_values: Float64, j: int, B: Float64, out: Float64) -> bool:
+def limited(joint_values: Float64, j: int, slack: float, B: Float64, out: Float64) -> bool:
     """Clamp the rotation of a ball joint to its limits; return whether it was beyond them.
 
     The rotation is split into a twist of the bone about itself and then a swing, the shortest rotation of the bone from
     its rest direction. A swing beyond the cone returns to the nearest point of its edge.
 
     Args:
-        joint_values: (joints, 12) of `ArticulatedModel`.
+        joint_values: (joints, 13) of `ArticulatedModel`.
         j: index of the joint.
+        slack: angle by which the cone and the twist's range are widened [rad].
         B: (9,) the rotation, row by row.
         out: (9,) written.
     """
     values = joint_values[j]
+    cone = min(values[7] + slack, math.pi)
     ox, oy, oz = values[0], values[1], values[2]
     dx = B[0] * ox + B[1] * oy + B[2] * oz
     dy = B[3] * ox + B[4] * oy + B[5] * oz
@@ -85,8 +87,8 @@ def limited(joint_values: Float64, j: int, B: Float64, out: Float64) -> bool:
     along = dx * cx + dy * cy + dz * cz
     # The twist follows from the quaternion's component along the bone over its real part.
     twist = 2.0 * math.atan2((B[7] - B[5]) * ox + (B[2] - B[6]) * oy + (B[3] - B[1]) * oz, 1.0 + B[0] + B[4] + B[8])
-    allowed = min(max(twist, values[8]), values[9])
-    cosine = math.cos(values[7])
+    allowed = min(max(twist, values[8] - slack), values[9] + slack)
+    cosine = math.cos(cone)
     for i in range(9):
         out[i] = B[i]
     if along >= cosine and allowed == twist:
@@ -94,7 +96,7 @@ def limited(joint_values: Float64, j: int, B: Float64, out: Float64) -> bool:
     if along < cosine:
         px, py, pz = dx - along * cx, dy - along * cy, dz - along * cz
         n = math.sqrt(px * px + py * py + pz * pz)
-        f = math.sin(values[7]) / n if n > 0.0 else 0.0
+        f = math.sin(cone) / n if n > 0.0 else 0.0
         dx, dy, dz = cosine * cx + f * px, cosine * cy + f * py, cosine * cz + f * pz
     S = np.empty(9)
     swing(ox, oy, oz, dx, dy, dz, S)

@@ -90,6 +90,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
         sd: (joints,) float32, standard deviation of a coordinate [m]; NaN where not tracked. None if the method does
             not estimate it.
         name: name given to the person in this session; empty without one.
+        condition: lasting disagreement of the person's measurements and the method's model, for users; empty if none.
     """
 
     id: int
@@ -98,6 +99,7 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     views: tuple[PotentialSkeleton, ...]
     sd: Float32 | None = None
     name: str = ""
+    condition: str = ""
 
     def view_of(self, sensor: str) -> PotentialSkeleton | None:
         """Return a sensor's view of this person; None without one."""

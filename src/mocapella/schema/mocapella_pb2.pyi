@@ -250,20 +250,22 @@ class PotentialSkeleton(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., tracking_id: _Optional[int] = ..., time_ns: _Optional[int] = ..., tilt_rad: _Optional[float] = ..., height_m: _Optional[float] = ..., T_world_sensor: _Optional[bytes] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., mirrored: bool = ...) -> None: ...
 
 class Person(_message.Message):
-    __slots__ = ("id", "positions_m", "joint_states", "views", "joint_sd_m", "name")
+    __slots__ = ("id", "positions_m", "joint_states", "views", "joint_sd_m", "name", "condition")
     ID_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_M_FIELD_NUMBER: _ClassVar[int]
     JOINT_STATES_FIELD_NUMBER: _ClassVar[int]
     VIEWS_FIELD_NUMBER: _ClassVar[int]
     JOINT_SD_M_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
+    CONDITION_FIELD_NUMBER: _ClassVar[int]
     id: int
     positions_m: bytes
     joint_states: bytes
     views: _containers.RepeatedCompositeFieldContainer[PotentialSkeleton]
     joint_sd_m: bytes
     name: str
-    def __init__(self, id: _Optional[int] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., views: _Optional[_Iterable[_Union[PotentialSkeleton, _Mapping]]] = ..., joint_sd_m: _Optional[bytes] = ..., name: _Optional[str] = ...) -> None: ...
+    condition: str
+    def __init__(self, id: _Optional[int] = ..., positions_m: _Optional[bytes] = ..., joint_states: _Optional[bytes] = ..., views: _Optional[_Iterable[_Union[PotentialSkeleton, _Mapping]]] = ..., joint_sd_m: _Optional[bytes] = ..., name: _Optional[str] = ..., condition: _Optional[str] = ...) -> None: ...
 
 class SensorPlace(_message.Message):
     __slots__ = ("sensor", "T_world_sensor", "position_sd_m", "rotation_sd_rad", "quality", "problem")

@@ -22,6 +22,7 @@ def encode_person(person: Person) -> Any:
         views=[_encode_view(view) for view in person.views],
         joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
         name=person.name,
+        condition=person.condition,
     )
 
 
@@ -38,6 +39,7 @@ def decode_person(m: Any, kind: Topology) -> Person:
         tuple(_decode_view(view, kind) for view in m.views),
         _decode_sd(m.joint_sd_m, kind),
         m.name,
+        m.condition,
     )
 
 

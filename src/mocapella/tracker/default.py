@@ -385,8 +385,9 @@ class DefaultTracker:
         tracks, results = self._tracks.memory, people.results(self._T_world_root, self._now_s)
         views, states = self._follow_views(heard, people, results), people.memory.states.copy()
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
+        said, drawn = people.conditions(), [tuple(one.values()) for one in views]
         return tuple(
-            Person(number, results.positions[row], states[row], tuple(views[row].values()), results.sd[row])
+            Person(number, results.positions[row], states[row], drawn[row], results.sd[row], condition=said[row])
             for row, (number, is_shown) in enumerate(zip(people.numbers, shown.tolist(), strict=True))
             if is_shown
         )

@@ -26,6 +26,7 @@ from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.joint_bias import BiasInputs, JointBiasModel
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
+from mocapella.kinematics.articulated_body import conditions_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
 from mocapella.model.topology import Topology
@@ -138,6 +139,7 @@ class People:
         self._parameters = _parameters(settings)
         self._layout = JointLayout(self.mirror, topology.parts["root"], *_shoulders_and_hips(topology))
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
+        self._body_size = 0 if self._model is None else memory_size(self._model)
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
 
@@ -146,7 +148,7 @@ class People:
         self.R_level, self.up = np.eye(3), np.array([0.0, 1.0, 0.0])
         self.numbers: list[int] = []
         self.sensors: list[str] = []
-        self.memory = PeopleMemory.empty(0, 0, len(self.mirror), 0 if self._model is None else memory_size(self._model))
+        self.memory = PeopleMemory.empty(0, 0, len(self.mirror), self._body_size)
         if self._facing is not None:
             self._facing.reset()
 
@@ -156,8 +158,15 @@ class People:
         return self.numbers, self.sensors, self.memory, facing, self.R_level
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Replace all state by what `state` returned."""
+        """Replace all state by what `state` returned.
+
+        Bodies of another version's model are fitted anew.
+
+        Raises:
+            ValueError: an array has a wrong shape or type.
+        """
         self.numbers, self.sensors, self.memory, facing, self.R_level = state
+        self.memory.check(len(self.numbers), len(self.sensors), len(self.mirror), self._body_size)
         self.up = np.ascontiguousarray(self.R_level[1])
         if self._facing is not None:
             self._facing.memory = facing
@@ -257,6 +266,12 @@ class People:
             np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
         )
         return PeopleResults(*results)
+
+    def conditions(self) -> list[str]:
+        """Return, for each row, where measurements and body model disagree for long; empty if nowhere."""
+        if self._model is None:
+            return [""] * len(self.numbers)
+        return conditions_of(self._model, self.memory.body)
 
     def swapped(self) -> frozenset[BodyKey]:
         """Return (sensor, tracking id) of the views whose left and right must be swapped so that the sensors agree."""

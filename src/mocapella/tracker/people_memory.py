@@ -263,6 +263,20 @@ class PeopleMemory:
             view_offsets=np.zeros((*V, joints, 3)),
         )
 
+    def check(self, people: int, sensors: int, joints: int, body: int) -> None:
+        """Check the arrays of a snapshot; a ``body`` of another version's size is replaced by one without data.
+
+        Raises:
+            ValueError: an array has a wrong shape or type; names it.
+        """
+        empty = PeopleMemory.empty(people, sensors, joints, body)
+        if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
+            self.body = empty.body
+        for name, wanted in vars(empty).items():
+            found = getattr(self, name)
+            if found.shape != wanted.shape or found.dtype != wanted.dtype:
+                raise ValueError(f"{name} is {found.dtype} {found.shape}, not {wanted.dtype} {wanted.shape}")
+
     def resized(self, rows: Sequence[int], people: int, sensors: int) -> PeopleMemory:
         """Return a copy of another size.
 

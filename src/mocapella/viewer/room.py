@@ -79,7 +79,7 @@ class PartDrawing:
         tags: text labels.
         surfaces, skins: meshes by name; the name of a part's mesh must not change.
         unseen: names of parts that cannot be shown, because their positions in the perspective are unknown.
-        jointless: names of parts whose skeleton cannot be drawn, because no joint is known.
+        remarks: what users must know of parts, such as that no joint of one is known; shown in the stage's title.
         sensors: poses (4, 4), from camera space to the view's space, of the sensors that saw the parts, by name.
         extent: smallest and largest corner (3,) of an upright box that the browser's camera follows; None for none.
     """
@@ -91,7 +91,7 @@ class PartDrawing:
     surfaces: Mapping[str, Surface] = field(default_factory=dict)
     skins: Mapping[str, Skin] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
-    jointless: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     sensors: Mapping[str, Float64] = field(default_factory=dict)
     extent: tuple[Float64, Float64] | None = None
 
@@ -99,7 +99,7 @@ class PartDrawing:
     def there(self) -> bool:
         """Whether the drawing has content: strokes, labels, meshes, or names of parts that cannot be shown."""
         strokes = len(self.bones) + len(self.joints) + len(self.halos)
-        return bool(strokes or self.tags or self.surfaces or self.skins or self.unseen or self.jointless)
+        return bool(strokes or self.tags or self.surfaces or self.skins or self.unseen or self.remarks)
 
 
 NOTHING: Final = PartDrawing()

@@ -34,7 +34,8 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     """Draw people in a perspective: fused skeletons, views, faces and labels. This is a `DrawPart.draw`.
 
     A person who cannot be placed in the perspective is not drawn, but named in the drawing's ``unseen``; one without a
-    known joint is named in ``jointless``. Joints with a large standard deviation are smaller and get a halo.
+    known joint is named in ``remarks``, as is a person's condition. Joints with a large standard deviation are smaller
+    and get a halo.
     """
     states: list[NDArray[np.uint8]] = []
     positions, sds, radii = [], [], []
@@ -42,7 +43,7 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     fused_colours: list[NDArray[np.uint8]] = []
     fused: list[int] = []
     tags: list[Tag] = []
-    unseen, jointless = [], []
+    unseen, remarks = [], []
     views_from: dict[str, Float64] = {}
     T_stage = room.T_stage_perspective
     for person in people:
@@ -51,7 +52,9 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
             unseen.append(called(person))
             continue
         if not (np.isfinite(person.positions).all(axis=-1) & (person.states != JointState.NOT_TRACKED)).any():
-            jointless.append(called(person))
+            remarks.append(f"no joint is known of {called(person)}")
+        if person.condition:
+            remarks.append(f"{called(person)}: {person.condition}")
         views = person.views
         fused.append(len(states))
         positions.append(apply(T_stage @ T, np.stack([person.positions, *(view.positions for view in views)])))
@@ -87,7 +90,7 @@ def draw_people(people: tuple[Person, ...], scene: Scene, room: RoomView) -> Par
     forward[s[fused][:, head] == JointState.NOT_TRACKED] = np.nan
     joints = join([joints, face_strokes(p[fused][:, head], forward, HEAD_RADIUS_M, each[:, head])])
     return PartDrawing(
-        bones, joints, halos, tuple(tags), unseen=tuple(unseen), jointless=tuple(jointless), sensors=views_from
+        bones, joints, halos, tuple(tags), unseen=tuple(unseen), remarks=tuple(remarks), sensors=views_from
     )
 
 

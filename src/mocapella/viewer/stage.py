@@ -66,7 +66,7 @@ class TrackingDrawing:
         tags: text labels.
         sensors: marks of the sensors, by sensor.
         unseen: names of people that cannot be shown, because the perspective's sensor never saw them.
-        jointless: names of people whose skeleton cannot be drawn, because no joint is known.
+        remarks: what users must know of parts, such as that no joint of one is known; shown in the title.
         scale: enlargement of the content.
         there: whether the stage has content; if not, it shows the reason.
         surfaces, skins: meshes by name; the name of a part's mesh must not change.
@@ -80,7 +80,7 @@ class TrackingDrawing:
     tags: list[Tag] = field(default_factory=list)
     sensors: dict[str, SensorMark] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
-    jointless: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     scale: float = 1.0
     there: bool = True
     surfaces: Mapping[str, Surface] = field(default_factory=dict)

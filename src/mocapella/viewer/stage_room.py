@@ -47,7 +47,7 @@ def draw_room(scene: Scene | None, shown: Any, view: StageView) -> TrackingDrawi
         tags=[tag for one in parts_of for tag in one.tags],
         sensors=sensors,
         unseen=tuple(name for one in parts_of for name in one.unseen),
-        jointless=tuple(name for one in parts_of for name in one.jointless),
+        remarks=tuple(text for one in parts_of for text in one.remarks),
         there=any(one.there for one in parts_of),
         surfaces={f"{name}/{key}": part for name, one in drawn.items() for key, part in one.surfaces.items()}
         | ({} if view.scenery is None else room_surfaces(view.scenery, room)),
@@ -76,12 +76,12 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
 
 
 def room_title(drawing: TrackingDrawing, perspective: str) -> str:
-    """Return the stage's title: the frame of reference, and the people who cannot be shown in it, with the reason."""
+    """Return the stage's title: the frame of reference, the people who cannot be shown in it, and remarks."""
     title = "Tracking · world frame" if perspective == FREE else f"Tracking · camera frame of {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"
-    reasons = (("never saw", drawing.unseen), ("no joint is known of", drawing.jointless))
-    said = "; ".join(f"{reason} {', '.join(names)}" for reason, names in reasons if names)
+    unseen = [f"never saw {', '.join(drawing.unseen)}"] if drawing.unseen else []
+    said = "; ".join([*unseen, *drawing.remarks])
     return f"{title} ({said})" if said else title
 
 
