@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.sources.simulate.body import BODY, JOINT, body_template
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
-from mocapella.sources.simulate.postures import RISE_S, WAVE, WAVE_PERIOD_S, BodyPosture
+from mocapella.sources.simulate.postures import ARM_POSES, RISE_S, WAVE, WAVE_PERIOD_S, BodyPosture
 from mocapella.sources.simulate.route import STEP_S, Leg
 
 Float64 = NDArray[np.float64]
@@ -32,8 +32,9 @@ REACH = 0.995
 PELVIS_SMOOTHING = 11
 """Number of poses over which the height of the pelvis is smoothed."""
 UP = np.array([0.0, 1.0, 0.0])
-_DEVIATIONS = ("sink", "back", "lean", "reach", "lap", "across", "wave")
-"""The fields of a posture in the order of `GaitTracks.postures`."""
+_DEVIATIONS = ("sink", "back", "lean")
+"""Fields of a posture that are the first columns of `GaitTracks.postures`."""
+_COLUMNS = len(_DEVIATIONS) + len(ARM_POSES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,8 @@ class GaitTracks:
         ankles: (poses, 2, 3) positions of the ankles in the world [m].
         yaws: (poses, 2) headings of the feet [rad].
         swings: (poses, 2) phase of a foot's swing, from 0 to below 1; 0 on the floor.
-        postures: (poses, 7) deviations from standing, the fields of `postures.BodyPosture` from ``sink`` on.
+        postures: (poses, 3 + arm poses) deviations from standing: sink, back and lean as in `postures.BodyPosture`,
+            and the weight of each of `postures.ARM_POSES`, 0 to 1.
     """
 
     spots: Float64
@@ -88,7 +90,7 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     spots = np.concatenate([leg.at(np.arange(n) / n) for leg, n in zip(legs, counts, strict=True)])
     poses = len(spots)
     tracks = GaitTracks(
-        spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros((poses, len(_DEVIATIONS)))
+        spots, np.empty((poses, 2, 3)), np.empty((poses, 2)), np.zeros((poses, 2)), np.zeros((poses, _COLUMNS))
     )
     for side in (0, 1):
         tracks.ankles[:, side], tracks.yaws[:, side] = _planted(spots[:1], side, stature)[0], spots[0, 2]
@@ -103,12 +105,13 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
 
 
 def _deviation(posture: BodyPosture, poses: int) -> Float64:
-    """Deviations from standing (poses, 7) over a leg in which the posture is assumed, perhaps repeatedly, and left."""
+    """Columns of `GaitTracks.postures` over a leg in which a posture is assumed, perhaps repeatedly, and left."""
     at_s = np.arange(poses) / POSE_HZ
     weight = smooth_step(np.minimum(at_s, poses / POSE_HZ - at_s) / RISE_S)
     if posture.period_s > 0:
         weight = weight * (0.5 - 0.5 * np.cos(2 * np.pi * at_s / posture.period_s))
-    return np.asarray(weight[:, None] * [getattr(posture, name) for name in _DEVIATIONS])
+    arms = [float(name == posture.arms) for name in ARM_POSES]
+    return np.asarray(weight[:, None] * [*(getattr(posture, name) for name in _DEVIATIONS), *arms])
 
 
 def _step(tracks: GaitTracks, leg: Leg, step: int, first: int, stature: float) -> None:
@@ -221,19 +224,19 @@ class _HeldArm:
 
 
 def _held(yaw: Float64, side: str, weights: list[Float64]) -> list[_HeldArm]:
-    """Held postures of one arm, with weights (4, poses) of reach, lap, across and wave (the last two: right arm)."""
+    """Held poses of one arm, with weights (arm poses, poses) in the order of `ARM_POSES`."""
     ahead, out = _ahead(yaw), _aside(yaw) * (1 if side == "Left" else -1)
-    up, right = np.broadcast_to(UP, ahead.shape), float(side == "Right")
-    reach, lap, across, wave = weights
+    axes = np.stack([ahead, out, np.broadcast_to(UP, ahead.shape)], axis=1)
     angle = WAVE * np.sin(2 * np.pi * np.arange(len(yaw)) / POSE_HZ / WAVE_PERIOD_S)[:, None]
-    # From hanging to up, the forearm passes in front.
-    waving = np.cos(angle) * UP + np.sin(angle) * out + 2 * (1 - wave)[:, None] * ahead
-    return [
-        _HeldArm(reach, 0.97 * ahead + 0.1 * out - 0.2 * UP, 0.98 * ahead - 0.1 * UP, up),
-        _HeldArm(lap, 0.45 * ahead + 0.15 * out - 0.88 * UP, 0.88 * ahead - 0.1 * out - 0.45 * UP, up),
-        _HeldArm(across * right, 0.85 * ahead - 0.42 * out - 0.3 * UP, 0.95 * ahead - 0.1 * out, up),
-        _HeldArm(wave * right, 0.85 * out + 0.3 * ahead + 0.1 * UP, waving, ahead),
-    ]
+    held = []
+    for pose, weight in zip(ARM_POSES.values(), weights, strict=True):
+        if side not in pose.sides or not weight.any():
+            continue
+        upper, fore, thumb = (direction @ axes for direction in (pose.upper, pose.fore, pose.thumb))
+        if pose.waves:  # from hanging to up, the forearm passes in front
+            fore = np.cos(angle) * fore + np.sin(angle) * out + 2 * (1 - weight)[:, None] * ahead
+        held.append(_HeldArm(weight, upper, fore, thumb))
+    return held
 
 
 def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, held: list[_HeldArm]) -> None:
@@ -242,7 +245,7 @@ def _arm(direction: Float64, side: str, yaw: Float64, swing: Float64, held: list
     angle, bend = 0.35 * swing, 0.15 + 0.2 * np.maximum(swing, 0.0)
     upper = _pitched(ahead, angle - np.pi / 2) + 0.12 * out
     fore = _pitched(ahead, angle + bend - np.pi / 2) + 0.05 * out
-    hangs = 1 - np.sum([arm.weight for arm in held], axis=0)[:, None]
+    hangs = 1 - sum((arm.weight for arm in held), np.zeros(len(yaw)))[:, None]
     upper, fore, thumb = hangs * upper, hangs * fore, hangs * ahead
     for arm in held:
         w = arm.weight[:, None]

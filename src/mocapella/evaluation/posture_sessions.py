@@ -1,0 +1,156 @@
+"""Score a tracker on people in postures unlike walking, with sensors that have the errors of real ones.
+
+A person walks, so that the sensors find their poses, returns to the middle, turns, and assumes a posture. Each posture
+continues from the same walk: the tracker's state after it is restored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.observations import Arrival, JointState
+from mocapella.model.skeleton import SKELETON
+from mocapella.sources.simulate import (
+    PersonSettings,
+    Room,
+    SceneSettings,
+    SensorSettings,
+    SimulatedFrame,
+    SimulatedSensor,
+    build_room,
+    merge,
+)
+from mocapella.sources.simulate.measured import KIND
+from mocapella.sources.simulate.postures import POSTURES, RISE_S
+from mocapella.sources.simulate.scenarios import written_route
+from mocapella.tracker.default import DefaultTracker
+
+Float64 = NDArray[np.float64]
+
+UPRIGHT: Final = ("stand", *(name for name in POSTURES if not name.startswith(("lie", "crawl"))))
+"""Postures whose trunk is not horizontal, and standing; the others are at the end of `POSTURES`."""
+HEADINGS_DEG: Final = (0.0, 60.0, 180.0)
+"""Directions in which the person faces: 0 is towards the first sensor, 180 away from it [deg]."""
+POSTURE_S: Final = 6.0
+"""Duration of a posture [s]."""
+_CENTRE_M: Final = (0.0, 2.8)
+_WALK: Final = ("go 0.7 2.3", "go -0.7 3.3", "go -0.6 2.2", "go 0.6 3.2", "go 0.0 2.8")
+_MIRROR: Final = np.array(SKELETON.mirror)
+_SIDED: Final = np.arange(len(SKELETON)) != _MIRROR
+
+
+class PostureResult(msgspec.Struct, frozen=True):
+    """Score of one posture.
+
+    Attributes:
+        posture: name of the posture.
+        heading_deg: direction in which the person faced, see `HEADINGS_DEG` [deg].
+        frames: number of scored frames, without the transitions.
+        missing: number of these frames without a person in the scene.
+        wrong: number of frames whose left and right are exchanged: exchanging them back lowers the mean error.
+        fused_m: mean error of the joints of the fused skeleton [m].
+        best_m: mean error of the joints of the best sensor with its own labels [m].
+    """
+
+    posture: str
+    heading_deg: float
+    frames: int
+    missing: int
+    wrong: int
+    fused_m: float
+    best_m: float
+
+
+def score_postures(
+    heading_deg: float, seed: int, postures: Sequence[str] = UPRIGHT, azimuths_deg: Sequence[float] = (0.0, 90.0)
+) -> Iterator[PostureResult]:
+    """Yield the score of each posture after one walk.
+
+    Args:
+        heading_deg: direction in which the person faces during the posture [deg].
+        seed: random seed of noise, and of the person's stature.
+        postures: names of postures.
+        azimuths_deg: directions of the sensors, as seen from the person; the first is scored as the main one [deg].
+
+    Raises:
+        SettingsError: unknown posture.
+    """
+    tracker = DefaultTracker(sensors_expected=len(azimuths_deg))
+    snapshot, begins_s = b"", 0.0
+    for posture in postures:
+        room, turned_s = _room(posture, heading_deg, seed, azimuths_deg)
+        if not snapshot:
+            begins_s = turned_s
+            for item in _frames(room, 0.0, begins_s):
+                tracker.update(_arrival(room, item))
+            snapshot = tracker.snapshot()
+        tracker.restore(snapshot)
+        yield _score(tracker, room, posture, heading_deg, begins_s)
+
+
+def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float, begins_s: float) -> PostureResult:
+    main, frames, missing, wrong = room.sensor_names[0], 0, 0, 0
+    fused: list[float] = []
+    sensors: dict[str, list[float]] = {name: [] for name in room.sensor_names}
+    T_world = {sensor.name: sensor.T_world_sensor for sensor in room.settings.sensors}
+    for item in _frames(room, begins_s, begins_s + POSTURE_S):
+        scene = tracker.update(_arrival(room, item))
+        at_s = item.truth.room_ns / NS_PER_S - begins_s
+        if not RISE_S < at_s < POSTURE_S - RISE_S:
+            continue
+        truth = item.truth.positions[0]
+        if len(item.frame.positions):
+            seen = apply(T_world[item.frame.sensor], item.frame.positions[0])
+            tracked = item.frame.states[0] != JointState.NOT_TRACKED
+            sensors[item.frame.sensor].append(float(np.linalg.norm(seen - truth, axis=-1)[tracked].mean()))
+        if item.frame.sensor != main:
+            continue
+        frames += 1
+        place = next((place.T_world_sensor for place in scene.sensors if place.sensor == main), None)
+        if not scene.people or place is None:
+            missing += 1
+            continue
+        found = apply(T_world[main] @ inverse(place), scene.people[0].positions)
+        error, exchanged = (np.linalg.norm(found[order] - truth, axis=-1) for order in (slice(None), _MIRROR))
+        wrong += bool(np.nanmean(exchanged[_SIDED]) < np.nanmean(error[_SIDED]))
+        fused.append(float(np.nanmean(error)))
+    best = min((float(np.mean(errors)) for errors in sensors.values() if errors), default=np.nan)
+    return PostureResult(posture, heading_deg, frames, missing, wrong, float(np.mean(fused)) if fused else np.nan, best)
+
+
+def _frames(room: Room, begin_s: float, end_s: float) -> Iterator[SimulatedFrame]:
+    return merge([SimulatedSensor(room, name) for name in room.sensor_names], begin_s, end_s)
+
+
+def _arrival(room: Room, item: SimulatedFrame) -> Arrival:
+    latency_s = next(sensor.latency_s for sensor in room.settings.sensors if sensor.name == item.frame.sensor)
+    return Arrival(item.frame, item.truth.room_ns + round(latency_s * NS_PER_S))
+
+
+def _room(posture: str, heading_deg: float, seed: int, azimuths_deg: Sequence[float]) -> tuple[Room, float]:
+    """Build the room of one posture; return it and the time at which the posture begins [s]."""
+    rng = np.random.default_rng([seed, round(heading_deg)])
+    stature = float(rng.uniform(1.6, 1.9))
+    sensors = tuple(_sensor(f"sensor{k}", azimuth, k) for k, azimuth in enumerate(azimuths_deg))
+    turn = ("stand 2", *_WALK, *_WALK, f"turn {180.0 - heading_deg}", "stand 1")
+
+    route = (*turn, f"{posture} {POSTURE_S}")
+    person = PersonSettings(_CENTRE_M, "route", route=route, stature=stature)
+    room = build_room(SceneSettings(f"{posture} after a walk", sensors, (person,), seed=seed))
+    return room, written_route(_CENTRE_M, turn).seconds
+
+
+def _sensor(name: str, azimuth_deg: float, index: int) -> SensorSettings:
+    x, z = _CENTRE_M
+    turn = np.radians(azimuth_deg)
+    position = (x - z * float(np.sin(turn)), 1.0 + 0.1 * index, z - z * float(np.cos(turn)))
+    return SensorSettings(
+        name, position, azimuth_deg, phase_s=0.011 * index, latency_s=0.06 + 0.01 * index, lost=0.003, errors=KIND
+    )
