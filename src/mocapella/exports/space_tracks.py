@@ -106,8 +106,8 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
         hz: frame rate, above 0, to compute times from; None for the times of the tracks [Hz].
 
     Raises:
-        InputError: there are no frames, or no rate is given and the time of a frame is unknown, or no time is later than
-            the one before.
+        InputError: there are no frames, or no rate is given, and the time of a frame is unknown or no time is later
+            than the one before.
     """
     at_s = times(tracks, hz)
     if not np.isfinite(at_s).all() or len(at_s) < 1:
