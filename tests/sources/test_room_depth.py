@@ -71,7 +71,9 @@ def test_the_camera_has_the_pose_of_the_first_sensor(noise: str) -> None:
         if noise != "exact":
             continue
         y, x = np.nonzero(shot.depth)
-        rays = np.stack([(x - shot.lens[2]) / shot.lens[0], (y - shot.lens[3]) / shot.lens[1], np.ones(len(x))], axis=-1)
+        rays = np.stack(
+            [(x - shot.lens[2]) / shot.lens[0], (y - shot.lens[3]) / shot.lens[1], np.ones(len(x))], axis=-1
+        )
         points = apply(T_world_camera, rays * (shot.depth[y, x] * shot.unit_m)[:, None])
         parts = shot.parts[y, x]
         assert np.abs(points[parts == FLOOR, 1]).max(initial=0.0) < 0.001
