@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import io
+import os
 import signal
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from mocapella.cli.app import app
 from mocapella.cli.common import (
     DEFAULT_ADDRESS,
     Terminal,
+    check_out,
     exit_by,
     get_ready,
     recording_row,
@@ -68,6 +70,19 @@ def test_a_take_with_a_problem_is_an_exit_status_and_any_other_is_none() -> None
     with pytest.raises(typer.Exit) as ended:
         exit_by(recording_row(RecordingHealth(path="walk.mcap", problem="the disk is full")))
     assert ended.value.exit_code == 1
+
+
+def test_an_out_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "hand.json"
+    assert check_out(out) == out
+    for path, why in ((tmp_path, "it is a folder"), (tmp_path / "none" / "hand.json", "there is no folder")):
+        with pytest.raises(SettingsError, match=why):
+            check_out(path)
+    monkeypatch.setattr(os, "access", lambda *_: False)  # the superuser may write anywhere
+    with pytest.raises(SettingsError, match=r"--out .*hand.json: .* cannot be written to; name a file in a folder"):
+        check_out(out)
 
 
 @pytest.mark.parametrize("text", ["Infinity", "-Infinity", "NaN", "1e999", "9" * 40, "9" * 5000])

@@ -63,6 +63,16 @@ def test_without_times_a_rate_gives_them() -> None:
         as_trc(timeless, "x.trc")
 
 
+def test_equal_times_give_a_rate_from_the_others_and_none_alone() -> None:
+    still = msgspec.structs.replace(
+        TRACKS, frames=np.arange(4), at_s=np.array([1.0, 1.0, 1.0, 1.5]), positions=np.zeros((4, 2, 3))
+    )
+    assert as_trc(still, "x.trc").splitlines()[2].startswith("2\t2\t4\t")
+    with pytest.raises(InputError, match=r"times that rise.*--fps"):
+        as_trc(msgspec.structs.replace(TRACKS, at_s=np.ones(2)), "x.trc")
+    assert as_trc(msgspec.structs.replace(TRACKS, at_s=np.ones(2)), "x.trc", hz=10)
+
+
 def test_a_file_is_written_as_its_name_says(tmp_path: Path) -> None:
     write_space_tracks(TRACKS, tmp_path / "a.csv")
     write_space_tracks(TRACKS, tmp_path / "a.TRC")

@@ -171,6 +171,19 @@ def test_a_prediction_changes_nothing_grows_less_sure_and_ends() -> None:
     )
 
 
+def test_a_time_before_the_last_update_counts_as_that_one_and_the_estimate_says_so() -> None:
+    body = ArticulatedBody(KINECT)
+    assert body.predict(1.0).at_s == 1.0
+    at_s, seen = swaying(20, 3)
+    newest = follow(body, at_s, seen)[-1]
+    assert newest.at_s == at_s[-1]
+    earlier = body.predict(at_s[-1] - 0.1)
+    np.testing.assert_array_equal(earlier.positions, body.predict(at_s[-1]).positions)
+    assert earlier.at_s == at_s[-1]
+    assert body.update(seen[-1], VARIANCES, at_s[-1] - 0.1).at_s == at_s[-1]
+    assert body.predict(at_s[-1] + 0.1).at_s == at_s[-1] + 0.1
+
+
 def test_a_memory_that_was_kept_goes_on_to_the_bit() -> None:
     at_s, seen = swaying(20, 4)
     body, copy = ArticulatedBody(KINECT), ArticulatedBody(KINECT)

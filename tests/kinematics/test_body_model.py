@@ -35,6 +35,9 @@ def test_the_skeleton_of_people_has_a_body_model_whose_sides_are_alike() -> None
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
+        (TEXT[TEXT.index("[bones.") :], "", "kinect_v2.*`bones`"),
+        (TEXT[: TEXT.index("[bones.")], "", "kinect_v2.*`torso`"),
+        ("[bones.Neck]", "[bones]\nNeck = 3\n[bones.Nick]", "kinect_v2.*bones"),
         ("torso = [", "speed = 3\ntorso = [", "speed"),
         ('"Neck", "ShoulderLeft", "ShoulderRight", "HipLeft", "HipRight"]', "]", "torso"),
         ('"ShoulderLeft", "ShoulderRight", "HipLeft"', '"ShoulderLeft", "HipLeft"', "torso"),

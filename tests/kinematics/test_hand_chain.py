@@ -108,3 +108,7 @@ def test_a_shape_that_cannot_be_is_refused() -> None:
     for lengths in (np.zeros((5, 3)), np.full((5, 3), np.nan), np.full((4, 3), 0.03)):
         with pytest.raises(SettingsError, match="lengths"):
             HandShape("left", lengths, RIGHT.bases)
+    for sd in (np.full((5, 3), -0.001), np.full((5, 3), np.nan), np.full((5, 3), np.inf), np.full((4, 3), 0.001)):
+        with pytest.raises(SettingsError, match="lengths_sd"):
+            HandShape("left", RIGHT.lengths, RIGHT.bases, lengths_sd=sd)
+    HandShape("left", RIGHT.lengths, RIGHT.bases, lengths_sd=np.zeros((5, 3)))

@@ -140,6 +140,18 @@ def test_a_digit_without_a_target_stays_as_it_was() -> None:
         assert np.isnan(found.errors_m[2])
 
 
+def test_a_thumb_without_a_target_keeps_its_opposition() -> None:
+    start = FULL.limited(np.full(21, 0.2))
+    opposition = DIGIT_ANGLES[0, 4]
+    assert start[opposition] > 0.1
+    targets = np.stack([tips(FULL, RIGHT, start)] * 2)
+    targets[1, 0] = np.nan
+    for name in SOLVERS:
+        found = hand_solver(name, FULL, RIGHT).solve(targets, start).angles
+        assert found[0, opposition] == 0.0
+        np.testing.assert_allclose(found[1, DIGIT_ANGLES[0]], start[DIGIT_ANGLES[0]], atol=1e-12)
+
+
 def test_many_hands_at_once_are_each_alone() -> None:
     targets = tips(FULL, LEFT, random_angles(FULL, np.random.default_rng(2), 6)).reshape(2, 3, 5, 3)
     solver = ClosedForm(FULL, LEFT)

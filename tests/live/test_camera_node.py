@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.errors import SettingsError
+from mocapella.errors import NoServerError, SettingsError
 from mocapella.live.camera_node import (
     STEADY_S,
     WARN_AFTER_S,
@@ -120,6 +120,36 @@ def test_an_image_that_causes_an_unexpected_error_costs_itself_only() -> None:
     assert len(seen) == 3
     assert "left: unexpected error (image): ZeroDivisionError: planted" in said
     assert list(ran.errors.values()) == [1]
+
+
+@pytest.mark.parametrize(
+    ("refused", "why"),
+    [("", "no server was at tcp/127.0.0.1:1; start it first"), ("it has another key; invite it again",) * 2],
+)
+def test_a_node_whose_source_ends_says_why_no_server_took_its_frames(refused: str, why: str) -> None:
+    class Unwanted(Link):
+        def join(self, timeout: float = 1.0) -> bool:
+            return False
+
+        def why_not_admitted(self) -> str:
+            return refused
+
+    class Ended:
+        ended = True
+
+        def start(self, zero_s: float) -> None:
+            pass
+
+        def take(self, timeout_s: float) -> None:
+            return None
+
+    link: Any = Unwanted([])
+    source: Any = Ended()
+    with pytest.raises(NoServerError, match=f"left: 0 frames went nowhere: {why}"):
+        run_camera_node(
+            link, source, Work(), lambda picture: None, CameraNodeSettings(), epoch=None, stop=threading.Event(),
+            wait=False, say=lambda text: None,
+        )  # fmt: skip
 
 
 def test_an_error_of_ours_ends_the_node() -> None:

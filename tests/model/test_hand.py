@@ -140,6 +140,7 @@ def test_a_file_that_is_no_hand_says_what_and_where(tmp_path: Path) -> None:
         "side": (good | {"handedness": "both"}, "is no hand"),
         "extra": (good | {"more": 1}, "is no hand"),
         "digit": (good | {"lengths_m": {"thumb": [0.1, 0.1, 0.1]}}, "lengths_m.index"),
+        "sd": (good | {"lengths_sd_m": {name: [0.001, -0.001, 0.001] for name in good["lengths_m"]}}, "lengths_sd is"),
         "size": (good | {"lengths_m": good["lengths_m"] | {"ring": [0.1, -0.1, 0.1]}}, "lengths is"),
     }
     for name, (data, message) in wrong.items():

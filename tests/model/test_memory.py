@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mocapella.errors import MocapellaError, WireError
+from mocapella.errors import InputError, MocapellaError, WireError
 from mocapella.model.memory import pack, recalls, recorded_name, set_memory, unpack
 from mocapella.model.scene import Phase, TrackerState
 from mocapella.model.session import SensorPose
@@ -125,7 +125,7 @@ def test_a_deep_memory_is_refused() -> None:
     assert unpack(msgspec.msgpack.encode(["list", [["list", []]]]), ()) == [[]]
 
 
-@pytest.mark.parametrize("error", [TypeError("too few"), KeyError("name"), AttributeError("no")])
+@pytest.mark.parametrize("error", [TypeError("too few"), KeyError("name"), WireError("3 bytes"), InputError("no")])
 def test_a_tracker_that_cannot_recall_a_memory_is_reset(error: Exception) -> None:
     class Forgetful:
         resets = 0

@@ -97,6 +97,7 @@ def test_openposes_folders_and_the_surest_person(tmp_path: Path) -> None:
         (OWN.replace("7,right", "7.5,right"), "row 3: field frame: 7.5"),
         (OWN.replace("7,right", "7,"), "row 3: field camera: empty"),
         (OWN.replace("7,right", "7,left"), "row 3: field point: 'tip': the point is there twice"),
+        (OWN + "9,left,tip,5,6,1,\n", "row 5: field point: 'tip': the point is there twice"),
         (OWN.splitlines()[0] + "\n", "no rows|columns"),
         ("", "columns"),
         ("\udcff", "no text in UTF-8"),

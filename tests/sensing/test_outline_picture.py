@@ -115,6 +115,13 @@ def test_where_nothing_can_be_written_is_said(tmp_path):
     assert cv2.imread(str(tmp_path / "seen" / "c1_000007.jpg")).shape == (20, 20, 3)
 
 
+def test_a_picture_that_cannot_be_written_is_named(tmp_path):
+    writer = OverlayWriter(tmp_path / "seen", 30.0, {"c1": (20, 20)})
+    (tmp_path / "seen" / "c1_000007.jpg").mkdir()
+    with pytest.raises(InputError, match=r"c1_000007.jpg: cannot be written: Is a directory"):
+        writer.write(7, {"c1": np.zeros((20, 20, 3), np.uint8)})
+
+
 def test_a_camera_that_gives_no_picture_is_black_in_a_film(tmp_path):
     writer = OverlayWriter(tmp_path / "seen.mp4", 30.0, {"c1": (64, 48), "c2": (64, 48)})
     white = np.full((48, 64, 3), 255, np.uint8)

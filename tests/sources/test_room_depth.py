@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply, inverse
 from mocapella.sources.depth_options import DepthOptions
 from mocapella.sources.simulate.body import BODY, JOINT
+from mocapella.sources.simulate.depth_scene import depth_sensor
+from mocapella.sources.simulate.device import SensorSettings
 from mocapella.sources.simulate.rendered_depth import RenderedRecording, rendered_scene
-from mocapella.sources.simulate.room_depth import FIRST_PERSON, FLOOR, WALL, capsule, room_depth_scene
+from mocapella.sources.simulate.room import build_room
+from mocapella.sources.simulate.room_depth import (
+    FIRST_PERSON,
+    FLOOR,
+    WALL,
+    WALL_M,
+    RoomDepthScene,
+    capsule,
+    room_depth_scene,
+)
+from mocapella.sources.simulate.scenes import load_scene
 
 
 def test_joints_lie_in_the_flesh_that_is_seen() -> None:
@@ -37,6 +52,39 @@ def test_floor_and_wall_are_planes() -> None:
     z = shot.depth[y, x] * shot.unit_m
     np.testing.assert_allclose((y - shot.lens[3]) / shot.lens[1] * z, 1.0, atol=0.002)
     np.testing.assert_allclose(shot.depth[shot.parts == WALL] * shot.unit_m, 5.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("noise", ["exact", "kinect"])
+def test_the_camera_has_the_pose_of_the_first_sensor(noise: str) -> None:
+    settings = load_scene("stand", seed=1).settings
+    seen = set()
+    for yaw_deg, tilt_deg, position in ((30.0, 25.0, (-1.0, 0.5, 0.5)), (-20.0, -50.0, (0.6, 2.2, 1.2))):
+        sensor = SensorSettings("front", position, yaw_deg=yaw_deg, tilt_deg=tilt_deg)
+        room = build_room(replace(settings, sensors=(sensor,)))
+        scene = RoomDepthScene(room, depth_sensor(noise), 1)
+        shot = scene.at(1.0)
+        T_world_camera = inverse(scene.T_camera_world)
+        np.testing.assert_allclose(T_world_camera[:3, 1:], sensor.T_world_sensor[:3, 1:] * (-1, 1, 1), atol=1e-12)
+        np.testing.assert_allclose(apply(T_world_camera, shot.people), room.positions_at(10**9), atol=1e-9)
+        assert (shot.parts == FIRST_PERSON).sum() > 3000
+        seen |= set(np.unique(shot.parts).tolist())
+        if noise != "exact":
+            continue
+        y, x = np.nonzero(shot.depth)
+        rays = np.stack(
+            [(x - shot.lens[2]) / shot.lens[0], (y - shot.lens[3]) / shot.lens[1], np.ones(len(x))], axis=-1
+        )
+        points = apply(T_world_camera, rays * (shot.depth[y, x] * shot.unit_m)[:, None])
+        parts = shot.parts[y, x]
+        assert np.abs(points[parts == FLOOR, 1]).max(initial=0.0) < 0.001
+        yaw = np.radians(yaw_deg)
+        ahead_m = (points - position) @ (np.sin(yaw), 0.0, np.cos(yaw))
+        np.testing.assert_allclose(ahead_m[parts == WALL], WALL_M, atol=0.002)
+    assert seen == {FLOOR, WALL, FIRST_PERSON}
+    upwards = replace(settings, sensors=(SensorSettings("front", tilt_deg=80.0),))
+    shot = RoomDepthScene(build_room(upwards), depth_sensor(noise), 1).at(1.0)
+    assert (shot.parts == 0).any()
+    assert not shot.depth[shot.parts == 0].any()
 
 
 def test_a_capsule_is_closed_and_as_thick_as_it_is_said() -> None:

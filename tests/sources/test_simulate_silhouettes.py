@@ -110,6 +110,18 @@ def test_the_parts_are_where_their_landmarks_are() -> None:
     np.testing.assert_array_equal(np.isfinite(truth.depth_m), truth.people >= 0)
 
 
+def test_heights_that_are_not_given_are_random_and_within_their_range() -> None:
+    """Of the third person with this seed, 1.45 m is drawn."""
+    people = scene("t-pose", seed=308, people=3, height_m=2.0).meshes
+    assert people[0] is body_mesh("female", 2.0)
+    assert people[2] is body_mesh("female", 1.5)
+    drawn = [scene("t-pose", seed=seed).mesh for seed in range(6)]
+    men = [scene("t-pose", seed=seed, sex="male").mesh for seed in range(6)]
+    tall_m = [float(np.ptp(mesh.vertices[:, 1])) for mesh in men]
+    assert len(set(tall_m)) == 5  # twice 1.82 m
+    assert 0 < sum(man is one for man, one in zip(men, drawn, strict=True)) < 6
+
+
 def test_several_people_are_told_apart() -> None:
     s = scene("t-pose", people=2)
     found = np.unique(np.concatenate([truth.people.ravel() for truth in s.covered(0)]))

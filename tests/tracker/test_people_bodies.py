@@ -5,22 +5,25 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
 from support.silhouette_pictures import Room, pose_at, ring, somebody
 
-from mocapella.errors import SettingsError
+from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.images import image_frame
+from mocapella.model.memory import pack, unpack
 from mocapella.model.observations import Arrival, body_frame
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.scene import Scene
 from mocapella.model.topology import topology
 from mocapella.schema import decode_scene, encode_scene
 from mocapella.tracker import make_tracker
+from mocapella.tracker.default import _REMEMBERED
 from mocapella.tracker.people_bodies import NOT_CONFIGURED, WALK
 from mocapella.tracker.silhouette_start import body_of
 from mocapella.tracker.silhouettes_setup import body_setup
@@ -122,6 +125,16 @@ def test_such_a_scene_travels_and_a_snapshot_goes_on_to_the_bit() -> None:
     other.restore(memory)
     again = [other.update(arrival) for k, arrival in enumerate(arrivals()) if k >= 250]
     assert [encode_scene(scene) for scene in again] == [encode_scene(scene) for scene in scenes[250:]]
+
+
+def test_a_snapshot_with_a_damaged_memory_of_the_bodies_is_refused_and_the_tracker_is_reset() -> None:
+    one = tracker()
+    for arrival in islice(arrivals(images=False), 5):
+        one.update(arrival)
+    *parts, (_, alignment, own) = unpack(one.snapshot(), _REMEMBERED)
+    with pytest.raises(WireError):
+        one.restore(pack([*parts, [b"damaged", alignment, own]], _REMEMBERED))
+    assert one.snapshot() == tracker().snapshot()
 
 
 def test_people_are_the_same_with_cameras_and_without() -> None:

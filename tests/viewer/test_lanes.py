@@ -14,7 +14,7 @@ from mocapella.model.markers import marker_frame
 from mocapella.model.sensor_frame import SensorFrame, UnknownFrame
 from mocapella.viewer.bones import line_strokes
 from mocapella.viewer.gallery import gallery_drawing
-from mocapella.viewer.lanes import LaneDrawing, LaneSpace, draw_lane, kept, lane_of
+from mocapella.viewer.lanes import Lane, LaneDrawing, LaneSpace, draw_lane, kept, lane_of
 from mocapella.viewer.palette import Rgb
 from mocapella.viewer.plugin_errors import PluginErrors
 from mocapella.viewer.readout import notices_html
@@ -47,6 +47,9 @@ def melt(frame: BellFrame, space: LaneSpace) -> LaneDrawing:
     strokes = ring(frame, space).lines
     strokes.positions[:] = np.nan
     return LaneDrawing(strokes)
+
+
+PICTURES = Lane(ring, size_px=lambda frame: (640, 480))
 
 
 @pytest.fixture
@@ -139,6 +142,14 @@ def test_an_image_is_an_edge_of_its_shape_and_is_kept_without_its_pixels():
     across, high = known.fields["c1"]
     assert across > high
     assert len(draw_lane(image_frame("c1", None, time_ns=1), SPACE, troubles).lines) == 0
+
+
+def test_a_field_of_view_that_the_frames_know_is_taken_also_with_an_image_size(bells, monkeypatch):
+    known = bells(f"{__name__}:PICTURES")
+    assert known.fields["bell"] == pytest.approx((60.0, 46.83), abs=0.01)  # a guess
+    monkeypatch.setattr(BellFrame, "field_of_view_deg", (90.0, 70.0))
+    known.learn(None, {"bell": BELL}, None)
+    assert known.fields["bell"] == (90.0, 70.0)
 
 
 def test_sensors_whose_pictures_stand_over_the_stage_have_no_lane():

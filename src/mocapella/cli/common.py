@@ -69,14 +69,20 @@ def _check_json(target: str | None) -> str | None:
 
 
 def check_out(path: Path) -> Path:
-    """Check, before any work is done, that ``--out`` names a file in an existing folder; return its path.
+    """Check, before any work is done, that ``--out`` names a file that can be made or replaced; return its path.
 
     Raises:
-        SettingsError: the path is a folder, or its folder does not exist.
+        SettingsError: the path is a folder, or its folder does not exist or cannot be written to.
     """
-    if path.is_dir() or not path.parent.is_dir():
-        problem = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
-        raise SettingsError(f"--out {path}: {problem}; name a file in a folder that exists")
+    folder, problem = path.parent, ""
+    if path.is_dir():
+        problem = "it is a folder"
+    elif not folder.is_dir():
+        problem = f"there is no folder {folder}"
+    elif not os.access(folder, os.W_OK | os.X_OK):  # an existing file is replaced by a new one
+        problem = f"{folder} cannot be written to"
+    if problem:
+        raise SettingsError(f"--out {path}: {problem}; name a file in a folder that exists and that you may write to")
     return path
 
 

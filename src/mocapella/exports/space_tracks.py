@@ -37,7 +37,7 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
 
     Raises:
         SettingsError: the suffix or axis is unknown, the rate is not above 0, or the file cannot be written.
-        InputError: a TRC is to be written, and there is no frame, or ``hz`` is None and a frame's time is unknown.
+        InputError: a TRC is to be written, and there is no frame, or ``hz`` is None and the frames' times give no rate.
     """
     writers: dict[str, Callable[[], str]] = {
         ".csv": lambda: as_csv(tracks, hz),
@@ -97,7 +97,7 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
     """Return the text of a TRC, the marker file of OpenSim, in metres with Y up; unknown coordinates are empty.
 
     The first frame's time is 0, and the frames keep their numbers. Without ``hz``, the header's rate is that of the
-    median interval between frames, or 1 Hz for a single frame.
+    median interval between frames with different times, or 1 Hz for a single frame.
 
     Args:
         tracks: the points.
@@ -106,12 +106,17 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
         hz: frame rate, above 0, to compute times from; None for the times of the tracks [Hz].
 
     Raises:
-        InputError: there are no frames, or no rate is given and the time of a frame is unknown.
+        InputError: there are no frames, or no rate is given, and the time of a frame is unknown or no time is later
+            than the one before.
     """
     at_s = times(tracks, hz)
     if not np.isfinite(at_s).all() or len(at_s) < 1:
         raise InputError("a TRC needs times, and the points have none", fix="give the rate of their frames with --fps")
-    rate = hz or (1.0 / float(np.median(np.diff(at_s))) if len(at_s) > 1 else 1.0)
+    intervals = np.diff(at_s)
+    later = intervals[intervals > 0]
+    if hz is None and len(intervals) > 0 and len(later) == 0:
+        raise InputError("a TRC needs times that rise", fix="give the rate of their frames with --fps")
+    rate = hz or (1.0 / float(np.median(later)) if len(later) > 0 else 1.0)
     count, points = len(at_s), len(tracks.points)
     rate_text = f"{rate:.6g}"
     lines = [

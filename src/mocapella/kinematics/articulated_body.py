@@ -90,25 +90,30 @@ class ArticulatedBody:
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
 
         Returns:
-            All joints at that instant, including unmeasured ones; all NaN until enough joints initialise the body, and
-            after ``forget_after_s`` without measurements.
+            All joints at the instant that ``at_s`` counts as, including unmeasured ones; all NaN until enough joints
+            initialise the body, and after ``forget_after_s`` without measurements.
         """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
         measured = np.ascontiguousarray(positions, dtype=np.float64).reshape(joints, 3)
         sure = np.ascontiguousarray(variances, dtype=np.float64).reshape(joints)
         _kernels().correct(self.model.arrays, self.memory[0], float(at_s), measured, sure, x, v)
-        return Estimate(float(at_s), x, v)
+        return Estimate(self._instant(at_s), x, v)
 
     def predict(self, at_s: float) -> Estimate:
         """Predict the body at an instant, on the clock of the capture times [s], without changing it.
 
-        All is NaN while the body is not known, and later than ``forget_after_s`` after its last measurement.
+        A time before the last update's counts as that of the last update. All is NaN while the body is not known, and
+        later than ``forget_after_s`` after its last measurement.
         """
         joints = len(self.model.order)
         x, v = np.empty((joints, 3)), np.empty(joints)
         _kernels().predict(self.model.arrays, self.memory[0], float(at_s), x, v)
-        return Estimate(float(at_s), x, v)
+        return Estimate(self._instant(at_s), x, v)
+
+    def _instant(self, at_s: float) -> float:
+        """Return the instant that the kernels compute for ``at_s`` [s]: not before the memory's, NaN for a new body."""
+        return float(np.fmax(at_s, self.memory[0, at.AT]))
 
     def move(self, T_new_old: Float64) -> None:
         """Transform the state to another world frame, by a rigid motion (4, 4) from the old to the new world."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from typing import Final
+from typing import Any, Final
 
 from mocapella.decoding import decode_toml
 from mocapella.errors import SettingsError, one_of
@@ -134,6 +134,15 @@ class BodyModel:
     root_misfit_m: float = 0.01
 
 
+@dataclass(frozen=True)
+class _Tables:
+    """The content of a body model's TOML."""
+
+    bones: dict[str, dict[str, Any]]
+    torso: tuple[str, ...]
+    contacts: tuple[str, ...] = ()
+
+
 @cache
 def body_model_names() -> tuple[str, ...]:
     """Return the names of the topologies that have a body model."""
@@ -163,16 +172,13 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
 
     Raises:
         InputError: the text is not TOML.
-        SettingsError: an unknown joint, a missing bone, a value out of range, or a torso with fewer than four joints or
-            without a joint's mirror image.
+        SettingsError: an unknown joint, a missing, unknown or mistyped field, a missing bone, a value out of range, or
+            a torso with fewer than four joints or without a joint's mirror image.
     """
-    data = decode_toml(text)
     where = f"body model {of.name}"
-    unknown = sorted(set(data) - {"torso", "contacts", "bones"})
-    if unknown:
-        raise SettingsError(f"{where}: unknown key {unknown[0]!r}; known: bones, contacts, torso")
+    data = parse(_Tables, decode_toml(text), where=where)
     bones: dict[int, Bone] = {}
-    for name, fields in data["bones"].items():
+    for name, fields in data.bones.items():
         joint = of.index(name)
         bone = parse(Bone, fields, where=f"{where}, bone {name}")
         other = of.mirror[joint]
@@ -185,8 +191,8 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     if missing or root in bones:
         wrong = f"no bone {missing[0]}" if missing else f"a bone that ends at the root {of.joints[root]}"
         raise SettingsError(f"{where}: {wrong}; it wants one for every joint but the root, or for its mirror image")
-    torso = tuple(of.index(name) for name in data["torso"])
+    torso = tuple(of.index(name) for name in data.torso)
     if len(set(torso)) < 4 or len({of.mirror[j] for j in torso} - set(torso)) > 0:
         raise SettingsError(f"{where}: torso wants four joints or more, each with its mirror image")
-    contacts = tuple(of.index(name) for name in data.get("contacts", ()))
+    contacts = tuple(of.index(name) for name in data.contacts)
     return BodyModel(of, bones, torso, contacts)

@@ -59,7 +59,7 @@ class HandSolver(Protocol):
         Args:
             targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
             start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
-                Angles beyond the limits are clamped, and the thumb's opposition is set to 0.
+                Angles beyond the limits are clamped, and the opposition of a thumb with a target is set to 0.
 
         Returns:
             Angles within the limits, in new arrays; an unreachable target leaves a tip at a distance, ``errors_m``.
@@ -126,7 +126,7 @@ class _Solver:
         for k in range(len(flat)):
             self._solve(flat[k], rows[k], errors[k], iterations[k])
         # The kernels solve a thumb whose second joint does not abduct.
-        angles[:, DIGIT_ANGLES[0, 4]] = 0.0
+        angles[np.isfinite(errors[:, 0]), DIGIT_ANGLES[0, 4]] = 0.0
         angles[:, DIGIT_ANGLES[:, :4]] = rows
         errors = errors.reshape(*batch, 5)
         measured = np.isfinite(errors)

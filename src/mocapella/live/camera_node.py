@@ -11,7 +11,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from mocapella.errors import MocapellaError, NoServerError
-from mocapella.live.node import Membership
+from mocapella.live.node import Membership, nowhere
 from mocapella.settings import check
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
@@ -141,10 +141,7 @@ def run_camera_node(
         stop.set()
         membership.close()
     if ended_by_itself and full is None and not membership.served.is_set():
-        raise NoServerError(
-            f"{sensor}: {link.published} frames went nowhere: no server was at {link.address}; "
-            "start it first (mocapella serve)"
-        )
+        raise NoServerError(nowhere(link))
     return CameraRun(membership.served.is_set(), round(clock() - began, 3), link.errors.counts)
 
 

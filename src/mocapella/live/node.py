@@ -164,6 +164,12 @@ class Membership:
             self._say(f"{sensor}: the server at {address} answers again")
 
 
+def nowhere(link: NodeLink) -> str:
+    """Return why no server ever accepted a node whose source has ended, with the remedy."""
+    why = link.why_not_admitted() or f"no server was at {link.address}; start it first (mocapella serve)"
+    return f"{link.node.sensor}: {link.published} frames went nowhere: {why}"
+
+
 def run_node(
     link: NodeLink,
     frames: Callable[[], Iterable[DueFrame]],
@@ -208,8 +214,7 @@ def run_node(
         stop.set()
         membership.close()
     if ended_by_itself and not membership.served.is_set():
-        why = link.why_not_admitted() or f"no server was at {link.address}; start it first (mocapella serve)"
-        raise NoServerError(f"{link.node.sensor}: {link.published} frames went nowhere: {why}")
+        raise NoServerError(nowhere(link))
     return NodeSummary(
         sensor=link.node.sensor,
         node_id=f"{link.node.node_id:016x}",

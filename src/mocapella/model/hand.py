@@ -311,7 +311,7 @@ class HandShape(msgspec.Struct, frozen=True, eq=False):
         lengths_sd: (5, 3) standard deviations of ``lengths`` [m]; None if not measured.
 
     Raises:
-        SettingsError: a wrong shape, or a length or position beyond a human hand's.
+        SettingsError: a wrong shape, or a length, position or standard deviation beyond a human hand's.
     """
 
     handedness: Handedness
@@ -325,6 +325,10 @@ class HandShape(msgspec.Struct, frozen=True, eq=False):
         for name, array, least in (("lengths", self.lengths, 0.0), ("bases", self.bases, -0.5)):
             good = array.shape == (5, 3) and bool(((array > least) & (array < 0.5)).all())
             check(good, name, array.tolist(), f"(5, 3) between {least} and 0.5 m")
+        if self.lengths_sd is not None:
+            sd = self.lengths_sd
+            good = sd.shape == (5, 3) and bool(((sd >= 0) & (sd < 0.5)).all())
+            check(good, "lengths_sd", sd.tolist(), "(5, 3) from 0 to below 0.5 m")
 
     @property
     def mirror(self) -> Float64:

@@ -88,8 +88,8 @@ def set_memory(part: object, memory: Mapping[str, Any], names: Collection[str] |
 def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes], None]:
     """Decorate a tracker's ``restore(self, data)``: an invalid snapshot resets the tracker and raises `WireError`.
 
-    Without the decorator, the tracker would keep a part of the snapshot's state. A `MocapellaError`, such as from
-    `unpack`, passes unchanged and resets nothing.
+    Without the decorator, the tracker would keep a part of the snapshot's state. A `WireError`, such as from `unpack`
+    or from the ``restore`` of a tracker inside this one, resets the tracker and passes unchanged.
     """
 
     @functools.wraps(restore)
@@ -97,10 +97,12 @@ def recalls(restore: Callable[[_Kept, bytes], None]) -> Callable[[_Kept, bytes],
         before = dict(vars(self))
         try:
             restore(self, data)
-        except FAULTS as error:
+        except (*FAULTS, MocapellaError) as error:
             vars(self).clear()
             vars(self).update(before)
             self.reset()
+            if isinstance(error, WireError):
+                raise
             raise WireError(f"{len(data)} bytes that are no memory of this tracker ({error!r})") from error
 
     return guarded

@@ -179,9 +179,10 @@ def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapp
     shape = len(frames), len(cameras), len(points)
     check_filled(math.prod(shape), len(numbers), file=path)
     pixels, confidences, at_s = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape[:2], np.nan)
+    there = np.zeros(shape, dtype=np.bool_)
     for row, (frame, camera, point, x, y, confidence, time) in enumerate(numbers, start=2):
         i, k, p = places[0][frame], places[1][camera], places[2][point]
-        if confidences[i, k, p] > 0:
+        if there[i, k, p]:
             raise InputError(
                 "the point is there twice", file=path, row=row, field=fields["point"], value=point,
                 fix="keep one row for a frame, camera and point",
@@ -189,6 +190,7 @@ def _table(path: Path, fields: Mapping[str, str], rows: Iterator[tuple[int, Mapp
         if not 0 <= confidence <= 1:
             raise InputError("not between 0 and 1", file=path, row=row, field="confidence", value=confidence)
         pixels[i, k, p], confidences[i, k, p], at_s[i, k] = (x, y), confidence, time
+        there[i, k, p] = True
     pixels[confidences == 0] = np.nan
     return ImageTracks(tuple(cameras), tuple(points), np.array(frames, dtype=np.int64), at_s, pixels, confidences)
 

@@ -39,8 +39,13 @@ class _Entry(msgspec.Struct, frozen=True):
     values: dict[str, str] | None = None
 
 
+_MARK: Final = _Entry(take.INTERRUPTED_METADATA, b"", values={})
+
+
 def merge_parts(path: Path | str, *, reserve_bytes: int = disk.GIB) -> None:
     """Merge the parts of an interrupted take into one file, properly closed; a take that was closed stays unchanged.
+
+    A take that ends with `INTERRUPTED_METADATA` keeps this mark at its end, so that its recording can go on.
 
     Args:
         path: the take, ``NAME.mcap``.
@@ -76,7 +81,8 @@ def _locked(path: Path) -> Iterator[None]:
 def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int = disk.GIB) -> dict[str, int]:
     """Add the frames that a take lacks from other files, such as nodes' spools; return their number by sensor.
 
-    Only frames that belong to the take are added. The parts of an interrupted take are merged, too.
+    Only frames that belong to the take are added. The parts of an interrupted take are merged, too; a mark at the end
+    stays there, as with `merge_parts`.
 
     Args:
         path: the take, ``NAME.mcap``.
@@ -158,15 +164,17 @@ def closed(path: Path) -> bool:
 
 
 def reopen(path: Path) -> bool:
-    """Remove the end of an MCAP file marked with `INTERRUPTED_METADATA`; return False if it has no such mark.
+    """Remove the end of a closed take marked with `INTERRUPTED_METADATA`; return False if it has no such mark.
 
-    A kill at any point leaves an interrupted take. The caller holds the take's lock.
+    Part files that were merged into the take are deleted before, because they would be parts of it again. A kill at any
+    point leaves an interrupted take. The caller holds the take's lock.
 
     Raises:
         DiskFullError, RecordingError: the disk failed.
     """
     mark = metadata_record(take.INTERRUPTED_METADATA, {})
     try:
+        remove_leftovers(path)
         with path.open("r+b") as file:
             end = data_end(file, path.stat().st_size) or 0
             file.seek(max(0, end - len(mark)))
@@ -186,7 +194,9 @@ def _metadata(path: Path) -> Iterator[MetadataRead]:
 
 def _copy(parts: Sequence[Path], fd: int, found: FoundFrames | None) -> None:
     file = TakeFile(fd)
-    for entry in _entries(parts):
+    names = msgspec.json.encode([part.name for part in parts]).decode()
+    file.add_metadata(take.MERGED_METADATA, {"parts": names})  # at the beginning: a mark at the end must be the last
+    for entry in _wanted(parts, found):
         if entry.values is not None:
             file.flush(durable=False)  # a run's record stands between the messages before it and after it
             file.add_metadata(entry.topic, entry.values)
@@ -194,33 +204,38 @@ def _copy(parts: Sequence[Path], fd: int, found: FoundFrames | None) -> None:
         file.add(entry.topic, entry.data, entry.log_ns, entry.sequence, entry.publish_ns)
         if file.pending_bytes > _FLUSH_BYTES:
             file.flush(durable=False)
-    if found is not None:
-        _add_found(file, found)
-    names = msgspec.json.encode([part.name for part in parts]).decode()
-    file.add_metadata(take.MERGED_METADATA, {"parts": names})
     file.finish()
 
 
-def _add_found(file: TakeFile, found: FoundFrames) -> None:
-    for topic, data, sequence in found.read():
-        file.add(topic, data, found.log_ns, sequence)
-        if file.pending_bytes > _FLUSH_BYTES:
-            file.flush(durable=False)
-    for row in found.rows:
-        file.add(take.NODES, msgspec.json.encode(row), found.log_ns)
-
-
 def _compare(parts: Sequence[Path], copy: Path, found: FoundFrames | None) -> None:
-    left = 0 if found is None else sum(found.counts.values()) + len(found.rows)
-    for original, copied in zip_longest(_entries(parts), _entries([copy])):
-        if original is None and left > 0:
-            left -= 1
-            continue
-        if original != copied:
-            what = original or copied
+    for wanted, copied in zip_longest(_wanted(parts, found), _entries([copy])):
+        if wanted != copied:
+            what = wanted or copied
             raise RecordingError(f"{copy} is not equal to the parts it was made of, at {what.topic}; they are kept")
-    if left or not closed(copy):
+    if not closed(copy):
         raise RecordingError(f"{copy} has no end; the parts it was made of are kept")
+
+
+def _wanted(parts: Sequence[Path], found: FoundFrames | None) -> Iterator[_Entry]:
+    """Yield the entries of a merged take: those of the parts, then the found frames and their ledgers.
+
+    A mark by which `reopen` opens the take again stays the last entry.
+    """
+    marked = False
+    for entry in _entries(parts):
+        if marked:
+            yield _MARK
+        marked = entry == _MARK
+        if not marked:
+            yield entry
+    if found is not None:
+        at_ns = found.log_ns
+        for topic, data, sequence in found.read():
+            yield _Entry(topic, data, at_ns, at_ns, sequence % 2**32)  # MCAP keeps the lower 32 bits
+        for row in found.rows:
+            yield _Entry(take.NODES, msgspec.json.encode(row), at_ns, at_ns)
+    if marked:
+        yield _MARK
 
 
 def _entries(parts: Sequence[Path]) -> Iterator[_Entry]:

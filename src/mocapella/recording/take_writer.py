@@ -343,7 +343,6 @@ class TakeWriter:
 def _earlier_parts(path: Path) -> TakeSoFar:
     """Read an interrupted recording, and reopen it if need be; raise `TakeExistsError` if it is anything else."""
     if merge.closed(path) and not merge.reopen(path):
-        merge.remove_leftovers(path)
         raise disk.name_taken(path)
     with path.open("rb") as file:
         start = file.read(len(MAGIC))

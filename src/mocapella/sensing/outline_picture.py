@@ -167,11 +167,16 @@ class OverlayWriter:
             pictures: (height, width, 3) uint8 BGR by camera.
 
         Raises:
-            InputError: the MP4 cannot be written.
+            InputError: the MP4 or a JPEG cannot be written.
         """
         if not self._is_video:
             for name, picture in pictures.items():
-                (self._path / f"{name}_{frame:06d}.jpg").write_bytes(jpeg(picture))
+                file = self._path / f"{name}_{frame:06d}.jpg"
+                try:
+                    file.write_bytes(jpeg(picture))
+                except OSError as error:
+                    fix = "name another folder, or free some space"
+                    raise InputError(f"cannot be written: {error.strerror}", file=file, fix=fix) from error
             return
         black = {name: np.zeros((size[1], size[0], 3), np.uint8) for name, size in self._sizes.items()}
         joined = side_by_side([pictures.get(name, none) for name, none in black.items()])

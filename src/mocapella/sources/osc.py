@@ -175,7 +175,6 @@ class OscPoses:
         self._most_hz = most_hz
         self._allowed, self._at_ns = most_hz, -1
         self._local: set[str] = set()
-        self._positions: dict[str, Float64] = {}
         self._rotations: dict[str, Float64] = {}
 
     def update(self, data: bytes, at_ns: int) -> PoseFrame | None:

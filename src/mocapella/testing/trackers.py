@@ -17,7 +17,7 @@ def check_tracker(make: Callable[[], Tracker], arrivals: Sequence[Arrival]) -> l
     - The same arrivals give the same scenes to the bit, also after `reset`; a decoded scene encodes to the same bytes.
     - Scenes are numbered 0, 1, 2, …, and have the time of their arrival, and its frame's sensor, node and number.
     - A new tracker that restores a snapshot makes the same further scenes, to the bit; checked at 0, 1/3 and 2/3.
-    - `restore` raises `WireError` for bytes that are no snapshot, and then does not change the tracker.
+    - `restore` raises `WireError` for bytes that are no snapshot, and the tracker is then reset.
     - The report counts each frame once, as kept or rejected.
 
     Args:
@@ -75,11 +75,14 @@ def _check_report(tracker: Tracker, count: int) -> None:
 def _check_refusal(tracker: Tracker) -> None:
     before = tracker.snapshot()
     for junk in (b"", b"\xc1", b"no snapshot"):
+        tracker.restore(before)
         try:
             tracker.restore(junk)
         except WireError:
-            if tracker.snapshot() != before:
-                raise AssertionError(f"restore({junk!r}) changes the tracker that refuses it") from None
+            left = tracker.snapshot()
+            tracker.reset()
+            if tracker.snapshot() != left:
+                raise AssertionError(f"restore({junk!r}) does not reset the tracker that refuses it") from None
         except Exception as error:
             raise AssertionError(f"restore({junk!r}) raises {type(error).__name__}; WireError is wanted") from error
         else:

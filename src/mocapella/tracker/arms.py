@@ -163,7 +163,7 @@ class ArmsTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, tracks, calibration = unpack(data, _REMEMBERED)
         if not all(isinstance(kept, LayoutSensor) for kept in own["_kept"].values()):  # `reset` uses them

@@ -155,7 +155,7 @@ class DefaultTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, arrivals, jumps, tracks, people, calibration, *others = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)

@@ -226,7 +226,7 @@ class HandsTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, rays, rig_fit, fit, smooth, smooth_2d, objects = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)

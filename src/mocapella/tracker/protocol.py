@@ -105,7 +105,7 @@ class Tracker(Protocol):
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
 
     @property

@@ -173,7 +173,7 @@ class SilhouettesTracker:
         `seen` is None until the next complete set of images.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         kind, own, memories = unpack(data, _REMEMBERED)
         if kind != _FORMAT:

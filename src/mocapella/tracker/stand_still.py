@@ -106,7 +106,7 @@ class StandStillTracker:
         """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
 
         Raises:
-            WireError: the bytes are no snapshot of this method; the tracker is then unchanged, or reset.
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
         own, *stages = unpack(data, _REMEMBERED)
         set_memory(self, own, _OWN_MEMORY)

@@ -63,7 +63,8 @@ class ViewMemory:
     Attributes:
         troubles: errors of plug-ins' drawings.
         colours: names and colours of all sensors so far.
-        fields: horizontal and vertical field of view of each sensor [°], by sensor.
+        fields: horizontal and vertical field of view of each sensor [°], by sensor; from its frames, or if they do not
+            know it, a guess from the first image's proportions.
         sizes_px: (width, height) of the images that sensors send, by sensor.
         floors: tilt and height above the floor of each sensor.
         seen: last known poses of the sensors and of each person's views.
@@ -103,8 +104,10 @@ class ViewMemory:
             size_px = None if lane is None else lane.size_px(frame)
             if size_px is not None:
                 self.sizes_px[name] = size_px
-            if frame.field_of_view_deg != UNKNOWN_FIELD_OF_VIEW_DEG or name not in self.fields:
-                self.fields[name] = frame.field_of_view_deg if size_px is None else _field_deg(size_px)
+            if frame.field_of_view_deg != UNKNOWN_FIELD_OF_VIEW_DEG:
+                self.fields[name] = frame.field_of_view_deg
+            elif name not in self.fields:
+                self.fields[name] = UNKNOWN_FIELD_OF_VIEW_DEG if size_px is None else _field_deg(size_px)
             if lane is not None and lane.on_floor:
                 self.floors.learn_frame(frame, poses.get(name))  # type: ignore[arg-type]  # its lane declares the fields
 

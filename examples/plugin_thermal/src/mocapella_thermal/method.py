@@ -102,6 +102,7 @@ class HeatTracker:
         try:
             self._memory = msgspec.msgpack.decode(data, type=Memory)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            self.reset()
             raise WireError(f"no memory of the method heat: {error}") from error
 
     @property

@@ -217,7 +217,8 @@ class DepthScene:
 
     Attributes:
         name, seed, settings, sensor, T_camera_first: as given.
-        period_s: period of the first arm's motion [s]; a second arm has its own.
+        period_s: period of the first arm's motion [s]; a second arm has its own, so that a scene of two arms does not
+            repeat after it.
     """
 
     def __init__(

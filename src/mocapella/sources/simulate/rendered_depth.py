@@ -27,7 +27,7 @@ class RenderedScene(Protocol):
 
     Attributes:
         sensor: the camera, a `depth_scene.Sensor`.
-        period_s: period of the motion [s].
+        period_s: period of the motion, of two arms that of the first [s].
     """
 
     sensor: Any

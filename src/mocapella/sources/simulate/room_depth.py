@@ -5,7 +5,8 @@
     shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres per unit, (people, 25, 3) joints
 
 Bones are tapered capsules with the same radii as for occlusion in the room (`body`), in front of a floor and a wall.
-Camera and noise are as in `depth_scene`. The camera is at the room's first sensor and looks along the world's z axis.
+Camera and noise are as in `depth_scene`. The camera has the pose of the room's first sensor; in the named scenes, it
+looks along the world's z axis.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 WALL_M: Final = 5.0
-"""Distance of the wall from the camera [m]."""
+"""Distance of the wall, which is vertical, from the camera in its horizontal direction [m]."""
 FLOOR, WALL, FIRST_PERSON = 1, 2, 3
 """Labels in `RoomShot.parts`; person n is `FIRST_PERSON` + n."""
 _AROUND, _ALONG = 24, 6
@@ -44,7 +45,8 @@ class RoomShot(Shot, frozen=True, eq=False):
 
     Attributes:
         people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera frame [m].
-        parts: (height, width) uint8 label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above.
+        parts: (height, width) uint8 label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above; 0
+            without a surface.
     """
 
     people: Float64
@@ -67,8 +69,9 @@ class RoomDepthScene:
 
     def __init__(self, room: Room, sensor: Sensor, seed: int) -> None:
         self.room, self.sensor = room, sensor
-        R = np.diag([-1.0, -1.0, 1.0])  # the world's x is to the left, its y up
-        self.T_camera_world = rigid(R, -R @ np.array(room.settings.sensors[0].position))
+        first = room.settings.sensors[0]
+        R = np.diag([-1.0, -1.0, 1.0]) @ first.T_world_sensor[:3, :3].T  # a body sensor's x is to its left, its y up
+        self.T_camera_world = rigid(R, -R @ np.array(first.position))
         self.period_s = room.duration_s
         self._key = zlib.crc32(f"{room.name}/{seed}".encode())
         self._background = self._draw_background()
@@ -116,16 +119,21 @@ class RoomDepthScene:
         return made
 
     def _draw_background(self) -> tuple[Float32, UInt8, Float32]:
-        """Depth, parts and slope of floor and wall."""
+        """Depth, parts and slope of floor and wall; of a ray that meets neither, infinite, 0 and any."""
         width, height = self.sensor.size_px
         fx, fy, cx, cy = self.sensor.lens
         x, y = np.meshgrid((np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy)
+        R, sight = self.T_camera_world[:3, :3], self.T_camera_world[2, :3]
+        down = R @ np.array([0.0, -1.0, 0.0])
+        ahead = R @ np.array([sight[0], 0.0, sight[2]]) / math.hypot(sight[0], sight[2])
+        to_floor, to_wall = (n[0] * x + n[1] * y + n[2] for n in (down, ahead))
         camera_m = self.room.settings.sensors[0].position[1]
         with np.errstate(divide="ignore"):
-            floor = np.where(y > 0, camera_m / y, np.inf)
-        depth = np.minimum(floor, WALL_M)
-        parts = np.where(floor < WALL_M, FLOOR, WALL)
-        slope = np.where(floor < WALL_M, y, 1.0) / np.sqrt(x * x + y * y + 1.0)
+            floor = np.where(to_floor > 0, camera_m / to_floor, np.inf)
+            wall = np.where(to_wall > 0, WALL_M / to_wall, np.inf)
+        depth = np.minimum(floor, wall)
+        parts = np.where(floor < wall, FLOOR, np.where(np.isfinite(wall), WALL, 0))
+        slope = np.where(floor < wall, to_floor, to_wall) / np.sqrt(x * x + y * y + 1.0)
         return depth.astype(np.float32), parts.astype(np.uint8), slope.astype(np.float32)
 
 

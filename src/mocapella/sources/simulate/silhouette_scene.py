@@ -47,6 +47,8 @@ _BEHIND_M: Final = 0.9
 """Least distance between cameras and walls, where furniture stands."""
 _FILLED: Final = 0.94
 """Fraction of the way from the image's centre to its border that the people's extent fills."""
+_HEIGHT_M: Final[dict[Sex, tuple[float, float]]] = {"male": (1.77, 0.06), "female": (1.65, 0.055)}
+"""Mean and standard deviation of people's heights [m]."""
 _TABLE: Final = 1 << 17
 
 
@@ -220,7 +222,7 @@ def silhouette_scene(
         fps: frame rate [Hz].
         outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
-        sex, height_m: sex and height [m] of the first person; None for random ones.
+        sex, height_m: sex and height [m] of the first person; None for random ones. Random heights are 1.5 to 1.98 m.
         look: exposure and noise of the cameras.
         corruption: corruption of the images; None for none.
         bvh: a file whose motion replaces the motion ``walk``.
@@ -239,12 +241,7 @@ def silhouette_scene(
     rng = np.random.default_rng([seed, 51])
     meshes, motions = [], []
     for person in range(people):
-        who: Sex = ("male", "female")[rng.integers(2)]
-        tall = round(float(rng.normal(1.77, 0.06) if who == "male" else rng.normal(1.65, 0.055)), 2)
-        if person == 0:
-            who = sex or who
-            tall = height_m or (tall if sex in (None, who) else 1.7)
-        meshes.append(body_mesh(who, min(max(tall, 1.5), 1.98) if height_m is None else tall))
+        meshes.append(body_mesh(*(_somebody(rng, sex, height_m) if person == 0 else _somebody(rng))))
         motion = _motion(name, meshes[-1], seconds, seed + 100 * person, bvh)
         motions.append(_moved(motion, rng.uniform(0, 2 * math.pi), _APART_M * (person - 0.5 * (people - 1))))
     lasts = min(motion.seconds for motion in motions)
@@ -263,6 +260,18 @@ def silhouette_scene(
 def scene_names() -> tuple[str, ...]:
     """Return the names that `silhouette_scene` knows; they are the motions of `body_motion`."""
     return motion_names()
+
+
+def _somebody(rng: np.random.Generator, sex: Sex | None = None, height_m: float | None = None) -> tuple[Sex, float]:
+    """Draw a sex and a height of 1.5 to 1.98 m where they are not given; all use the same random numbers."""
+    drawn: Sex = ("male", "female")[rng.integers(2)]
+    mean, sd = _HEIGHT_M[drawn]
+    tall = float(rng.normal(mean, sd))
+    if sex is not None and sex != drawn:
+        of_mean = (tall - mean) / sd
+        mean, sd = _HEIGHT_M[sex]
+        tall = mean + of_mean * sd
+    return sex or drawn, min(max(round(tall, 2), 1.5), 1.98) if height_m is None else height_m
 
 
 def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: Path | str | None) -> BodyMotion:
