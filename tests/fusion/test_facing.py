@@ -18,7 +18,7 @@ from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
 from mocapella.fusion.facing_grid import BIN, LEAST, STEP_S, YAWS, circular_sd, most_likely, turned_on, unknown
 from mocapella.fusion.facing_kernels import ALONE_S, LABELS_TRUE, REPORTED_SD, UNLIKE_S, view_worth
 from mocapella.fusion.facing_model import FacingModel, shipped_model, untrained
-from mocapella.fusion.facing_shape import View, view_of
+from mocapella.fusion.facing_shape import LEANS_FROM, LEANS_TO, LENGTHS_M, View, view_of
 from mocapella.fusion.facing_training import believed, evidence
 from mocapella.geometry.angles import wrap
 from mocapella.model.memory import pack, unpack
@@ -53,7 +53,7 @@ class InNumpy:
                 who: np.array(np.clip((self.at_s - self.told_s.get(who, -np.inf)) / STEP_S, 0, 1))
                 for who in (sensor, "motion")
             }
-            said = self.trained(view, toward, sensor, counts[sensor])
+            said = self.trained(view, toward, sensor, counts[sensor], upright(positions, toward + float(view.seen)))
             said = said + s.motion_weight * counts["motion"] * self.model.motion_evidence(velocity)
             self.told_s |= dict.fromkeys(counts, self.at_s)
             self.p = believed(self.p, said)
@@ -69,17 +69,27 @@ class InNumpy:
         self.mirrored[sensor] = mirrored
         return yaw, float(circular_sd(self.p)), mirrored, float(wrap(view.reported + (np.pi if mirrored else 0.0)))
 
-    def trained(self, view: View, toward: float, sensor: str, counts: np.ndarray) -> np.ndarray:
+    def trained(self, view: View, toward: float, sensor: str, counts: np.ndarray, upright: float) -> np.ndarray:
         """The evidence of the tables; for a view unlike the training data, that of its labels, taken as they are."""
         if self.model.classifier is None:
             return evidence(view, np.array(toward), self.model, self.settings, counts)
         forget = -np.expm1((self.told_s.get(sensor, -np.inf) - self.at_s) / UNLIKE_S)
         far, before = float(self.model.classifier.unlike(view.features)), self.unlike.get(sensor, 0.0)
-        u = self.unlike[sensor] = before + forget * (far - before)
+        self.unlike[sensor] = before + forget * (far - before)
+        u = 1 - (1 - self.unlike[sensor]) * upright
         near = np.cos(YAWS - view.reported) - 1
         modes = LABELS_TRUE * np.exp(near / REPORTED_SD**2) + (1 - LABELS_TRUE) * np.exp((-near - 2) / REPORTED_SD**2)
         labels = self.settings.yaw_weight * counts * np.log(modes + LEAST)
         return (1 - u) * evidence(view, np.array(toward), self.model, self.settings, counts) + u * labels
+
+
+def upright(positions: np.ndarray, yaw: float) -> float:
+    """1 for an upright trunk, 0 for one that leans towards the sensor or away from it beyond `LEANS_TO`."""
+    trunk = positions[KINECT.index("Head")] - positions[KINECT.index("SpineBase")]
+    if not LENGTHS_M[0] < np.linalg.norm(trunk) < LENGTHS_M[1]:  # also where one is not seen
+        return 1.0
+    lean = abs(np.arctan2(trunk @ [np.sin(yaw), 0.0, np.cos(yaw)], trunk[1]))
+    return float(1 - np.clip((lean - LEANS_FROM) / (LEANS_TO - LEANS_FROM), 0, 1))
 
 
 @given(seeds, models)

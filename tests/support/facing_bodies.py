@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocapella.fusion.facing import FacingFilter, Facings
-from mocapella.fusion.facing_shape import ShapeClassifier, view_of
+from mocapella.fusion.facing_shape import LEANS_FROM, ShapeClassifier, view_of
 from mocapella.geometry.rigid import rotation_about_y
 from mocapella.model.topology import topology
 
@@ -56,7 +56,7 @@ def frames_of(
 ) -> Frames:
     """People who turn and walk as they like, whose bodies are none that there is: laws hold of any.
 
-    With ``like``, joints are hidden of bodies that are unlike its training data, so that they have no shape.
+    With ``like``, the head is hidden of bodies that lean or are unlike its training data, so that they have no shape.
     """
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(people, len(KINECT), 3)) * [0.2, 0.4, 0.2]
@@ -71,6 +71,8 @@ def frames_of(
         velocities=rng.normal(size=(frames, people, 3)) * rng.choice([0.1, 1.0]),
     )
     if like is not None:
-        unlike = like.unlike(view_of(positions, made.toward, KINECT).features) > 0
+        trunk = positions[..., KINECT.index("Head"), :] - positions[..., KINECT.index("SpineBase"), :]
+        leans = np.hypot(trunk[..., 0], trunk[..., 2]) > np.tan(LEANS_FROM) * trunk[..., 1]
+        unlike = leans | (like.unlike(view_of(positions, made.toward, KINECT).features) > 0)
         positions[unlike, KINECT.index("Head")] = np.nan
     return made

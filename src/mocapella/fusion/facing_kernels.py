@@ -21,6 +21,8 @@ from mocapella.fusion.facing_shape import (
     FADES_FROM,
     FADES_TO,
     FEATURES,
+    LEANS_FROM,
+    LEANS_TO,
     LENGTHS_M,
     MOST_SPREADS,
     NARROWEST_M,
@@ -50,8 +52,12 @@ UNLIKE_S = 5.0
 """Time constant of the smoothing of how unlike the training data a view is [s]."""
 REPORTED_SD = 0.35
 """Standard deviation of the yaw that a sensor unlike the training data's reports [rad]."""
-LABELS_TRUE = 0.6
-"""Probability that a sensor unlike the training data's does not exchange left and right."""
+LABELS_TRUE = 0.51
+"""Probability that a view unlike the training data does not exchange left and right, as evidence of one frame.
+
+A view's labels are nearly the same evidence in every frame: they decide where nothing else does, and hardly weigh
+against a facing that was known before the posture.
+"""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -214,12 +220,13 @@ def reported_yaw(positions: Float64, across: Int64) -> float:
 
 
 @njit(cache=True)
-def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float, float]:
+def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[float, float, float, float]:
     """Compare a body's shape with the training data.
 
     Returns:
-        The log-odds that it faces the sensor, the usable fraction of its features, 0 to 1, and how unlike the training
-        data it is, 0 to 1. Without a plausible distance of head and SpineBase, or without a model, the last two are 0.
+        The log-odds that it faces the sensor; the usable fraction of its features, 0 to 1; how unlike the training data
+        it is, 0 to 1; and how upright the trunk is, from 0 (`LEANS_TO`) to 1. Without a plausible distance of head and
+        SpineBase, or without a model, the second and third are 0, and the last is 1.
 
     Args:
         positions: (joints, 3) in a frame with y up [m]; NaN where not seen.
@@ -227,12 +234,12 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
         model: the facing model's tables.
     """
     if len(model.weights) == 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 1.0
     trunk, terms, weights, classifier = model.joints[0], model.joints[1:], model.weights, model.classifier
     head, base = positions[trunk[0]], positions[trunk[1]]
     length = np.sqrt((head[0] - base[0]) ** 2 + (head[1] - base[1]) ** 2 + (head[2] - base[2]) ** 2)
     if not LENGTHS_M[0] < length < LENGTHS_M[1]:
-        return classifier[4 * N], 0.0, 0.0
+        return classifier[4 * N], 0.0, 0.0, 1.0
     features = np.zeros(N)
     sin, cos = np.sin(yaw), np.cos(yaw)
     for n in range(len(weights)):
@@ -255,7 +262,9 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
         known += told
         z = min(max(z, -MOST_SPREADS), MOST_SPREADS)
         score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
-    return score, known / N, unlike
+    lean = abs(np.arctan2((head[0] - base[0]) * sin + (head[2] - base[2]) * cos, head[1] - base[1]))
+    upright = 1.0 - min(max((lean - LEANS_FROM) / (LEANS_TO - LEANS_FROM), 0.0), 1.0)
+    return score, known / N, unlike, upright
 
 
 @njit(cache=True)
@@ -408,15 +417,15 @@ def update(
             evidence[:] = 0.0
             seen = (reported - toward[n] + np.pi / 2) % np.pi - np.pi / 2
             scale = counts_for(now, told_s[slot, 1 + sensor])
-            score, share, far = shape_score(positions[n], toward[n] + seen, model)
+            score, share, far, upright = shape_score(positions[n], toward[n] + seen, model)
             unlike = memory.unlike[slot, sensor]
             unlike -= np.expm1((told_s[slot, 1 + sensor] - now) / UNLIKE_S) * (far - unlike)
             memory.unlike[slot, sensor] = unlike
-            trained = scale * (1.0 - unlike)
-            yaw_weight, shape_weight = factors.yaw * trained, factors.shape * trained * share
+            trained = (1.0 - unlike) * upright  # who leans far is unlike the training data at once
+            yaw_weight, shape_weight = factors.yaw * scale * trained, factors.shape * scale * trained * share
             add_view(evidence, seen, score, toward[n] - zero, yaw_weight, shape_weight, model)
-            if unlike > 0.0:
-                add_labels(evidence, reported - zero, factors.yaw * scale * unlike, tables)
+            if trained < 1.0:
+                add_labels(evidence, reported - zero, factors.yaw * scale * (1.0 - trained), tables)
             add_motion(evidence, velocities[n], zero, factors.motion * counts_for(now, told_s[slot, 0]), tables)
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
             believe(p[slot], evidence)

@@ -45,6 +45,12 @@ fully unlike them. In the training data it is 1 on average, and below the first 
 FADES_FROM: Final = 3.0
 FADES_TO: Final = 5.0
 """Absolute standardised feature of an unlike body: up to the first it has its full weight, from the second on none."""
+LEANS_FROM: Final = np.radians(12.0)
+LEANS_TO: Final = np.radians(18.0)
+"""Angle of SpineBase to head towards or away from the sensor, about the vertical: up to the first, the shape counts in
+full, from the second on not at all [rad]. A trunk that leans back before the sensor looks like one that leans forward
+with its back to it; in the training data, hardly anybody does either.
+"""
 LENGTHS_M: Final = (0.2, 1.5)
 """Plausible distances of head and SpineBase [m]."""
 NARROWEST_M: Final = 1e-6

@@ -222,7 +222,7 @@ def _fit(
                 D[i] += pull
         solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
         marginals(joint_table, order, xi, work.U, work.d, x, C, posterior, variances)
-        if pin(model, row, delta, D, e, excess):
+        if pin(model, row, delta, posterior, D, e, excess):
             solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
         apply_motion(model, row, delta)
         largest = 0.0

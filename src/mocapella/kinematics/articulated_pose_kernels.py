@@ -23,6 +23,8 @@ Int64 = NDArray[np.int64]
 
 PINNED = 1e12
 """Prior information that holds a degree of freedom at its limit [1/rad²]."""
+SURE = 0.1
+"""Largest standard deviation of an angle that counts as well measured [rad]."""
 CALMING = 3
 """Exponent of the surprise in the factor of the densities of acceleration, see `ArticulatedSettings`."""
 
@@ -115,16 +117,19 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
 
 
 @njit(cache=True, error_model="numpy")
-def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64, excess: Float64) -> bool:
+def pin(
+    model: BodyArrays, row: Float64, delta: Float64, posterior: Float64, D: Float64, e: Float64, excess: Float64
+) -> bool:
     """Enforce joint limits (active set): hold degrees of freedom that a small motion would move beyond their limits.
 
     Args:
         model: the body model.
         row: (memory_size,) a body's memory; its pose is read.
         delta: (dofs,) the small motion [m, rad].
+        posterior: (dofs,) variance of each degree of freedom after the motion [m² or rad²].
         D, e: (dofs,) prior information and prior mean of `chain_kernels.solve`; overwritten for the held ones.
-        excess: (joints,) angle by which each joint would be beyond its limits, the largest of its degrees of freedom
-            [rad], written where it is larger.
+        excess: (joints,) angle by which each joint would be beyond its limits, the largest of its degrees of freedom,
+            less where it is not well measured (`SURE`) [rad]; written where it is larger.
 
     Returns:
         Whether any degree of freedom is held.
@@ -143,17 +148,24 @@ def pin(model: BodyArrays, row: Float64, delta: Float64, D: Float64, e: Float64,
                 held = min(max(goal, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
                 if held != goal:
                     D[i], e[i], pinned = PINNED, held - angle, True
-                    excess[j] = max(excess[j], abs(goal - held))
+                    excess[j] = max(excess[j], abs(goal - held) * _sureness(posterior[i]))
         if joint_table[j, 3] > 0:
             r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
             turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
             if limited(model.joint_values, j, slack, R, within):
                 e[o], e[o + 1], e[o + 2] = turn_between(row, r, within)
                 x, y, z = turn_between(within, 0, R)
+                x, y, z = x * _sureness(posterior[o]), y * _sureness(posterior[o + 1]), z * _sureness(posterior[o + 2])
                 excess[j] = max(excess[j], math.sqrt(x * x + y * y + z * z))
                 D[o] = D[o + 1] = D[o + 2] = PINNED
                 pinned = True
     return pinned
+
+
+@njit(cache=True, error_model="numpy")
+def _sureness(variance: float) -> float:
+    """Return 1 for a well measured angle, less for others, such as the turn of a straight arm about itself."""
+    return min(1.0, SURE * SURE / variance)
 
 
 @njit(cache=True, error_model="numpy")
