@@ -52,6 +52,7 @@ BROKEN_OF: Final = 30
 The tracker refuses an image without depth.
 """
 _PLUG: Final = "plug it in; no other program may use it, and this user must be allowed to (udev rules on Linux)"
+_START: Final = "use another USB 3 port and its power supply; on Linux it needs a display (OpenGL)"
 _TIMES: Final = "for a Femto on Windows, run Orbbec's script obsensor_metadata_win10.ps1 (docs/sensors.md)"
 _AGAIN: Final = "plug it in again, with its power supply, and start the node again"
 
@@ -203,7 +204,7 @@ class AzureKinect:
             device = self._device = self._camera(opened)
             camera = DeviceConfiguration(depth_mode=DEPTH_MODE, camera_fps=FPS[s.fps])
             started = k4a.k4a_device_start_cameras(device, byref(camera))
-            self._need(started, "its depth camera does not start", "use another USB 3 port and its power supply")
+            self._need(started, "its depth camera does not start", _START)
             opened.callback(k4a.k4a_device_stop_cameras, device)
             calibration = ctypes.create_string_buffer(CALIBRATION_BYTES)
             known = k4a.k4a_device_get_calibration(device, DEPTH_MODE, 0, calibration)
