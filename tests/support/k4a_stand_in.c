@@ -1,5 +1,5 @@
-/* A stand-in for the libraries of an Azure Kinect: the parts of the C interfaces of libk4a and, with -DK4ABT, of libk4abt
- * that Mocapella calls, with bodies that move. Layouts are those of the vendor's headers.
+/* A stand-in for the libraries of an Azure Kinect: the parts of the C interfaces of libk4a and, with -DK4ABT, of
+ * libk4abt that Mocapella calls, with bodies that move. Layouts are those of the vendor's headers.
  *
  * K4A_LOG      file that gets a line for each call that opens, starts, stops, closes or releases something
  * K4A_FAIL     name of a function that fails; with ":3", from its third call on; with ":3:2", so often
@@ -139,11 +139,14 @@ typedef struct { float position[3], orientation[4]; int confidence; } joint_t;
 typedef struct { joint_t joints[32]; } skeleton_t;
 typedef struct { pthread_mutex_t lock; pthread_cond_t changed; capture_t queue[3]; int waiting; bool over; } tracker_t;
 
+/* The tracker calls the camera's library, and must find the one that is loaded already. */
+extern uint32_t k4a_device_get_installed_count(void) __attribute__((weak));
+
 int k4abt_tracker_create(const calibration_t *calibration, configuration_t configuration, void **tracker) {
     static site_t fails, late;
     if (named("K4A_LATE", "k4abt_tracker_create", &late)) for (;;) sleep(600);
     if (named("K4A_FAIL", "k4abt_tracker_create", &fails)) return FAILED;
-    if (calibration->depth_mode != 2 || calibration->color_resolution != 7) return FAILED;
+    if (!k4a_device_get_installed_count || calibration->depth_mode != 2 || calibration->color_resolution != 7) return FAILED;
     tracker_t *made = calloc(1, sizeof *made);
     pthread_mutex_init(&made->lock, NULL);
     pthread_cond_init(&made->changed, NULL);
@@ -176,7 +179,8 @@ int k4abt_tracker_pop_result(void *tracker, void **frame, int32_t timeout_ms) {
     until.tv_nsec %= 1000000000;
     pthread_mutex_lock(&from->lock);
     int waited = 0;
-    while (!from->waiting && !from->over && !waited) waited = pthread_cond_timedwait(&from->changed, &from->lock, &until);
+    while (!from->waiting && !from->over && !waited)
+        waited = pthread_cond_timedwait(&from->changed, &from->lock, &until);
     int result = from->waiting ? OK : from->over ? FAILED : TIMEOUT;
     if (result == OK) {
         capture_t *made = malloc(sizeof *made);

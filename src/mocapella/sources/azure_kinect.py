@@ -159,7 +159,8 @@ class AzureKinect:
         # The vendor's code would keep the main thread from handling Ctrl-C.
         thread = threading.Thread(target=work, name="opening", daemon=True)
         thread.start()
-        thread.join()
+        while thread.is_alive():  # on Windows, a wait without a limit would, too
+            thread.join(WAIT_MS / 1000)
         self._open = opened.result()
         return self
 

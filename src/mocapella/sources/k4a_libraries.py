@@ -165,7 +165,7 @@ def load_libraries(folders: Iterable[Path] = ()) -> tuple[Any, Any]:
     if absent:
         names = " and ".join(f"lib{name}" for name in absent)
         raise SettingsError(f"{names} {'is' if len(absent) == 1 else 'are'} not installed: {missing(*absent)}")
-    # In this order: k4abt needs k4a, and takes the one that is loaded already.
+    # In this order: k4abt calls k4a, and must get this one, also where another is installed.
     k4a, k4abt = (_loaded(library) for library in found.values() if library is not None)
     return k4a, k4abt
 
@@ -173,8 +173,9 @@ def load_libraries(folders: Iterable[Path] = ()) -> tuple[Any, Any]:
 def _loaded(library: Library) -> Any:
     if library.problem:
         raise SettingsError(f"{library.path} {library.problem}")
+    mode = ctypes.RTLD_GLOBAL if library.name == "k4a" else ctypes.DEFAULT_MODE
     try:
-        loaded = ctypes.CDLL(str(library.path))
+        loaded = ctypes.CDLL(str(library.path), mode)
     except OSError as error:
         fix = f"install {_INSTALL[library.name]} completely, with what it needs"
         raise SettingsError(f"{library.path} cannot be loaded ({error}): {fix}") from error
