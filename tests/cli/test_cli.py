@@ -33,6 +33,7 @@ VERBS = [
     ["node", "datagrams"],
     ["node", "osc"],
     ["node", "openvr"],
+    ["node", "azure-kinect"],
     ["node", "arm"],
     ["node", "camera"],
     ["calibrate", "space"],

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mocapella.decoding import text_blocks
 from mocapella.errors import InputError, one_of
+from mocapella.model.azure_kinect import AZURE_KINECT, STATES, TO_CAMERA_SPACE
 from mocapella.model.body_rows import BodyRows
 from mocapella.model.observations import JointState
 from mocapella.model.topology import Topology, topology
@@ -28,10 +29,6 @@ FARTHEST_M: Final = 100.0
 """Coordinates of this absolute value or more are refused [m]."""
 NEAREST_M: Final = 0.1
 """If no coordinate in a file reaches this [m], the file is refused, because its unit must be another one."""
-_AZURE_STATES: Final = np.array(
-    [JointState.NOT_TRACKED, JointState.INFERRED, JointState.TRACKED, JointState.TRACKED], np.uint8
-)
-"""State for each confidence level: none, low, medium, high."""
 _WANTED: Final = (
     "a file of Azure Kinect Body Tracking begins with timestamp;body_idx;PELVIS (c);PELVIS (x);…, one of a Kinect v2 "
     "has a time and x,y,z,state of 25 joints in each row"
@@ -84,8 +81,8 @@ class _Kind(NamedTuple):
 
 
 _AZURE: Final = _Kind(
-    topology("azure_kinect"), ";", True, "timestamp", 1000, "body_idx", ("{} (x)", "{} (y)", "{} (z)"), "{} (c)",
-    (-1e-3, -1e-3, 1e-3), _AZURE_STATES, "positions are in millimetres",
+    AZURE_KINECT, ";", True, "timestamp", 1000, "body_idx", ("{} (x)", "{} (y)", "{} (z)"), "{} (c)",
+    TO_CAMERA_SPACE, STATES, "positions are in millimetres",
 )  # fmt: skip
 _KINECT: Final = _Kind(
     topology("kinect_v2"), ",", False, "time", 100, "", ("{} x", "{} y", "{} z"), "{} state",

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mocapella.sources.depth_cameras import CAMERAS, camera_class
+from mocapella.sources.k4a_libraries import find_libraries, missing
 from mocapella.sources.source import Finding
 
 
@@ -25,6 +26,20 @@ def depth_cameras() -> Iterator[Finding]:
             )
         else:
             yield Finding(f"depth camera {kind}:", "ok", found)
+
+
+def azure_kinect() -> Iterator[Finding]:
+    """Report the vendor's libraries for an Azure Kinect or Orbbec Femto, without loading them."""
+    for name, library in find_libraries().items():
+        what = f"Azure Kinect lib{name}:"
+        if library is None:
+            yield Finding(what, "note", "not installed", f"only if you have one, or an Orbbec Femto: {missing(name)}")
+            continue
+        found = f"{library.version or 'version unknown'} ({library.path})"
+        if library.problem:
+            yield Finding(what, "note", found, f"it {library.problem}")
+        else:
+            yield Finding(what, "ok", found)
 
 
 def cameras() -> Iterator[Finding]:

@@ -72,3 +72,11 @@ ARM: Final = Source(
     command="mocapella.cli.node_arm:node_arm",
     looks="mocapella.sources.device_checks:depth_cameras",
 )
+AZURE_KINECT: Final = Source(
+    interface=1,
+    name="azure-kinect",
+    summary="An Azure Kinect or Orbbec Femto: the bodies that the vendor's library finds.",
+    frame_types=("skeletons",),
+    command="mocapella.cli.node_azure_kinect:azure_kinect",
+    looks="mocapella.sources.device_checks:azure_kinect",
+)
