@@ -23,7 +23,7 @@ Int64 = NDArray[np.int64]
 
 PINNED = 1e12
 """Prior information that holds a degree of freedom at its limit [1/rad²]."""
-SURE = 0.1
+SURE = 0.2
 """Largest standard deviation of an angle that counts as well measured [rad]."""
 CALMING = 3
 """Exponent of the surprise in the factor of the densities of acceleration, see `ArticulatedSettings`."""
