@@ -1,0 +1,74 @@
+"""People in postures unlike walking keep their left and right, and the score notices where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from mocapella.errors import SettingsError
+from mocapella.evaluation import posture_sessions
+from mocapella.evaluation.posture_sessions import PostureResult, score_postures
+from mocapella.model.scene import Scene
+from mocapella.model.skeleton import SKELETON
+from mocapella.tracker.default import DefaultTracker
+
+
+@pytest.fixture(scope="module")
+def away() -> list[PostureResult]:
+    """Somebody with the back to the main sensor, whose labels it exchanges."""
+    return list(score_postures(180.0, 0, ("bow", "lean-back")))
+
+
+def test_who_bows_or_leans_back_keeps_left_and_right(away: list[PostureResult]) -> None:
+    assert [(result.posture, result.wrong, result.missing) for result in away] == [("bow", 0, 0), ("lean-back", 0, 0)]
+    for result in away:
+        assert result.frames > 100
+        assert result.fused_m < 0.1
+
+
+def exchanged(scene: Scene) -> Scene:
+    people = [
+        msgspec.structs.replace(person, positions=person.positions[list(SKELETON.mirror)]) for person in scene.people
+    ]
+    return scene.with_parts(people=tuple(people))
+
+
+def test_exchanged_labels_and_missing_people_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Wrong(DefaultTracker):
+        """Exchanges left and right in the first half of the scored frames, and finds nobody in the second."""
+
+        scored = 0
+
+        def update(self, arrival: Any) -> Scene:
+            scene = super().update(arrival)
+            if not counting:
+                return scene
+            self.scored += 1
+            return exchanged(scene) if self.scored < 90 else scene.with_parts(people=())
+
+    counting: list[bool] = []
+    frames = posture_sessions._frames
+
+    def counted(*of: Any) -> Iterator[Any]:
+        if of[1] > 0:
+            counting.append(True)
+        yield from frames(*of)
+
+    monkeypatch.setattr(posture_sessions, "DefaultTracker", Wrong)
+    monkeypatch.setattr(posture_sessions, "_frames", counted)
+    monkeypatch.setattr(posture_sessions, "_WALK", ("go 0.3 2.8", "go 0.0 2.8"))
+    (result,) = score_postures(0.0, 0, ("stand",), azimuths_deg=(0.0,))
+    assert result.wrong > 40
+    assert result.missing > 40
+    assert result.wrong + result.missing == result.frames
+    assert result.fused_m > 0.1
+    assert np.isfinite(result.best_m)
+
+
+def test_an_unknown_posture_is_refused() -> None:
+    with pytest.raises(SettingsError, match="levitate"):
+        next(score_postures(0.0, 0, ("levitate",)))
