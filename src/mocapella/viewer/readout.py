@@ -18,7 +18,7 @@ _GREEN, _AMBER, _BLUE, _RED, _GREY = (colour.css for colour in (GREEN, AMBER, BL
 _PHASE_COLOUR: dict[str, str] = {
     Phase.TRACKING: _GREEN,
     Phase.CALIBRATING: _BLUE,
-    Phase.WAITING_FOR_SENSORS: _AMBER,
+    Phase.WAITING_FOR_SENSORS: _BLUE,
     Phase.NEEDS_RECALIBRATION: _AMBER,
     Phase.STOPPED: _GREY,
 }
