@@ -7,15 +7,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from support.walking_people import BACK, FRONT, LEFT, RATE_HZ, SIDE, Sensor, Walker, standing_at
 
 from mocapella import calibration
-from mocapella.calibration.pair_calibration import PairSettings
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.cold_start import ColdStart
+from mocapella.calibration.pair_calibration import PairCalibration, PairSettings
+from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import PeopleState
+from mocapella.calibration.sensor_conditions import pose_condition
+from mocapella.calibration.sensor_graph import PlacedSensor
+from mocapella.calibration.sensor_pair import PairOfSensors
+from mocapella.calibration.shared_people import SURE_FIELD, missed_people
 from mocapella.model import condition_texts as texts
 from mocapella.model.bodies import Bodies
 from mocapella.model.conditions import is_warning, trouble
@@ -224,8 +232,6 @@ def test_a_condition_is_raised_by_its_cause_and_clears_without_it(text: str) -> 
 
 def test_before_a_person_is_seen_a_pair_says_so_and_not_afterwards() -> None:
     """The one text that a pair says, and no sensor: a pair without a person is not judged."""
-    from mocapella.calibration.pair_calibration import PairCalibration
-
     assert PairCalibration().estimate().problem == texts.NO_PERSON
     session = Session()
     assert texts.NO_PERSON not in session.go(1, {}) | session.go(1)
@@ -282,12 +288,63 @@ def test_the_documentation_lists_every_condition() -> None:
         assert f"`{text.format(seconds=4, other='front')}`" in page, text
 
 
+P, Q = (-0.5, 2.4), (0.8, 2.4)
+"""Two positions (x, z) in the middle of both sensors' images [m]."""
+
+
 def test_a_sensor_that_falls_silent_leaves_the_others_without_a_condition() -> None:
     session = Session().calibrate()
+    session.go(2, {5: Walker(P, speed=0.0)})
     for k in range(round(6 * RATE_HZ)):
         t = session.now + k / RATE_HZ
-        session.state = session.calibration.update(session.a.see(STANDING, t), round(1e9 * (100 + t)))
+        bodies = session.a.see({6: Walker(Q, speed=0.0)}, t)
+        session.state = session.calibration.update(bodies, round(1e9 * (100 + t)))
     assert session.state.conditions == ()
+
+
+def tracked(sensor: Sensor, *places: tuple[float, float]) -> SensorTracks:
+    seen = sensor.see({k: Walker(place, speed=0.0, phase=0.0) for k, place in enumerate(places)}, 0.0)
+    tracks = SensorTracks.empty(25)
+    tracks.add(0.0, seen.ids, seen.positions, seen.states, 0.2)
+    return tracks
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "missed"),
+    [
+        ([P], [Q], True),
+        ([P], [(1.4, 2.4)], False),  # at the border of a's image
+        ([P], [(0.8, 1.0)], False),  # too near to a
+        ([P], [(1.5, 4.1)], False),  # too far from both
+        ([P, (1.6, 2.2)], [Q], True),
+        ([P, (0.55, 1.65)], [Q], False),  # hidden from a
+        ([(0.6, 3.2)], [P], False),  # hidden from b
+        ([P], [(0.6, 3.2)], True),  # b sees past the place where a sees a person
+    ],
+)
+def test_a_person_is_missed_only_where_each_sensor_should_see_the_other_ones(
+    a: list[tuple[float, float]], b: list[tuple[float, float]], missed: bool
+) -> None:
+    T_a_b = np.linalg.inv(FRONT) @ SIDE
+    ours, theirs = tracked(Sensor("a", FRONT), *a).bodies, tracked(Sensor("b", SIDE), *b).bodies
+    assert missed_people(T_a_b, ours, theirs, SURE_FIELD) is missed
+    assert missed_people(np.linalg.inv(T_a_b), theirs, ours, SURE_FIELD) is missed
+
+
+@pytest.mark.parametrize(
+    ("walked", "sd_m", "sd", "said"),
+    [(True, 0.01, 0.01, True), (False, 0.01, 0.01, False), (True, 0.05, 0.01, False), (True, 0.01, 0.05, False)],
+)
+def test_two_sensors_are_said_to_be_at_one_place_only_if_that_is_known(
+    walked: bool, sd_m: float, sd: float, said: bool
+) -> None:
+    pair = PairOfSensors(PairCalibration(), ColdStart(), trying=False)
+    pair.calibration.scalars[at.BLOCKS_CLOSED] = 9.0 * walked
+    C = np.diag([sd_m**2 / 3] * 3 + [sd**2 / 3] * 3)
+    pair.estimate = msgspec.structs.replace(PairCalibration().estimate(), problem="", T_a_b=np.eye(4), covariance=C)
+    placed = {name: PlacedSensor(np.eye(4), C, None, "a", True) for name in "ab"}
+    condition = pose_condition("b", {("a", "b"): pair}, placed, seeing=True)
+    assert condition == (texts.ONE_PLACE.format(other="a") if said else "")
 
 
 def test_two_people_whom_one_sensor_sees_each_are_no_contradiction() -> None:

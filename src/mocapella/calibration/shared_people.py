@@ -17,6 +17,8 @@ from mocapella.geometry.rigid import apply, inverse
 Float64 = NDArray[np.float64]
 HIDES: Final = np.radians(15.0)
 """A body hides people behind it within this angle [rad]."""
+BEHIND_M: Final = 0.3
+"""Least difference of their distances from the sensor, about the depth of a body [m]."""
 
 
 class Field(NamedTuple):
@@ -107,7 +109,7 @@ def _misses(field: Field, people: Float64, seen: Float64) -> bool:
     inside &= (angle < field.half_angle) & np.isfinite(angle)
     away, seen_away = np.linalg.norm(people, axis=-1)[:, None], np.linalg.norm(seen, axis=-1)
     cosine = np.einsum("pk,sk->ps", people, seen) / np.maximum(away * seen_away, 1e-9)
-    behind = (cosine > np.cos(HIDES)) & (seen_away < away)
+    behind = (cosine > np.cos(HIDES)) & (seen_away < away - BEHIND_M)
     return bool((inside & ~behind.any(axis=1)).any())
 
 
