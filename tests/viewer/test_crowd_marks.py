@@ -16,7 +16,7 @@ from mocapella.tracker.default import DefaultTracker
 from mocapella.viewer.perspective import Perspectives
 from mocapella.viewer.sensor_marks import PlaceState, marks
 
-FOUND_BY_S, MOVED_AT_S, REPORTED_BY_S = 12.0, 16.0, 22.0
+BEGIN_S, FOUND_BY_S, MOVED_AT_S, REPORTED_BY_S = 6.0, 12.0, 16.0, 22.0  # people stand still at first
 MOVED, SHIFT_M = "right-90", np.array([0.6, 0.0, 0.0], np.float32)
 
 
@@ -25,7 +25,7 @@ def scenes() -> Iterator[tuple[float, Scene]]:
     room = load_scene("crowd")
     latency_s = {sensor.name: sensor.latency_s for sensor in room.settings.sensors}
     tracker = DefaultTracker(sensors_expected=len(latency_s))
-    for item in merge([SimulatedSensor(room, name) for name in room.sensor_names], 0.0, REPORTED_BY_S):
+    for item in merge([SimulatedSensor(room, name) for name in room.sensor_names], BEGIN_S, REPORTED_BY_S):
         frame, at_s = item.frame, item.truth.room_ns / NS_PER_S
         if frame.sensor == MOVED and at_s > MOVED_AT_S:
             frame = msgspec.structs.replace(frame, positions=frame.positions + SHIFT_M)

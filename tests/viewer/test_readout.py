@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.walkers import Room, health, status
 
+from mocapella.model.condition_texts import UNFINISHED, WARNINGS
 from mocapella.model.scene import Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, ServerHealth, Setup, UnknownEnd
-from mocapella.viewer.palette import AMBER, BLUE, SensorColours
+from mocapella.viewer.palette import AMBER, BLUE, RED, SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
     notices_html,
@@ -90,6 +91,10 @@ def test_while_all_sensors_deliver_tracking_is_green_and_names_none():
     html = status_html(status())
     assert GREEN in html
     assert Reader(html).text == "Tracking2 people · 3 sensors · 90 results/s"
+
+
+def test_while_sensors_are_waited_for_nothing_is_amber():
+    assert AMBER.css not in status_html(status(phase="waiting for sensors", sensors_missing=1))
 
 
 def test_a_sensor_that_delivers_nothing_is_named_and_nothing_is_green():
@@ -185,6 +190,17 @@ def test_tracking_is_green_only_while_no_condition_holds():
     html = status_html(status(reason="left: it was moved: walk"))
     assert GREEN not in html
     assert "left: it was moved: walk" in Reader(html).text
+
+
+@pytest.mark.parametrize("T", [None, np.eye(4)])
+@pytest.mark.parametrize(
+    ("problem", "warns"), [(text, False) for text in UNFINISHED] + [(text, True) for text in WARNINGS]
+)
+def test_an_unfinished_calibration_is_never_amber_or_red_and_a_warning_is(T, problem, warns):
+    place = SensorPlace("front", T, problem=f"with left: {problem}")
+    html = sensors_html(status(sensors=(health("front"),)), SensorColours(), {"front": place})
+    assert (AMBER.css in html, RED.css in html) == (warns, warns and T is None)
+    assert (AMBER.css in status_html(status(reason=f"front: with left: {problem}"))) == warns
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,7 @@ def positions(drawing):
     [
         (SensorPlace("left", np.eye(4)), True, PlaceState.GOOD, "left", SENSORS[0]),
         (SensorPlace("left", np.eye(4), problem=DOUBT), True, PlaceState.DOUBTED, "left · in doubt", AMBER),
+        (SensorPlace("left", np.eye(4), problem=WALK), True, PlaceState.GOOD, "left", SENSORS[0]),
         (SensorPlace("left", None, problem=MOVED), True, PlaceState.LOST, "left · not used: it was moved", RED),
         (SensorPlace("left", None, problem=WALK), False, PlaceState.UNKNOWN, "left · not calibrated yet", GREY),
         (SensorPlace("left", None), False, PlaceState.UNKNOWN, "left · not calibrated yet", GREY),

@@ -17,6 +17,7 @@ from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.calibration.shared_people import mutually_nearest, newest_centres
+from mocapella.model import condition_texts as texts
 
 Float64 = NDArray[np.float64]
 Hypothesis = tuple[int, int, bool]
@@ -190,5 +191,5 @@ def _turned(T: Float64, other: Float64) -> float:
     return float(np.arccos(np.clip(cosine, -1, 1)))
 
 
-WHICH_SIDE = "left and right are not clear yet: lift one arm, or walk a few steps"
-WHO_IS_WHO = "it is not clear yet who is who: one of you, walk a few steps alone"
+WHICH_SIDE = texts.WHICH_SIDE
+WHO_IS_WHO = texts.WHO_IS_WHO

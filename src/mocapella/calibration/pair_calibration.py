@@ -27,6 +27,7 @@ from mocapella.calibration.pair_memory import BodyTrack, PairArrays, PairParamet
 from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
 from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, moments, normal_equations, shifted
 from mocapella.geometry.rigid import apply
+from mocapella.model import condition_texts as texts
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -158,12 +159,12 @@ class PairEstimate(msgspec.Struct, frozen=True, eq=False):
         return not self.problem
 
 
-NO_PERSON: Final = "both sensors must see a person"
-WALK: Final = "walk a few steps"
-WALK_ACROSS: Final = "walk a few steps, also sideways"
-ON_A_LINE: Final = "the joints that both see lie on a line: walk a few steps where both see you"
-NOT_ONE_BODY: Final = "their skeletons do not move as one body"
-MIRRORED_STREAM: Final = "one of the two images is mirrored: switch mirroring off"
+NO_PERSON: Final = texts.NO_PERSON
+WALK: Final = texts.WALK
+WALK_ACROSS: Final = texts.WALK_ACROSS
+ON_A_LINE: Final = texts.ON_A_LINE
+NOT_ONE_BODY: Final = texts.NOT_ONE_BODY
+MIRRORED_STREAM: Final = texts.MIRRORED_STREAM
 
 
 @dataclass

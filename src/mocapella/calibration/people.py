@@ -271,7 +271,8 @@ class PeopleCalibration:
         paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
-            tracks.forget_before(self._newest[sensor] - self.settings.gone_after_s)
+            silent = now - self._newest[sensor] > self.settings.gone_after_s
+            tracks.forget_before(np.inf if silent else self._newest[sensor] - self.settings.gone_after_s)
         for key, pair in self._pairs.items():
             since = now if paused else min(pair.seen_since, now)
             pair.seen_since = since if self._both_see(key) else np.inf
@@ -282,7 +283,9 @@ class PeopleCalibration:
         for key, pair in self._pairs.items():
             doubtful = self._doubtful(pair, now) and not agree_elsewhere(key, agreeing)
             pair.trying = pair.calibration is None or doubtful or pair.unproven
-        unchecked = [key for key, pair in self._pairs.items() if pair.trying and pair.told and pair.calibration]
+            a, b = (self._tracks[sensor].bodies if doubtful else {} for sensor in key)
+            pair.compare(a, b, now, self.settings.gone_after_s)
+        unchecked = [key for key, pair in self._pairs.items() if pair.contradicted and pair.told]
         self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
         self._place()
 
@@ -295,7 +298,7 @@ class PeopleCalibration:
         for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
             pair, (a, b) = self._pairs[key], (self._tracks[sensor].bodies for sensor in key)
             # One posture does not tell people apart, who resemble each other.
-            estimate = one.judged(raw, wary=pair.wary or max(len(a), len(b)) > 1)
+            estimate = one.judged(raw, wary=pair.wary or pair.walked or max(len(a), len(b)) > 1)
             if estimate.trusted:
                 self._believe(key, one.pair, now)
                 continue
@@ -487,4 +490,4 @@ class PeopleCalibration:
             moved=name in self._moved,
         )
         pairs = {key: pair for key, pair in self._pairs.items() if name in key}
-        return faults.condition or pose_condition(name, pairs, placed)
+        return faults.condition or pose_condition(name, pairs, placed, seeing=bool(self._tracks[name].bodies))

@@ -9,8 +9,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.pair_calibration import PairEstimate
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.sensor_pair import BY_LAYOUT, Pair, PairOfSensors
+from mocapella.model import condition_texts as texts
 
 Float64 = NDArray[np.float64]
 
@@ -20,6 +22,8 @@ ONE_PLACE_M: Final = 0.1
 """Largest distance of two sensors that count as at one place, if their orientations agree, too [m]."""
 ONE_PLACE_TURN: Final = np.radians(5.0)
 """Largest rotation between two such sensors, which then have one field of view [rad]."""
+ONE_PLACE_SD: Final = 0.4
+"""Largest standard deviation of their distance and rotation, as a fraction of these limits: others may be apart."""
 
 
 class StreamFaults(msgspec.Struct, frozen=True):
@@ -41,26 +45,31 @@ class StreamFaults(msgspec.Struct, frozen=True):
     def condition(self) -> str:
         """The fault and its remedy; empty without a fault."""
         if self.frozen:
-            return "its picture stands still: start the sensor again"
+            return texts.FROZEN
         if self.behind_s > 0:
-            return f"its clock is {self.behind_s:.0f} s behind another sensor's: set the clocks alike"
+            return texts.CLOCK_BEHIND.format(seconds=self.behind_s)
         if 0 <= self.jumped_s < REPORTED_FOR_S:
-            return "its clock jumped back"
+            return texts.CLOCK_JUMPED
         if self.moved:
-            return "it was moved (or the sensor beside it): walk a few steps where both see you"
+            return texts.MOVED
         return ""
 
 
-def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
+def pose_condition(
+    name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor], *, seeing: bool
+) -> str:
     """Describe a problem of a sensor's pose, such as a contradiction, and its remedy; empty without one.
+
+    A single sensor has none.
 
     Args:
         name: name of the sensor.
         pairs: all pairs of sensors that include this one.
         placed: all sensors' poses.
+        seeing: whether it sees a person now.
     """
     if not pairs:
-        return "it is the only sensor: nothing covers its blind spots"
+        return ""
     place = placed[name]
     tied = place.trusted and any(
         other.root == place.root and other.trusted for key, other in placed.items() if key != name
@@ -69,7 +78,7 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
         return _contradiction(name, pairs)
     seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
     if not seen:
-        return "no other sensor sees the people that it sees: walk where two sensors see you"
+        return texts.NOBODY_SHARED if seeing else texts.SEES_NOBODY
     key, estimate = min(seen, key=lambda item: item[1].position_sd)
     return f"with {_other(key, name)}: {estimate.problem}" if estimate.problem else ""
 
@@ -80,11 +89,10 @@ def _contradiction(name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
     A pair whose estimate is still a hypothesis speaks against nothing: the sensor's pose comes from other pairs.
     """
     for key, pair in pairs.items():
-        if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
-            return f"it stands where {_other(key, name)} stands, and sees no more"
-        if pair.calibration is not None and pair.trying and not pair.unproven:
-            where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
-            return f"it does not see people {where}: walk a few steps where both see you"
+        if pair.trusted and pair.walked and pair.estimate is not None and _in_one_place(pair.estimate):
+            return texts.ONE_PLACE.format(other=_other(key, name))
+        if pair.contradicted and not pair.unproven:
+            return texts.UNSEEN_BY_LAYOUT if pair.told == BY_LAYOUT else texts.UNSEEN.format(other=_other(key, name))
     return ""
 
 
@@ -92,7 +100,10 @@ def _other(key: Pair, name: str) -> str:
     return key[0] if key[1] == name else key[1]
 
 
-def _in_one_place(T_a_b: Float64) -> bool:
-    x, y, z = T_a_b[:3, 3].tolist()
-    cosine = (T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2
-    return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))
+def _in_one_place(estimate: PairEstimate) -> bool:
+    """Return whether both sensors are at one place and look into one direction, and this is known well enough."""
+    x, y, z = estimate.T_a_b[:3, 3].tolist()
+    cosine = (estimate.T_a_b[0, 0] + estimate.T_a_b[1, 1] + estimate.T_a_b[2, 2] - 1) / 2
+    near = x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN)
+    sd_m, sd = (np.sqrt(np.trace(estimate.covariance[part, part])) for part in (slice(3), slice(3, 6)))
+    return bool(near and sd_m < ONE_PLACE_SD * ONE_PLACE_M and sd < ONE_PLACE_SD * ONE_PLACE_TURN)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
+from mocapella.calibration.pair_memory import BodyTrack
 from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair
+from mocapella.calibration.shared_people import DOUBTED_FIELD, SURE_FIELD, missed_people
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -52,6 +54,8 @@ class PairOfSensors:
         estimate: result of the last refresh with new data.
         judged_steps: number of frames in the calibration (`pair_memory.STEPS`) when ``estimate`` was computed.
         wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
+        missed_since: capture time since when each sensor sees nobody where the other one sees a person [s].
+        contradicted: whether that has lasted.
     """
 
     calibration: PairCalibration | None
@@ -68,6 +72,22 @@ class PairOfSensors:
     estimate: PairEstimate | None = None
     judged_steps: float = -1.0
     wary: bool = False
+    missed_since: float = np.inf
+    contradicted: bool = False
+
+    def compare(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], now: float, lasts_s: float) -> None:
+        """Update `contradicted` while no body agrees; with no bodies in ``a`` or ``b`` it is False.
+
+        Args:
+            a, b: each sensor's bodies, by tracking id.
+            now: capture time of the newest frame [s].
+            lasts_s: time for which people have to be missed [s].
+        """
+        field = DOUBTED_FIELD if self.told == BY_LAYOUT else SURE_FIELD
+        known = self.calibration
+        missed = bool(a and b) and known is not None and missed_people(known.T_a_b, a, b, field)
+        self.missed_since = min(self.missed_since, now) if missed else np.inf
+        self.contradicted = now - self.missed_since > lasts_s
 
     @property
     def unproven(self) -> bool:

@@ -6,14 +6,33 @@ This is data association between sensors: by known identities, or by mutual near
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.pair_memory import BodyTrack
-from mocapella.geometry.rigid import apply
+from mocapella.geometry.rigid import apply, inverse
 
 Float64 = NDArray[np.float64]
+HIDES: Final = np.radians(15.0)
+"""A body hides people behind it within this angle [rad]."""
+BEHIND_M: Final = 0.3
+"""Least difference of their distances from the sensor, about the depth of a body [m]."""
+
+
+class Field(NamedTuple):
+    """Cone in which a sensor should see a person's centre: its depth range [m], and half of its angle [rad]."""
+
+    nearest_m: float
+    farthest_m: float
+    half_angle: float
+
+
+SURE_FIELD: Final = Field(1.2, 4.0, np.radians(25.0))
+"""Field of every depth camera in use, less a margin for bodies that are cut off at its border."""
+DOUBTED_FIELD: Final = Field(0.5, 5.0, np.radians(65.0))
+"""The same for a pose that nobody has confirmed: it may be off by tens of degrees."""
 Bools = NDArray[np.bool_]
 
 
@@ -66,6 +85,32 @@ def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) ->
         return np.zeros(distance.shape, dtype=np.bool_)
     nearest = (distance == distance.min(axis=1, keepdims=True)) & (distance == distance.min(axis=2, keepdims=True))
     return np.asarray(nearest & (distance <= within_m))
+
+
+def missed_people(T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], field: Field) -> bool:
+    """Return whether each of two sensors sees nobody at a position where it should see a person whom the other sees.
+
+    Otherwise both may work, and people stand where only one of the two can see them.
+
+    Args:
+        T_a_b: (4, 4) pose of the sensor b in a's frame.
+        a, b: each sensor's bodies, by tracking id.
+        field: where a sensor should see people.
+    """
+    ours, theirs = newest_centres(a), newest_centres(b)
+    return _misses(field, apply(inverse(T_a_b), ours), theirs) and _misses(field, apply(T_a_b, theirs), ours)
+
+
+def _misses(field: Field, people: Float64, seen: Float64) -> bool:
+    """Whether a person (n, 3) is in the field, not behind a body (m, 3) that is ``seen``; in the sensor's frame [m]."""
+    x, y, z = people.T
+    inside = (field.nearest_m < z) & (z < field.farthest_m)
+    angle = np.arctan2(np.hypot(x, y), z)
+    inside &= (angle < field.half_angle) & np.isfinite(angle)
+    away, seen_away = np.linalg.norm(people, axis=-1)[:, None], np.linalg.norm(seen, axis=-1)
+    cosine = np.einsum("pk,sk->ps", people, seen) / np.maximum(away * seen_away, 1e-9)
+    behind = (cosine > np.cos(HIDES)) & (seen_away < away - BEHIND_M)
+    return bool((inside & ~behind.any(axis=1)).any())
 
 
 def newest_centres(bodies: Mapping[int, BodyTrack]) -> Float64:

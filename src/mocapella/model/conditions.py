@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from mocapella.model.condition_texts import UNFINISHED
+
 
 def conditions(reason: str, sensors: Collection[str]) -> list[str]:
     """Turn ``front: with left: walk; left: with front: walk; moved`` into ``["front, left: walk", "moved"]``.
@@ -36,6 +38,14 @@ def problems(reason: str, sensors: Collection[str]) -> list[tuple[str, str]]:
 def trouble(problem: str) -> str:
     """Return a sensor's problem without the other sensor of its pair: ``with left: walk`` gives ``walk``."""
     return problem.partition(": ")[2] if problem.startswith("with ") and ": " in problem else problem
+
+
+def is_warning(problem: str) -> bool:
+    """Return whether something is wrong; False without a problem, or if a calibration is only unfinished.
+
+    Texts of other methods and plug-ins are warnings.
+    """
+    return bool(problem) and trouble(problem) not in UNFINISHED
 
 
 def _names(names: Collection[str], sensors: Collection[str]) -> str:

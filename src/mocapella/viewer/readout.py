@@ -7,7 +7,7 @@ from html import escape
 from pathlib import PurePath
 from types import MappingProxyType
 
-from mocapella.model.conditions import conditions, trouble
+from mocapella.model.conditions import conditions, is_warning, problems, trouble
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Person, Phase, Scene, SensorPlace
@@ -18,7 +18,7 @@ _GREEN, _AMBER, _BLUE, _RED, _GREY = (colour.css for colour in (GREEN, AMBER, BL
 _PHASE_COLOUR: dict[str, str] = {
     Phase.TRACKING: _GREEN,
     Phase.CALIBRATING: _BLUE,
-    Phase.WAITING_FOR_SENSORS: _AMBER,
+    Phase.WAITING_FOR_SENSORS: _BLUE,
     Phase.NEEDS_RECALIBRATION: _AMBER,
     Phase.STOPPED: _GREY,
 }
@@ -49,7 +49,7 @@ def status_html(status: SessionStatus | None) -> str:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
         if len(silent) == len(status.sensors):
             title, colour, counts = NO_SENSOR, _RED, {}
-    elif status.phase == Phase.TRACKING and _conditions(status, silent):
+    elif status.phase == Phase.TRACKING and _warned(status):
         colour = _AMBER
     facts = f"{_counted(counts)} · {sensors} · {status.scenes_hz:.0f} results/s"
     return _headline(title, colour, _detail(status, silent), facts)
@@ -225,6 +225,11 @@ def _conditions(status: SessionStatus, silent: Mapping[str, str]) -> list[str]:
     return conditions("; ".join(parts), [row.name for row in status.sensors])
 
 
+def _warned(status: SessionStatus) -> bool:
+    """Return whether a condition of the tracker is a warning, not only an unfinished calibration."""
+    return any(is_warning(text) for _, text in problems(status.reason, [row.name for row in status.sensors]))
+
+
 def _to_go(status: SessionStatus) -> str:
     return f"{status.frames_remaining} of {status.frames_wanted} frames to go"
 
@@ -303,10 +308,11 @@ def _place(place: SensorPlace | None) -> str:
     if place is None:
         return ""
     if place.T_world_sensor is None:
-        known, colour = "place not known", _RED if place.problem else _GREY
+        known, colour = "place not known", _RED if is_warning(place.problem) else _GREY
     else:
         known, colour = f"place known to {place.quality}" if place.quality else "reference for the others", _GREY
-    problem = f'<div style="color:{_AMBER}">{escape(trouble(place.problem))}</div>' if place.problem else ""
+    tone = _AMBER if is_warning(place.problem) else _GREY
+    problem = f'<div style="color:{tone}">{escape(trouble(place.problem))}</div>' if place.problem else ""
     return f'<div style="font-size:12px"><div style="color:{colour}">{escape(known)}</div>{problem}</div>'
 
 

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.conditions import trouble
+from mocapella.model.conditions import is_warning, trouble
 from mocapella.model.scene import SensorPlace
 from mocapella.viewer import layout
 from mocapella.viewer.palette import AMBER, GREY, RED, Rgb
@@ -57,7 +57,7 @@ def standing(place: SensorPlace, was_placed: bool) -> PlaceState:
     """Return the reliability of a sensor's pose; ``was_placed`` is whether the pose was known in an earlier scene."""
     if place.T_world_sensor is None:
         return PlaceState.LOST if was_placed else PlaceState.UNKNOWN
-    return PlaceState.DOUBTED if place.problem else PlaceState.GOOD
+    return PlaceState.DOUBTED if is_warning(place.problem) else PlaceState.GOOD
 
 
 def words(place: SensorPlace, how: PlaceState) -> str:
