@@ -253,18 +253,18 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
             seen += 1
     unlike = (square / max(seen, 1) - UNLIKE_FROM) / (UNLIKE_TO - UNLIKE_FROM)
     unlike = min(max(unlike, 0.0), 1.0)
-    score, known = 0.0, 0.0
+    score, known = classifier[4 * N], 0.0
     for f in range(N):
         z = features[f]
         if not np.isfinite(z):
             continue
-        told = 1.0 - min(max((abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0), 1.0)
+        told = 1.0 - unlike * min(max((abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0), 1.0)
         known += told
         z = min(max(z, -MOST_SPREADS), MOST_SPREADS)
         score += told * (classifier[2 * N + f] * z + classifier[3 * N + f] * (z * z - 1.0))
     lean = abs(np.arctan2((head[0] - base[0]) * sin + (head[2] - base[2]) * cos, head[1] - base[1]))
     upright = 1.0 - min(max((lean - LEANS_FROM) / (LEANS_TO - LEANS_FROM), 0.0), 1.0)
-    return score + classifier[4 * N] * known / N, known / N, unlike, upright
+    return score, known / N, unlike, upright
 
 
 @njit(cache=True)

@@ -44,8 +44,7 @@ fully unlike them. In the training data it is 1 on average, and below the first 
 """
 FADES_FROM: Final = 3.0
 FADES_TO: Final = 5.0
-"""Absolute standardised feature: up to the first it has its full weight, from the second on none. So far outside the
-training data, it says nothing."""
+"""Absolute standardised feature of an unlike body: up to the first it has its full weight, from the second on none."""
 LEANS_FROM: Final = np.radians(12.0)
 LEANS_TO: Final = np.radians(18.0)
 """Angle of SpineBase to head towards or away from the sensor, about the vertical: up to the first, the shape counts in
@@ -174,14 +173,16 @@ def design_matrix(features: Float64, mean: Float64, spread: Float64) -> tuple[Fl
     """Return the regressors (..., 2 · `FEATURES` + 1) of features (..., `FEATURES`), and their usable fraction (...,).
 
     ``mean`` and ``spread`` (`FEATURES`,) standardise the features, which are clipped to ±`MOST_SPREADS`. The regressors
-    of a missing feature (NaN) are 0, and large ones fade (`FADES_FROM`); the constant counts by what is left.
+    of a missing feature (NaN) are 0; large ones of an unlike body fade, see `FADES_FROM`.
     """
     z = (features - mean) / spread
     known = np.isfinite(z)
+    unlike = _unlike(z)[..., None]
     fades = np.clip((np.abs(z) - FADES_FROM) / (FADES_TO - FADES_FROM), 0.0, 1.0)
-    told = np.where(known, 1.0 - fades, 0.0)
-    z, share = np.nan_to_num(np.clip(z, -MOST_SPREADS, MOST_SPREADS)), told.mean(axis=-1, keepdims=True)
-    return np.concatenate([told * z, told * (z * z - 1.0), share], axis=-1), share[..., 0]
+    told = np.where(known, 1.0 - unlike * fades, 0.0)
+    z = np.nan_to_num(np.clip(z, -MOST_SPREADS, MOST_SPREADS))
+    ones = np.ones((*z.shape[:-1], 1))
+    return np.concatenate([told * z, told * (z * z - 1.0), ones], axis=-1), told.mean(axis=-1)
 
 
 def fit_classifier(features: Float64, faces: NDArray[np.bool_], penalty: float) -> ShapeClassifier:
