@@ -6,8 +6,12 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import islice, product
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -15,8 +19,8 @@ from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
-from mocapella.calibration.pair_memory import BodyTrack
-from mocapella.calibration.shared_people import mutually_nearest, newest_centres
+from mocapella.calibration.pair_memory import PairArrays, SensorTracks, new_body
+from mocapella.calibration.shared_people import mutually_nearest
 
 Float64 = NDArray[np.float64]
 Hypothesis = tuple[int, int, bool]
@@ -56,42 +60,79 @@ class ColdStart:
     settings: PairSettings = field(default_factory=PairSettings)
     hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self._stack: PairArrays | None = None
+
     def update(
-        self,
-        a: Mapping[int, BodyTrack],
-        b: Mapping[int, BodyTrack],
-        mirror: NDArray[np.int64],
-        turned: NDArray[np.bool_] | None = None,
+        self, a: SensorTracks, b: SensorTracks, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
     ) -> None:
         """Update the hypotheses of all pairs of bodies with their newest frames; add new bodies' ones, up to `MOST`.
 
         Args:
-            a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
+            a, b: each sensor's bodies; hypotheses of other bodies are dropped.
             mirror, turned: (joints,) of the topology, as in `PairCalibration.update`.
         """
-        self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
-        for key in ((one, other, swapped) for one in sorted(a) for other in sorted(b) for swapped in (False, True)):
-            if len(self.hypotheses) >= MOST:
-                break
-            if key not in self.hypotheses:
-                self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
-        for key, known in self.hypotheses.items():
-            known.update(key[:2], a[key[0]], b[key[1]], mirror, turned)
+        kept = {key: one for key, one in self.hypotheses.items() if key[0] in a.bodies and key[1] in b.bodies}
+        ids = product(sorted(a.bodies), sorted(b.bodies), (False, True))
+        for key in islice((key for key in ids if key not in kept), MOST - len(kept)):
+            kept[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
+        if kept.keys() != self.hypotheses.keys():
+            self.hypotheses, self._stack = kept, None
+        if not kept:
+            return
+        slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
+        if turned is None:
+            turned = np.zeros(len(mirror), dtype=np.bool_)
+        _take_newest()(self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters)
+
+    def clear(self) -> None:
+        """Drop all hypotheses."""
+        self.hypotheses, self._stack = {}, None
+
+    def _stacked(self) -> PairArrays:
+        """Return the arrays of all hypotheses, in order, with a leading axis; the estimators' own are views of them."""
+        bodies = [known.bodies.get(key[:2]) for key, known in self.hypotheses.items()]
+        if self._stack is not None and all(map(operator.is_, bodies, self._rows)):
+            return self._stack
+        known = list(self.hypotheses.values())
+        stack = PairArrays(
+            *(np.stack([getattr(one, part) for one in known]) for part in PairArrays._fields[:-1]),
+            np.stack(
+                [
+                    new_body(mirrored=one.mirrored_at_first) if body is None else body
+                    for one, body in zip(known, bodies, strict=True)
+                ]
+            ),
+        )
+        for i, (key, one) in enumerate(self.hypotheses.items()):
+            one.moments, one.scatter, one.T_a_b, one.scalars, one.clock = (part[i] for part in stack[:-1])
+            one.bodies[key[:2]] = stack.body[i]
+        self._stack, self._rows = stack, [known.bodies[key[:2]] for key, known in self.hypotheses.items()]
+        return stack
 
     def likeliest(self) -> Likeliest | None:
         """Return the hypothesis with the best fit, and its best rival; None before there is data.
 
         Hypotheses of bodies that walked come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
         """
-        residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
+        if not self.hypotheses:
+            return None
+        stack = self._stacked()
+        begun = (stack.moments[:, 0] > 0).tolist()
+        residuals = {
+            key: residual
+            for key, residual, has_data in zip(self.hypotheses, _residuals(stack), begun, strict=True)
+            if has_data
+        }
         if not residuals:
             return None
 
         def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
             # A flat body at rest fits both ways, so swapped labels must fit better.
+            residual = residuals[key]
             return (
                 not self.hypotheses[key].walked,
-                (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf),
+                (SWAPPED_FACTOR if key[2] else 1.0) * (residual if residual == residual else np.inf),
                 key,
             )
 
@@ -108,7 +149,7 @@ class ColdStart:
         return Likeliest(best, min(rivals, default=np.inf), labels)
 
     def agreed(
-        self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], believed: PairCalibration | None
+        self, a: SensorTracks, b: SensorTracks, believed: PairCalibration | None
     ) -> PairCalibration | None:
         """Return the estimate under which most bodies of both sensors coincide now, if it is unambiguous.
 
@@ -116,30 +157,31 @@ class ColdStart:
         one motion: a wrong one makes single other bodies coincide by accident, rarely two.
 
         Args:
-            a, b: each sensor's bodies, by tracking id.
+            a, b: each sensor's bodies.
             believed: the previous result, which stays unless another one is clearly better.
 
         Returns:
             The estimator of the best hypothesis, not a copy; else ``believed``, as with fewer than three bodies in a
             sensor.
         """
-        s = self.settings
-        known = {
-            key: pair
-            for key, pair in self.hypotheses.items()
-            if pair.scalars[at.STEPS] > 0 and pair.residual <= s.residual_allowed_m
-        }
-        if not known or min(len(a), len(b)) < OTHERS + 1:
+        if not self.hypotheses or min(len(a.bodies), len(b.bodies)) < OTHERS + 1:
             return believed
-        tried = [*known.values()] if believed is None else [*known.values(), believed]
-        T, ours, theirs = np.stack([pair.T_a_b for pair in tried]), newest_centres(a), newest_centres(b)
-        together = mutually_nearest(T, ours, theirs, TOGETHER_M).sum(axis=(1, 2)).tolist()
-        counts = dict(zip(known, together, strict=False))
-        key = max(counts, key=lambda key: (counts[key], -known[key].residual))
+        stack, keys = self._stacked(), list(self.hypotheses)
+        residuals = _residuals(stack)
+        fits = (stack.scalars[:, at.STEPS] > 0) & (np.array(residuals) <= self.settings.residual_allowed_m)
+        known = np.flatnonzero(fits).tolist()
+        if not known:
+            return believed
+        T = stack.T_a_b[known] if believed is None else np.concatenate([stack.T_a_b[known], believed.T_a_b[None]])
+        near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
+        together = near.sum(axis=(1, 2)).tolist()
+        counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
+        fit = {keys[i]: -residuals[i] for i in known}
+        key = max(counts, key=lambda key: (counts[key], fit[key]))
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0
-        return known[key] if counts[key] > max([OTHERS, swapped, known_count, *rivals]) else believed
+        return self.hypotheses[key] if counts[key] > max([OTHERS, swapped, known_count, *rivals]) else believed
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
@@ -178,6 +220,21 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
 def unwalked(estimate: PairEstimate) -> PairEstimate:
     """Return the estimate marked as not trusted, because it rests on single postures; its remedy is to walk."""
     return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
+
+
+def _residuals(stack: PairArrays) -> list[float]:
+    """Return `PairCalibration.residual` of each hypothesis [m]."""
+    weights = stack.scalars[:, at.COST_WEIGHT]
+    some = weights > 0
+    return np.where(some, stack.scalars[:, at.COST] / np.where(some, weights, 1.0), np.nan).tolist()
+
+
+@cache
+def _take_newest() -> Callable[..., None]:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.calibration import pair_kernels
+
+    return cast(Callable[..., None], pair_kernels.take_newest_of_each)
 
 
 def _turned(T: Float64, other: Float64) -> float:

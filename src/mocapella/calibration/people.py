@@ -264,7 +264,7 @@ class PeopleCalibration:
         pair = self._pairs[key]
         if not self._both_see(key):
             return
-        a, b = (self._tracks[sensor].bodies for sensor in key)
+        a, b = (self._tracks[sensor] for sensor in key)
         pair.cold.update(a, b, self._mirror, self._turned)
 
     def _refresh(self, now: float, people: Identities | None) -> None:
@@ -293,9 +293,9 @@ class PeopleCalibration:
         found = [(key, pair.cold.likeliest()) for key, pair in (tried[first:] + tried[:first])[:MOST_JUDGED]]
         likeliest = [(key, one) for key, one in found if one is not None]
         for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
-            pair, (a, b) = self._pairs[key], (self._tracks[sensor].bodies for sensor in key)
+            pair, (a, b) = self._pairs[key], (self._tracks[sensor] for sensor in key)
             # One posture does not tell people apart, who resemble each other.
-            estimate = one.judged(raw, wary=pair.wary or max(len(a), len(b)) > 1)
+            estimate = one.judged(raw, wary=pair.wary or max(len(a.bodies), len(b.bodies)) > 1)
             if estimate.trusted:
                 self._believe(key, one.pair, now)
                 continue
@@ -342,7 +342,7 @@ class PeopleCalibration:
         for key in sorted({key for keys in self._refined.values() for key in keys}):
             pair = self._pairs[key]
             if pair.calibration is not None and (all_pairs or not pair.trusted):
-                a, b = (self._tracks[sensor].bodies for sensor in key)
+                a, b = (self._tracks[sensor] for sensor in key)
                 pair.owners = NO_OWNERS
                 pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
 
@@ -404,7 +404,7 @@ class PeopleCalibration:
         tried = {key for keys in self._tried.values() for key in keys}
         for key, pair in self._pairs.items():
             if key not in tried:
-                pair.cold.hypotheses.clear()
+                pair.cold.clear()
         worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
         self.state = PeopleState(
             sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
