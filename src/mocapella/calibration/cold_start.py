@@ -118,28 +118,19 @@ class ColdStart:
         if not self.hypotheses:
             return None
         stack = self._stacked()
-        begun = (stack.moments[:, 0] > 0).tolist()
-        residuals = {
-            key: residual
-            for key, residual, has_data in zip(self.hypotheses, _residuals(stack), begun, strict=True)
-            if has_data
-        }
-        if not residuals:
+        residuals, begun = _residuals(stack), stack.moments[:, 0] > 0
+        # A flat body at rest fits both ways, so swapped labels must fit better.
+        factors = np.where([swapped for _, _, swapped in self.hypotheses], SWAPPED_FACTOR, 1.0)
+        costs = np.where(np.isnan(residuals), np.inf, factors * residuals)
+        stands = stack.scalars[:, at.BLOCKS_CLOSED] < self.settings.samples_wanted
+        rows = zip(stands.tolist(), costs.tolist(), self.hypotheses, residuals.tolist(), strict=True)
+        known = [row for row, has_data in zip(rows, begun.tolist(), strict=True) if has_data]
+        if not known:
             return None
-
-        def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
-            # A flat body at rest fits both ways, so swapped labels must fit better.
-            residual = residuals[key]
-            return (
-                not self.hypotheses[key].walked,
-                (SWAPPED_FACTOR if key[2] else 1.0) * (residual if residual == residual else np.inf),
-                key,
-            )
-
-        key = min(residuals, key=cost)
+        key = min(known)[2]
         rivals = [
             residual
-            for other, residual in residuals.items()
+            for _, _, other, residual in known
             if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
         ]
         best, labels = self.hypotheses[key], np.inf
@@ -168,7 +159,7 @@ class ColdStart:
             return believed
         stack, keys = self._stacked(), list(self.hypotheses)
         residuals = _residuals(stack)
-        fits = (stack.scalars[:, at.STEPS] > 0) & (np.array(residuals) <= self.settings.residual_allowed_m)
+        fits = (stack.scalars[:, at.STEPS] > 0) & (residuals <= self.settings.residual_allowed_m)
         known = np.flatnonzero(fits).tolist()
         if not known:
             return believed
@@ -176,8 +167,8 @@ class ColdStart:
         near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
         together = near.sum(axis=(1, 2)).tolist()
         counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
-        fit = {keys[i]: -residuals[i] for i in known}
-        key = max(counts, key=lambda key: (counts[key], fit[key]))
+        fits_best = dict(zip(counts, (-residuals[known]).tolist(), strict=True))
+        key = max(counts, key=lambda key: (counts[key], fits_best[key]))
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0
@@ -222,11 +213,11 @@ def unwalked(estimate: PairEstimate) -> PairEstimate:
     return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
 
 
-def _residuals(stack: PairArrays) -> list[float]:
-    """Return `PairCalibration.residual` of each hypothesis [m]."""
+def _residuals(stack: PairArrays) -> Float64:
+    """Return `PairCalibration.residual` of each hypothesis (hypotheses,) [m]."""
     weights = stack.scalars[:, at.COST_WEIGHT]
     some = weights > 0
-    return np.where(some, stack.scalars[:, at.COST] / np.where(some, weights, 1.0), np.nan).tolist()
+    return np.where(some, stack.scalars[:, at.COST] / np.where(some, weights, 1.0), np.nan)
 
 
 @cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
-from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair
+from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, variances
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -136,7 +137,8 @@ def best_pairs(
         if not (placed[a].trusted and placed[b].trusted and placed[a].root == placed[b].root)
     }
     count = dict.fromkeys(placed, 0)
-    for edge in sorted((edge for edge in edges if edge.trusted), key=lambda edge: edge.variance):
+    trusted = [edge for edge in edges if edge.trusted]
+    for _, edge in sorted(zip(variances(trusted), trusted, strict=True), key=itemgetter(0)):
         if min(count[edge.a], count[edge.b]) < partners:
             kept.add((edge.a, edge.b))
             count[edge.a] += 1
