@@ -62,6 +62,7 @@ class ColdStart:
 
     def __post_init__(self) -> None:
         self._stack: PairArrays | None = None
+        self._rows: list[Float64] = []
 
     def update(
         self, a: SensorTracks, b: SensorTracks, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
@@ -80,6 +81,10 @@ class ColdStart:
             self.hypotheses, self._stack = kept, None
         if not kept:
             return
+        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
+        rows = (one.bodies.get(key[:2]) for key, one in kept.items())
+        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
+            self._stack = None
         slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
         if turned is None:
             turned = np.zeros(len(mirror), dtype=np.bool_)
@@ -91,23 +96,22 @@ class ColdStart:
 
     def _stacked(self) -> PairArrays:
         """Return the arrays of all hypotheses, in order, with a leading axis; the estimators' own are views of them."""
-        bodies = [known.bodies.get(key[:2]) for key, known in self.hypotheses.items()]
-        if self._stack is not None and all(map(operator.is_, bodies, self._rows)):
+        if self._stack is not None:
             return self._stack
-        known = list(self.hypotheses.values())
-        stack = PairArrays(
-            *(np.stack([getattr(one, part) for one in known]) for part in PairArrays._fields[:-1]),
-            np.stack(
-                [
-                    new_body(mirrored=one.mirrored_at_first) if body is None else body
-                    for one, body in zip(known, bodies, strict=True)
-                ]
-            ),
+        bodies = [
+            one.bodies[key[:2]] if key[:2] in one.bodies else new_body(mirrored=one.mirrored_at_first)
+            for key, one in self.hypotheses.items()
+        ]
+        rows = zip(self.hypotheses.values(), bodies, strict=True)
+        arrays = zip(
+            *((one.moments, one.scatter, one.T_a_b, one.scalars, one.clock, own) for one, own in rows), strict=True
         )
+        stack = self._stack = PairArrays._make(map(np.stack, arrays))
         for i, (key, one) in enumerate(self.hypotheses.items()):
-            one.moments, one.scatter, one.T_a_b, one.scalars, one.clock = (part[i] for part in stack[:-1])
-            one.bodies[key[:2]] = stack.body[i]
-        self._stack, self._rows = stack, [known.bodies[key[:2]] for key, known in self.hypotheses.items()]
+            one.moments, one.scatter, one.T_a_b, one.scalars, one.clock, one.bodies[key[:2]] = (
+                part[i] for part in stack
+            )
+        self._rows = [one.bodies[key[:2]] for key, one in self.hypotheses.items()]
         return stack
 
     def likeliest(self) -> Likeliest | None:
@@ -139,9 +143,7 @@ class ColdStart:
             labels = swapped.residual
         return Likeliest(best, min(rivals, default=np.inf), labels)
 
-    def agreed(
-        self, a: SensorTracks, b: SensorTracks, believed: PairCalibration | None
-    ) -> PairCalibration | None:
+    def agreed(self, a: SensorTracks, b: SensorTracks, believed: PairCalibration | None) -> PairCalibration | None:
         """Return the estimate under which most bodies of both sensors coincide now, if it is unambiguous.
 
         With many people who cross each other, one body alone leaves the match ambiguous for long. But all bodies share

@@ -20,6 +20,7 @@ ONE_PLACE_M: Final = 0.1
 """Largest distance of two sensors that count as at one place, if their orientations agree, too [m]."""
 ONE_PLACE_TURN: Final = np.radians(5.0)
 """Largest rotation between two such sensors, which then have one field of view [rad]."""
+_LEAST_COSINE: Final = float(np.cos(ONE_PLACE_TURN))
 
 
 class StreamFaults(msgspec.Struct, frozen=True):
@@ -94,5 +95,6 @@ def _other(key: Pair, name: str) -> str:
 
 def _in_one_place(T_a_b: Float64) -> bool:
     x, y, z = T_a_b[:3, 3].tolist()
-    cosine = (T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2
-    return bool(x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN))
+    if not x * x + y * y + z * z < ONE_PLACE_M**2:
+        return False
+    return bool((T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2 > _LEAST_COSINE)

@@ -174,7 +174,8 @@ def variances(pairs: Collection[SensorPair]) -> list[float]:
     if not pairs:
         return []
     C = np.diagonal(np.stack([pair.covariance for pair in pairs]), axis1=1, axis2=2)
-    return (C[:, 0] + C[:, 1] + C[:, 2] + 2.5**2 * (C[:, 3] + C[:, 4] + C[:, 5])).tolist()
+    values: list[float] = (C[:, 0] + C[:, 1] + C[:, 2] + 2.5**2 * (C[:, 3] + C[:, 4] + C[:, 5])).tolist()
+    return values
 
 
 def _component(

@@ -6,7 +6,7 @@ hypothesis is accepted (`pair_calibration`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from operator import itemgetter
@@ -49,6 +49,7 @@ class PairOfSensors:
         agreed_at: capture time at which a body last was at the same position in both sensors [s].
         seen_since: capture time since when both sensors see bodies without a break [s].
         estimate: result of the last refresh with new data.
+        quality: description of ``estimate``; empty without one.
         judged_steps: number of frames in the calibration (`pair_memory.STEPS`) when ``estimate`` was computed.
         wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
     """
@@ -65,6 +66,7 @@ class PairOfSensors:
     agreed_at: float = -np.inf
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
+    quality: str = ""
     judged_steps: float = -1.0
     wary: bool = False
 
@@ -107,6 +109,8 @@ def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
     trusted = [key for key, pair in pairs.items() if pair.trusted]
     surer = {key for key in trusted if pairs[key].walked or pairs[key].told == BY_LAYOUT}
     for one, other in sorted(surer):
+        if other in groups.get(one, ()):
+            continue
         joined = groups.get(one, {one}) | groups.get(other, {other})
         groups.update(dict.fromkeys(joined, joined))
     for key in trusted:
@@ -115,32 +119,41 @@ def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
     return frozenset(used)
 
 
-def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
+def agree_elsewhere(key: Pair, agreeing: Collection[Pair], agree: Mapping[str, int]) -> bool:
     """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people.
 
     Args:
         key: the pair, whose sensors do not agree with each other.
         agreeing: the pairs whose sensors see a body at the same position.
+        agree: number of agreeing pairs of each sensor that is in one.
     """
-    return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
+    return all(agree.get(sensor, 0) > (key in agreeing) for sensor in key)
 
 
-def best_pairs(
-    placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair], partners: int
-) -> frozenset[Pair] | None:
-    """Choose the pairs to refine: the best ``partners`` of each sensor, and all of unconnected ones; None for all."""
+def surest(edges: Iterable[SensorPair]) -> tuple[Pair, ...]:
+    """Return the trusted pairs, the most certain first."""
+    trusted = [edge for edge in edges if edge.trusted]
+    return tuple(
+        (edge.a, edge.b) for _, edge in sorted(zip(variances(trusted), trusted, strict=True), key=itemgetter(0))
+    )
+
+
+def best_pairs(placed: Mapping[str, PlacedSensor], trusted: Iterable[Pair], partners: int) -> frozenset[Pair] | None:
+    """Choose the pairs to refine: the best ``partners`` of each sensor, and all of unconnected ones; None for all.
+
+    Args:
+        placed: all sensors' poses.
+        trusted: the trusted pairs, the most certain first.
+        partners: number of pairs of each sensor.
+    """
     if len(placed) <= partners + 1:
         return None
-    kept = {
-        (a, b)
-        for a, b in combinations(sorted(placed), 2)
-        if not (placed[a].trusted and placed[b].trusted and placed[a].root == placed[b].root)
-    }
+    tied = {name: place.root if place.trusted else None for name, place in placed.items()}
+    kept = {(a, b) for a, b in combinations(sorted(placed), 2) if tied[a] is None or tied[a] != tied[b]}
     count = dict.fromkeys(placed, 0)
-    trusted = [edge for edge in edges if edge.trusted]
-    for _, edge in sorted(zip(variances(trusted), trusted, strict=True), key=itemgetter(0)):
-        if min(count[edge.a], count[edge.b]) < partners:
-            kept.add((edge.a, edge.b))
-            count[edge.a] += 1
-            count[edge.b] += 1
+    for a, b in trusted:
+        if min(count[a], count[b]) < partners:
+            kept.add((a, b))
+            count[a] += 1
+            count[b] += 1
     return frozenset(kept)

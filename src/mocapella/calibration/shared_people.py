@@ -31,9 +31,7 @@ def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) 
     return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
 
 
-def nearest_bodies(
-    T_a_b: Float64, a: SensorTracks, b: SensorTracks, within_m: float
-) -> tuple[tuple[int, int], ...]:
+def nearest_bodies(T_a_b: Float64, a: SensorTracks, b: SensorTracks, within_m: float) -> tuple[tuple[int, int], ...]:
     """Return pairs of tracking ids of bodies that are mutually nearest, and within a distance.
 
     Args:
