@@ -9,6 +9,7 @@ refined with one person, in turn; one uncalibrated pair is tried; and a few time
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Any, Final
@@ -26,7 +27,14 @@ from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
 from mocapella.calibration.sensor_conditions import StreamFaults, pose_condition
-from mocapella.calibration.sensor_graph import Component, PlacedSensor, SensorPair, components_of, placed_by
+from mocapella.calibration.sensor_graph import (
+    Component,
+    PlacedSensor,
+    SensorPair,
+    by_certainty,
+    components_of,
+    placed_by,
+)
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, layout_pair, restored_pair
 from mocapella.calibration.sensor_pair import (
     BY_LAYOUT,
@@ -36,7 +44,6 @@ from mocapella.calibration.sensor_pair import (
     PairOfSensors,
     best_pairs,
     covariance_of,
-    surest,
     used_pairs,
 )
 from mocapella.calibration.time_offset import TimeOffset
@@ -54,9 +61,9 @@ Step = tuple[str, tuple[Pair, ...]]
 
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
-WORK_A_FRAME: Final = 54
-"""Work of the steps of a refresh that one frame does: a refresh of three sensors; a step with more has its own frame."""
-WORK_PER_PAIR: Final = {"hypotheses": 8, "forgotten": 8, "calibrations": 2}
+WORK_A_FRAME: Final = 60
+"""Work of a refresh that one frame does: all of it for three sensors. A step with more has a frame of its own."""
+WORK_PER_PAIR: Final = {"hypotheses": 9, "forgotten": 9, "calibrations": 2}
 """Work of a step for each of its pairs of sensors; 1 for other steps."""
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
@@ -89,7 +96,7 @@ class PeopleCalibration(PairsFromPeople):
         self._judged = 0
         self._steps: list[Step] = []
         self._graph: list[Component] = []
-        self._surest: tuple[Pair, ...] = ()
+        self._edges: list[SensorPair] = []
         self._placed: dict[str, PlacedSensor] = {}
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
@@ -232,7 +239,7 @@ class PeopleCalibration(PairsFromPeople):
         self._steps = [
             *_parts("hypotheses", tried),
             *_parts("calibrations", sorted(known)),
-            *((name, ()) for name in ("doubts", "graph", "poses", "choice", "results")),
+            *((name, ()) for name in ("doubts", "edges", "graph", "poses", "choice", "results")),
         ]
 
     def _advance(self, now: float, people: Identities | None) -> None:
@@ -252,8 +259,10 @@ class PeopleCalibration(PairsFromPeople):
             elif name == "doubts":
                 self._find_moved(now)
                 self._find_doubts(now)
+            elif name == "edges":
+                self._find_edges()
             elif name == "graph":
-                self._draw_graph()
+                self._graph = components_of(sorted(self._tracks), self._edges, self._placed)
             elif name == "poses":
                 self._refine_poses()
             elif name == "choice":
@@ -263,15 +272,16 @@ class PeopleCalibration(PairsFromPeople):
             else:
                 self._show()
 
-    def _draw_graph(self) -> None:
+    def _find_edges(self) -> None:
+        """Collect the pairs' relative poses, the most certain first."""
         used = used_pairs(self._pairs)
-        edges = [
-            SensorPair(key[0], key[1], pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, key in used)
-            for key, pair in self._pairs.items()
-            if pair.estimate is not None and pair.told != "others" and np.isfinite(pair.estimate.T_a_b).all()
-        ]
-        self._graph = components_of(sorted(self._tracks), edges, self._placed)
-        self._surest = surest(edges)
+        self._edges = by_certainty(
+            [
+                SensorPair(key[0], key[1], pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, key in used)
+                for key, pair in self._pairs.items()
+                if pair.estimate is not None and pair.told != "others" and math.isfinite(pair.estimate.T_a_b[0, 3])
+            ]
+        )
 
     def _refine_poses(self) -> None:
         """Take one step of the refinement of one component; the next one is a step of its own."""
@@ -286,11 +296,12 @@ class PeopleCalibration(PairsFromPeople):
         """Accept the poses, and choose the pairs that frames update from now on."""
         placed = self._placed = placed_by(self._graph, sorted(self._tracks))
         self._graph = []
-        trusted = {sensor for key, pair in self._pairs.items() if pair.trusted for sensor in key}
-        for sensor in self._moved.keys() & trusted:
+        for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
         self._begin_from_others(placed)
-        self._choose_pairs(best_pairs(placed, self._surest, self.settings.partners))
+        trusted = [(edge.a, edge.b) for edge in self._edges if edge.trusted]
+        self._choose_pairs(best_pairs(placed, trusted, self.settings.partners))
+        self._edges = []
         tried = {key for keys in self._tried.values() for key in keys}
         stale = [key for key, pair in self._pairs.items() if key not in tried and pair.cold.hypotheses]
         self._steps = [*_parts("forgotten", stale), *self._steps]

@@ -115,7 +115,7 @@ def place_sensors(
     Returns:
         All sensors, in the order of ``sensors``; one that no pair ties to another is its own root, at the identity.
     """
-    components = components_of(sensors, pairs, before)
+    components = components_of(sensors, by_certainty(pairs), before)
     for component in components:
         while component.steps_left:
             component.refine()
@@ -123,17 +123,15 @@ def place_sensors(
 
 
 def components_of(
-    sensors: Sequence[str], pairs: Collection[SensorPair], before: Mapping[str, PlacedSensor] | None = None
+    sensors: Sequence[str], pairs: Sequence[SensorPair], before: Mapping[str, PlacedSensor] | None = None
 ) -> list[Component]:
-    """Return the components of the graph with initial poses, to be refined; arguments as of `place_sensors`."""
+    """Return the components of the graph with initial poses, to be refined.
+
+    Args:
+        sensors, before: as of `place_sensors`.
+        pairs: likewise, the most certain first.
+    """
     rank = {sensor: i for i, sensor in enumerate(sensors)}
-    by_surety = [
-        pair
-        for _, _, pair in sorted(
-            ((not pair.trusted, variance, rank[pair.a], rank[pair.b]), i, pair)
-            for i, (pair, variance) in enumerate(zip(pairs, variances(pairs), strict=True))
-        )
-    ]
     leader = {sensor: sensor for sensor in sensors}
 
     def find(sensor: str) -> str:
@@ -142,7 +140,7 @@ def components_of(
         return sensor
 
     tree = []
-    for pair in by_surety:
+    for pair in pairs:
         one, other = sorted((find(pair.a), find(pair.b)), key=rank.__getitem__)
         if one != other:
             leader[other] = one
@@ -169,13 +167,16 @@ def placed_by(components: Sequence[Component], sensors: Sequence[str]) -> dict[s
     return {name: placed[name] for name in sensors}
 
 
-def variances(pairs: Collection[SensorPair]) -> list[float]:
-    """Return the scalar uncertainty of each pair: the variance of a point 2.5 m before the sensor [m²]."""
+def by_certainty(pairs: Collection[SensorPair]) -> list[SensorPair]:
+    """Return the pairs in order of certainty: the trusted ones, each by the variance of a point 2.5 m before a."""
     if not pairs:
         return []
     C = np.diagonal(np.stack([pair.covariance for pair in pairs]), axis1=1, axis2=2)
-    values: list[float] = (C[:, 0] + C[:, 1] + C[:, 2] + 2.5**2 * (C[:, 3] + C[:, 4] + C[:, 5])).tolist()
-    return values
+    variances = (C[:, 0] + C[:, 1] + C[:, 2] + 2.5**2 * (C[:, 3] + C[:, 4] + C[:, 5])).tolist()
+    ranks = sorted(
+        (not pair.trusted, variance, pair.a, pair.b, pair) for pair, variance in zip(pairs, variances, strict=True)
+    )
+    return [pair for *_, pair in ranks]
 
 
 def _component(

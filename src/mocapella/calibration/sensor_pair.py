@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
-from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, variances
+from mocapella.calibration.sensor_graph import PlacedSensor
 
 Float64 = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -105,18 +104,15 @@ def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
     A pose from single postures may come from two different people, so it is used only where no better pairs connect
     its sensors.
     """
-    used, groups = set[Pair](), dict[str, set[str]]()
-    trusted = [key for key, pair in pairs.items() if pair.trusted]
-    surer = {key for key in trusted if pairs[key].walked or pairs[key].told == BY_LAYOUT}
+    groups = dict[str, set[str]]()
+    trusted = {key: pair for key, pair in pairs.items() if pair.trusted}
+    surer = {key for key, pair in trusted.items() if pair.told == BY_LAYOUT or pair.walked}
     for one, other in sorted(surer):
         if other in groups.get(one, ()):
             continue
         joined = groups.get(one, {one}) | groups.get(other, {other})
         groups.update(dict.fromkeys(joined, joined))
-    for key in trusted:
-        if key in surer or key[1] not in groups.get(key[0], ()):
-            used.add(key)
-    return frozenset(used)
+    return frozenset(key for key in trusted if key in surer or key[1] not in groups.get(key[0], ()))
 
 
 def agree_elsewhere(key: Pair, agreeing: Collection[Pair], agree: Mapping[str, int]) -> bool:
@@ -128,14 +124,6 @@ def agree_elsewhere(key: Pair, agreeing: Collection[Pair], agree: Mapping[str, i
         agree: number of agreeing pairs of each sensor that is in one.
     """
     return all(agree.get(sensor, 0) > (key in agreeing) for sensor in key)
-
-
-def surest(edges: Iterable[SensorPair]) -> tuple[Pair, ...]:
-    """Return the trusted pairs, the most certain first."""
-    trusted = [edge for edge in edges if edge.trusted]
-    return tuple(
-        (edge.a, edge.b) for _, edge in sorted(zip(variances(trusted), trusted, strict=True), key=itemgetter(0))
-    )
 
 
 def best_pairs(placed: Mapping[str, PlacedSensor], trusted: Iterable[Pair], partners: int) -> frozenset[Pair] | None:
