@@ -26,7 +26,7 @@ from mocapella.calibration.pairs_from_people import Identities, PairsFromPeople,
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
-from mocapella.calibration.sensor_conditions import StreamFaults, pose_condition
+from mocapella.calibration.sensor_conditions import StreamFaults, contradicts, pose_condition
 from mocapella.calibration.sensor_graph import (
     Component,
     PlacedSensor,
@@ -61,7 +61,7 @@ Step = tuple[str, tuple[Pair, ...]]
 
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
-WORK_A_FRAME: Final = 60
+WORK_A_FRAME: Final = 63
 """Work of a refresh that one frame does: all of it for three sensors. A step with more has a frame of its own."""
 WORK_PER_PAIR: Final = {"hypotheses": 9, "forgotten": 9, "calibrations": 2}
 """Work of a step for each of its pairs of sensors; 1 for other steps."""
@@ -149,9 +149,11 @@ class PeopleCalibration(PairsFromPeople):
                 self._refine(key, people, now)
         if self._tried[sensor]:
             self._try(self._tried[sensor])
+        work = WORK_A_FRAME
         if joins or not (self._steps or 0 <= now - self._refreshed < self._refresh_s):
             self._begin_refresh(now)
-        self._advance(now, people)
+            work -= len(self._pairs)
+        self._advance(now, people, work)
         if joins and sensor not in self.state.sensors:
             self._show_alone(sensor)
         return self.state
@@ -206,16 +208,18 @@ class PeopleCalibration(PairsFromPeople):
         places = (
             {name: np.array(known.T_world_sensor) for name, known in self.layout.sensors.items()} if self.layout else {}
         )
-        for other in self._tracks:
-            key = (min(sensor, other), max(sensor, other))
-            pair = PairOfSensors(None, ColdStart(settings))
-            if key in kept:
-                pair.calibration, pair.told = restored_pair(kept[key], settings), BY_LAYOUT
-            elif sensor in places and other in places:
-                T_a_b = inverse(places[key[0]]) @ places[key[1]]
-                pair.calibration, pair.told = PairCalibration.begun_from(T_a_b, settings), BY_LAYOUT
-            pair.trying = pair.calibration is None
-            self._pairs[key] = pair
+        new = {
+            (min(sensor, other), max(sensor, other)): PairOfSensors(None, ColdStart(settings)) for other in self._tracks
+        }
+        known = [key for key in new if key not in kept and places.keys() >= set(key)]
+        T_a_b = [inverse(places[a]) @ places[b] for a, b in known]
+        begun = PairCalibration.each_begun_from(np.array(T_a_b).reshape(-1, 4, 4), settings)
+        for key, calibration in [
+            *((key, restored_pair(kept[key], settings)) for key in new if key in kept),
+            *zip(known, begun, strict=True),
+        ]:
+            new[key].calibration, new[key].told, new[key].trying = calibration, BY_LAYOUT, False
+        self._pairs |= new
         self._tracks[sensor] = SensorTracks.empty(joints)
         self._floors[sensor] = FloorFromFeet()
         self._newest[sensor] = -np.inf
@@ -242,9 +246,8 @@ class PeopleCalibration(PairsFromPeople):
             *((name, ()) for name in ("doubts", "edges", "graph", "poses", "choice", "results")),
         ]
 
-    def _advance(self, now: float, people: Identities | None) -> None:
-        """Take the next steps of a refresh, together no more than `WORK_A_FRAME`, but at least one step."""
-        left = WORK_A_FRAME
+    def _advance(self, now: float, people: Identities | None, left: int) -> None:
+        """Take the next steps of a refresh with no more work than is left of `WORK_A_FRAME`, or one step alone."""
         while self._steps:
             name, keys = self._steps[0]
             work = WORK_PER_PAIR.get(name, 1) * (len(keys) or len(self._pairs))
@@ -372,9 +375,9 @@ class PeopleCalibration(PairsFromPeople):
         T = to_world @ np.stack([place.T_root_sensor for place in placed.values()])
         turn = adjoint(to_world)
         covariance = turn @ np.stack([place.covariance for place in placed.values()]) @ np.swapaxes(turn, -1, -2)
+        conditions = self._conditions_of(placed)
         # A sensor's standard deviations refer to a small motion in its own frame.
         own = adjoint(inverse(T))
-        pairs = by_sensor(self._tracks, self._pairs)
         sd = np.sqrt(np.diagonal(own @ covariance @ np.swapaxes(own, -1, -2), axis1=-2, axis2=-1) @ _HALVES)
         return {
             name: CalibratedSensor(
@@ -385,20 +388,26 @@ class PeopleCalibration(PairsFromPeople):
                 clock=place.offset,
                 trusted=place.trusted and not ({name} & (self._moved.keys() | self._doubted) or self._frozen(name)),
                 quality="" if place.root == name else figures(float(sd[i, 0]), float(sd[i, 1])),
-                condition=self._condition(name, {key: self._pairs[key] for key in pairs[name]}, placed),
+                condition=conditions[name],
             )
             for i, (name, place) in enumerate(placed.items())
         }
 
-    def _condition(self, name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
-        behind_s = self._behind.get(name, 0.0)
-        faults = StreamFaults(
-            frozen=self._frozen(name),
-            behind_s=behind_s if behind_s > self.settings.clock_jump_s else 0.0,
-            jumped_s=self._now - self._jumped.get(name, -np.inf),
-            moved=name in self._moved,
-        )
-        return faults.condition or pose_condition(name, pairs, placed)
+    def _conditions_of(self, placed: Mapping[str, PlacedSensor]) -> dict[str, str]:
+        contradicted = [key for key, pair in self._pairs.items() if contradicts(pair)]
+        of_pairs, of_contradicted = (by_sensor(self._tracks, keys) for keys in (self._pairs, contradicted))
+        conditions = {}
+        for name in placed:
+            behind_s = self._behind.get(name, 0.0)
+            faults = StreamFaults(
+                frozen=self._frozen(name),
+                behind_s=behind_s if behind_s > self.settings.clock_jump_s else 0.0,
+                jumped_s=self._now - self._jumped.get(name, -np.inf),
+                moved=name in self._moved,
+            )
+            pairs, against = ({key: self._pairs[key] for key in of[name]} for of in (of_pairs, of_contradicted))
+            conditions[name] = faults.condition or pose_condition(name, pairs, against, placed)
+        return conditions
 
 
 def _parts(name: str, keys: Sequence[Pair]) -> list[Step]:

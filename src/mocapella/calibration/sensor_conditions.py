@@ -52,12 +52,18 @@ class StreamFaults(msgspec.Struct, frozen=True):
         return ""
 
 
-def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor]) -> str:
+def pose_condition(
+    name: str,
+    pairs: Mapping[Pair, PairOfSensors],
+    contradicted: Mapping[Pair, PairOfSensors],
+    placed: Mapping[str, PlacedSensor],
+) -> str:
     """Describe a problem of a sensor's pose, such as a contradiction, and its remedy; empty without one.
 
     Args:
         name: name of the sensor.
         pairs: all pairs of sensors that include this one.
+        contradicted: those of them to which `contradicts` applies.
         placed: all sensors' poses.
     """
     if not pairs:
@@ -67,7 +73,7 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
         other.root == place.root and other.trusted for key, other in placed.items() if key != name
     )
     if tied:
-        return _contradiction(name, pairs)
+        return _contradiction(name, contradicted)
     seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
     if not seen:
         return "no other sensor sees the people that it sees: walk where two sensors see you"
@@ -75,17 +81,25 @@ def pose_condition(name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mappi
     return f"with {_other(key, name)}: {estimate.problem}" if estimate.problem else ""
 
 
-def _contradiction(name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
-    """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does.
+def contradicts(pair: PairOfSensors) -> bool:
+    """Return whether a pair speaks against the poses of its sensors, or against having both.
 
-    A pair whose estimate is still a hypothesis speaks against nothing: the sensor's pose comes from other pairs.
+    A pair whose estimate is still a hypothesis speaks against nothing: the sensors' poses come from other pairs.
     """
-    for key, pair in pairs.items():
-        if pair.trusted and pair.estimate is not None and _in_one_place(pair.estimate.T_a_b):
+    return _same_place(pair) or (pair.trying and pair.calibration is not None and not pair.unproven)
+
+
+def _same_place(pair: PairOfSensors) -> bool:
+    return pair.estimate is not None and _in_one_place(pair.estimate.T_a_b) and pair.trusted
+
+
+def _contradiction(name: str, contradicted: Mapping[Pair, PairOfSensors]) -> str:
+    """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does."""
+    for key, pair in contradicted.items():
+        if _same_place(pair):
             return f"it stands where {_other(key, name)} stands, and sees no more"
-        if pair.calibration is not None and pair.trying and not pair.unproven:
-            where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
-            return f"it does not see people {where}: walk a few steps where both see you"
+        where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
+        return f"it does not see people {where}: walk a few steps where both see you"
     return ""
 
 
