@@ -4,7 +4,9 @@
 bodies are one person may be given, and is otherwise derived from the calibration itself.
 
 The cost of a frame does not grow with time. A frame is added to its sensor's tracks; each calibrated pair of sensors is
-refined with one person, in turn; one uncalibrated pair is tried; and a few times a second all poses are recomputed.
+refined with one person, in turn; one uncalibrated pair is tried; and a few times a second a *refresh* recomputes all
+poses. With many sensors, a refresh takes longer than a frame may. So it is a list of steps with a known amount of work,
+of which each frame does no more than `WORK_A_FRAME`: frames alone decide, no clock, so that a replay does the same.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.pair_calibration import PairCalibration
 from mocapella.calibration.pair_memory import SensorTracks, turned_joints
-from mocapella.calibration.pairs_from_people import Identities, PairsFromPeople, by_sensor
+from mocapella.calibration.pairs_from_people import Identities, PairsFromPeople
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
@@ -61,7 +63,7 @@ Step = tuple[str, tuple[Pair, ...]]
 
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
-WORK_A_FRAME: Final = 63
+WORK_A_FRAME: Final = 66
 """Work of a refresh that one frame does: all of it for three sensors. A step with more has a frame of its own."""
 WORK_PER_PAIR: Final = {"hypotheses": 9, "forgotten": 9, "calibrations": 2}
 """Work of a step for each of its pairs of sensors; 1 for other steps."""
@@ -97,6 +99,7 @@ class PeopleCalibration(PairsFromPeople):
         self._steps: list[Step] = []
         self._graph: list[Component] = []
         self._edges: list[SensorPair] = []
+        self._conditions: dict[str, str] = {}
         self._placed: dict[str, PlacedSensor] = {}
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
@@ -195,6 +198,7 @@ class PeopleCalibration(PairsFromPeople):
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore the state that `memory` returned, without a copy; `ValueError` if it is of another kind."""
         names = {recorded: name for name, recorded in _RECORDED.items()}
+        self._steps, self._graph, self._edges = [], [], []  # older takes have none
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 
     def _seconds(self, at_ns: int) -> float:
@@ -243,7 +247,7 @@ class PeopleCalibration(PairsFromPeople):
         self._steps = [
             *_parts("hypotheses", tried),
             *_parts("calibrations", sorted(known)),
-            *((name, ()) for name in ("doubts", "edges", "graph", "poses", "choice", "results")),
+            *((name, ()) for name in ("doubts", "edges", "graph", "poses", "choice", "conditions", "results")),
         ]
 
     def _advance(self, now: float, people: Identities | None, left: int) -> None:
@@ -270,6 +274,8 @@ class PeopleCalibration(PairsFromPeople):
                 self._refine_poses()
             elif name == "choice":
                 self._choose()
+            elif name == "conditions":
+                self._conditions = self._conditions_of(self._placed)
             elif name == "forgotten":
                 self._forget_hypotheses(keys)
             else:
@@ -318,7 +324,7 @@ class PeopleCalibration(PairsFromPeople):
         placed = self._placed
         worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
         self.state = PeopleState(
-            sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
+            sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}, self._conditions),
             qualities=tuple(pair.quality for _, pair in sorted(self._pairs.items(), key=itemgetter(0)) if pair.quality),
             floor_known=bool(worlds) and all(known for _, known in worlds.values()),
             calibrations=self._completed,
@@ -329,7 +335,7 @@ class PeopleCalibration(PairsFromPeople):
         """Add a sensor that has just joined to the results; it is untied before the refresh ends."""
         placed = {sensor: PlacedSensor(np.eye(4), np.zeros((6, 6)), TimeOffset(0.0, 0.0, True), sensor, True)}
         T, _ = self._world(sensor, placed)
-        sensors = {**self.state.sensors, **self._sensors(placed, {sensor: T})}
+        sensors = {**self.state.sensors, **self._sensors(placed, {sensor: T}, self._conditions_of(placed))}
         self.state = msgspec.structs.replace(self.state, sensors={name: sensors[name] for name in sorted(sensors)})
 
     def _begin_from_others(self, placed: Mapping[str, PlacedSensor]) -> None:
@@ -369,13 +375,15 @@ class PeopleCalibration(PairsFromPeople):
         return Floor.under(np.array(self.layout.sensors[sensor].T_world_sensor))
 
     def _sensors(
-        self, placed: Mapping[str, PlacedSensor], T_world_root: Mapping[str, Float64]
+        self,
+        placed: Mapping[str, PlacedSensor],
+        T_world_root: Mapping[str, Float64],
+        conditions: Mapping[str, str],
     ) -> dict[str, CalibratedSensor]:
         to_world = np.stack([T_world_root[place.root] for place in placed.values()])
         T = to_world @ np.stack([place.T_root_sensor for place in placed.values()])
         turn = adjoint(to_world)
         covariance = turn @ np.stack([place.covariance for place in placed.values()]) @ np.swapaxes(turn, -1, -2)
-        conditions = self._conditions_of(placed)
         # A sensor's standard deviations refer to a small motion in its own frame.
         own = adjoint(inverse(T))
         sd = np.sqrt(np.diagonal(own @ covariance @ np.swapaxes(own, -1, -2), axis1=-2, axis2=-1) @ _HALVES)
@@ -394,8 +402,7 @@ class PeopleCalibration(PairsFromPeople):
         }
 
     def _conditions_of(self, placed: Mapping[str, PlacedSensor]) -> dict[str, str]:
-        contradicted = [key for key, pair in self._pairs.items() if contradicts(pair)]
-        of_pairs, of_contradicted = (by_sensor(self._tracks, keys) for keys in (self._pairs, contradicted))
+        contradicted = {key: pair for key, pair in self._pairs.items() if contradicts(pair)}
         conditions = {}
         for name in placed:
             behind_s = self._behind.get(name, 0.0)
@@ -405,8 +412,7 @@ class PeopleCalibration(PairsFromPeople):
                 jumped_s=self._now - self._jumped.get(name, -np.inf),
                 moved=name in self._moved,
             )
-            pairs, against = ({key: self._pairs[key] for key in of[name]} for of in (of_pairs, of_contradicted))
-            conditions[name] = faults.condition or pose_condition(name, pairs, against, placed)
+            conditions[name] = faults.condition or pose_condition(name, self._pairs, contradicted, placed)
         return conditions
 
 

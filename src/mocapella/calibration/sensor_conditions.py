@@ -62,11 +62,11 @@ def pose_condition(
 
     Args:
         name: name of the sensor.
-        pairs: all pairs of sensors that include this one.
-        contradicted: those of them to which `contradicts` applies.
+        pairs: all pairs of sensors.
+        contradicted: those to which `contradicts` applies.
         placed: all sensors' poses.
     """
-    if not pairs:
+    if not any(name in key for key in pairs):
         return "it is the only sensor: nothing covers its blind spots"
     place = placed[name]
     tied = place.trusted and any(
@@ -74,7 +74,7 @@ def pose_condition(
     )
     if tied:
         return _contradiction(name, contradicted)
-    seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
+    seen = [(key, pair.estimate) for key, pair in pairs.items() if name in key and pair.estimate is not None]
     if not seen:
         return "no other sensor sees the people that it sees: walk where two sensors see you"
     key, estimate = min(seen, key=lambda item: item[1].position_sd)
@@ -96,6 +96,8 @@ def _same_place(pair: PairOfSensors) -> bool:
 def _contradiction(name: str, contradicted: Mapping[Pair, PairOfSensors]) -> str:
     """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does."""
     for key, pair in contradicted.items():
+        if name not in key:
+            continue
         if _same_place(pair):
             return f"it stands where {_other(key, name)} stands, and sees no more"
         where = "where the layout says" if pair.told == BY_LAYOUT else f"where {_other(key, name)} sees them"
@@ -108,6 +110,8 @@ def _other(key: Pair, name: str) -> str:
 
 
 def _in_one_place(T_a_b: Float64) -> bool:
+    if abs(T_a_b.item(0, 3)) >= ONE_PLACE_M:  # most pairs, at less cost
+        return False
     x, y, z = T_a_b[:3, 3].tolist()
     if not x * x + y * y + z * z < ONE_PLACE_M**2:
         return False
