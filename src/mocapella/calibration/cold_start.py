@@ -7,11 +7,10 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice, product
-from typing import cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -88,7 +87,9 @@ class ColdStart:
         slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
         if turned is None:
             turned = np.zeros(len(mirror), dtype=np.bool_)
-        _take_newest()(self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters)
+        _kernels().take_newest_of_each(
+            self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters
+        )
 
     def clear(self) -> None:
         """Drop all hypotheses."""
@@ -223,11 +224,11 @@ def _residuals(stack: PairArrays) -> Float64:
 
 
 @cache
-def _take_newest() -> Callable[..., None]:
+def _kernels() -> Any:
     """Import the compiled kernels, and with them numba, on first use."""
     from mocapella.calibration import pair_kernels
 
-    return cast(Callable[..., None], pair_kernels.take_newest_of_each)
+    return pair_kernels
 
 
 def _turned(T: Float64, other: Float64) -> float:

@@ -239,6 +239,11 @@ class PairCalibration:
             turned = np.zeros(len(mirror), dtype=np.bool_)
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, turned, self.settings.parameters))
 
+    def is_copy_of(self, other: PairCalibration) -> bool:
+        """Return whether all state is equal to another estimator's."""
+        parts = ("moments", "scatter", "T_a_b", "scalars", "clock")
+        return all(np.array_equal(getattr(self, part), getattr(other, part)) for part in parts)
+
     def trust(self, estimate: PairEstimate) -> None:
         """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted.
 

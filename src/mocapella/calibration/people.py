@@ -12,7 +12,7 @@ of which each frame does no more than `WORK_A_FRAME`: frames alone decide, no cl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, Final
 
@@ -63,9 +63,9 @@ Step = tuple[str, tuple[Pair, ...]]
 
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
-WORK_A_FRAME: Final = 66
-"""Work of a refresh that one frame does: all of it for three sensors. A step with more has a frame of its own."""
-WORK_PER_PAIR: Final = {"hypotheses": 9, "forgotten": 9, "calibrations": 2}
+WORK_A_FRAME: Final = 48
+"""Work of a refresh that one frame does: all of it for two sensors. A step with more has a frame of its own."""
+WORK_PER_PAIR: Final = {"hypotheses": 12, "forgotten": 12, "calibrations": 3}
 """Work of a step for each of its pairs of sensors; 1 for other steps."""
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
@@ -100,6 +100,7 @@ class PeopleCalibration(PairsFromPeople):
         self._graph: list[Component] = []
         self._edges: list[SensorPair] = []
         self._conditions: dict[str, str] = {}
+        self._worlds: dict[str, tuple[Float64, bool]] = {}
         self._placed: dict[str, PlacedSensor] = {}
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
@@ -244,10 +245,11 @@ class PeopleCalibration(PairsFromPeople):
         first = self._judged % len(tried) if len(tried) > MOST_JUDGED else 0
         tried = (tried[first:] + tried[:first])[:MOST_JUDGED]
         known = {key for key, pair in self._pairs.items() if pair.calibration is not None}.union(tried)
+        last = ("moved", "doubts", "edges", "graph", "poses", "choice", "conditions", "worlds", "results")
         self._steps = [
             *_parts("hypotheses", tried),
             *_parts("calibrations", sorted(known)),
-            *((name, ()) for name in ("doubts", "edges", "graph", "poses", "choice", "conditions", "results")),
+            *((name, ()) for name in last),
         ]
 
     def _advance(self, now: float, people: Identities | None, left: int) -> None:
@@ -259,27 +261,25 @@ class PeopleCalibration(PairsFromPeople):
                 return
             left -= work
             self._steps = self._steps[1:]
-            if name == "hypotheses":
-                self._judge_hypotheses(keys, now)
-            elif name == "calibrations":
-                self._judge_calibrations(keys, now, people)
-            elif name == "doubts":
-                self._find_moved(now)
-                self._find_doubts(now)
-            elif name == "edges":
-                self._find_edges()
-            elif name == "graph":
-                self._graph = components_of(sorted(self._tracks), self._edges, self._placed)
-            elif name == "poses":
-                self._refine_poses()
-            elif name == "choice":
-                self._choose()
-            elif name == "conditions":
-                self._conditions = self._conditions_of(self._placed)
-            elif name == "forgotten":
-                self._forget_hypotheses(keys)
-            else:
-                self._show()
+            self._take(name, keys, now, people)
+
+    def _take(self, name: str, keys: tuple[Pair, ...], now: float, people: Identities | None) -> None:
+        """Take one step of a refresh; they are in the order in which a refresh takes them."""
+        steps: dict[str, Callable[[], None]] = {
+            "hypotheses": lambda: self._judge_hypotheses(keys, now),
+            "calibrations": lambda: self._judge_calibrations(keys, now, people),
+            "moved": lambda: self._find_moved(now),
+            "doubts": lambda: self._find_doubts(now),
+            "edges": self._find_edges,
+            "graph": self._draw_graph,
+            "poses": self._refine_poses,
+            "choice": self._choose,
+            "forgotten": lambda: self._forget_hypotheses(keys),
+            "conditions": self._find_conditions,
+            "worlds": self._find_worlds,
+            "results": self._show,
+        }
+        steps[name]()
 
     def _find_edges(self) -> None:
         """Collect the pairs' relative poses, the most certain first."""
@@ -291,6 +291,9 @@ class PeopleCalibration(PairsFromPeople):
                 if pair.estimate is not None and pair.told != "others" and math.isfinite(pair.estimate.T_a_b[0, 3])
             ]
         )
+
+    def _draw_graph(self) -> None:
+        self._graph = components_of(sorted(self._tracks), self._edges, self._placed)
 
     def _refine_poses(self) -> None:
         """Take one step of the refinement of one component; the next one is a step of its own."""
@@ -321,10 +324,9 @@ class PeopleCalibration(PairsFromPeople):
                 self._pairs[key].cold.clear()
 
     def _show(self) -> None:
-        placed = self._placed
-        worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
+        worlds = self._worlds
         self.state = PeopleState(
-            sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}, self._conditions),
+            sensors=self._sensors(self._placed, {root: T for root, (T, _) in worlds.items()}, self._conditions),
             qualities=tuple(pair.quality for _, pair in sorted(self._pairs.items(), key=itemgetter(0)) if pair.quality),
             floor_known=bool(worlds) and all(known for _, known in worlds.values()),
             calibrations=self._completed,
@@ -351,6 +353,13 @@ class PeopleCalibration(PairsFromPeople):
                 offset = clocks[1] - clocks[0]
                 pair.calibration = PairCalibration.begun_from(T_a_b, self.settings.pair, offset)
                 pair.told, pair.trying, pair.cold = "others", False, ColdStart(self.settings.pair)
+
+    def _find_conditions(self) -> None:
+        self._conditions = self._conditions_of(self._placed)
+
+    def _find_worlds(self) -> None:
+        roots = dict.fromkeys(place.root for place in self._placed.values())
+        self._worlds = {root: self._world(root, self._placed) for root in roots}
 
     def _world(self, root: str, placed: Mapping[str, PlacedSensor]) -> tuple[Float64, bool]:
         """Return ``T_world_root``, and whether its floor is known; a given pose takes precedence over feet."""

@@ -69,6 +69,12 @@ class PairOfSensors:
     judged_steps: float = -1.0
     wary: bool = False
 
+    def __post_init__(self) -> None:
+        # In a snapshot, an estimator that is also a hypothesis is there twice; both names stand for one again.
+        for key, one in self.cold.hypotheses.items():
+            if self.calibration is not None and one.is_copy_of(self.calibration):
+                self.cold.hypotheses[key] = self.calibration
+
     @property
     def unproven(self) -> bool:
         """Whether the estimate is a hypothesis that most bodies agree with, refined but not yet confirmed."""
