@@ -108,6 +108,16 @@ def test_what_most_agree_on_is_not_trusted_before_somebody_has_walked() -> None:
     assert unwalked(estimated(9.0)).problem == WALK
 
 
+def test_a_body_that_was_forgotten_elsewhere_begins_anew() -> None:
+    """An estimator that most bodies agree with is refined beside its hypothesis."""
+    cold, a, b = seen({0: stands(0.0)})
+    (one, *_) = cold.hypotheses.values()
+    one.forget_bodies(lambda who: False)
+    cold.update(a, b, MIRROR)
+    assert one.bodies.keys() == {(0, 50)}
+    assert one.bodies[0, 50][at.STEP_AT] == one.bodies[0, 50][at.LAST] > 0.5
+
+
 def test_people_who_stand_unevenly_say_who_is_who() -> None:
     cold, a, b = seen({0: stands(-0.9), 1: stands(0.2, 3.3), 2: stands(0.8, 2.4)})
     agreed = cold.agreed(a, b, None)
