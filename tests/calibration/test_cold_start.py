@@ -47,7 +47,7 @@ def seen(people: Mapping[int, Walker], seconds: float = 1.0) -> tuple[ColdStart,
         for sensor, of, first in ((Sensor("a", FRONT), tracks[0], 0), (Sensor("b", SIDE), tracks[1], 50)):
             bodies = sensor.see({first + body: who for body, who in people.items()}, k / RATE_HZ)
             of.add(k / RATE_HZ, bodies.ids, bodies.positions, bodies.states, 0.2)
-        cold.update(tracks[0].bodies, tracks[1].bodies, MIRROR)
+        cold.update(tracks[0], tracks[1], MIRROR)
     return cold, *tracks
 
 
@@ -108,24 +108,34 @@ def test_what_most_agree_on_is_not_trusted_before_somebody_has_walked() -> None:
     assert unwalked(estimated(9.0)).problem == WALK
 
 
+def test_a_body_that_was_forgotten_elsewhere_begins_anew() -> None:
+    """An estimator that most bodies agree with is refined beside its hypothesis."""
+    cold, a, b = seen({0: stands(0.0)})
+    (one, *_) = cold.hypotheses.values()
+    one.forget_bodies(lambda who: False)
+    cold.update(a, b, MIRROR)
+    assert one.bodies.keys() == {(0, 50)}
+    assert one.bodies[0, 50][at.STEP_AT] == one.bodies[0, 50][at.LAST] > 0.5
+
+
 def test_people_who_stand_unevenly_say_who_is_who() -> None:
     cold, a, b = seen({0: stands(-0.9), 1: stands(0.2, 3.3), 2: stands(0.8, 2.4)})
-    agreed = cold.agreed(a.bodies, b.bodies, None)
+    agreed = cold.agreed(a, b, None)
     assert agreed is not None
     assert errors(agreed.T_a_b, T_A_B)[0] < 0.05
-    assert cold.agreed(a.bodies, b.bodies, agreed) is agreed
+    assert cold.agreed(a, b, agreed) is agreed
 
 
 def test_an_even_row_and_a_pair_leave_it_open() -> None:
     for row in ((-0.9, 0.0, 0.9), (-0.7, 0.4)):
         cold, a, b = seen({body: stands(x) for body, x in enumerate(row)})
-        assert cold.agreed(a.bodies, b.bodies, None) is None
+        assert cold.agreed(a, b, None) is None
 
 
 def test_what_was_believed_wrongly_gives_way_to_what_puts_more_together() -> None:
     cold, a, b = seen({0: stands(-0.9), 1: stands(0.2, 3.3), 2: stands(0.8, 2.4)})
     wrong = PairCalibration.begun_from(T_A_B @ rigid(np.eye(3), (0.0, 0.0, 1.0)), PairSettings())
-    agreed = cold.agreed(a.bodies, b.bodies, wrong)
+    agreed = cold.agreed(a, b, wrong)
     assert agreed is not None
     assert agreed is not wrong
 

@@ -20,7 +20,7 @@ from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import PeopleState
-from mocapella.calibration.sensor_conditions import pose_condition
+from mocapella.calibration.sensor_conditions import contradicts, pose_condition
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.sensor_pair import PairOfSensors
 from mocapella.calibration.shared_people import SURE_FIELD, missed_people
@@ -326,7 +326,7 @@ def test_a_person_is_missed_only_where_each_sensor_should_see_the_other_ones(
     a: list[tuple[float, float]], b: list[tuple[float, float]], missed: bool
 ) -> None:
     T_a_b = np.linalg.inv(FRONT) @ SIDE
-    ours, theirs = tracked(Sensor("a", FRONT), *a).bodies, tracked(Sensor("b", SIDE), *b).bodies
+    ours, theirs = (tracked(Sensor("a", FRONT), *a).newest_centres(), tracked(Sensor("b", SIDE), *b).newest_centres())
     assert missed_people(T_a_b, ours, theirs, SURE_FIELD) is missed
     assert missed_people(np.linalg.inv(T_a_b), theirs, ours, SURE_FIELD) is missed
 
@@ -343,7 +343,9 @@ def test_two_sensors_are_said_to_be_at_one_place_only_if_that_is_known(
     C = np.diag([sd_m**2 / 3] * 3 + [sd**2 / 3] * 3)
     pair.estimate = msgspec.structs.replace(PairCalibration().estimate(), problem="", T_a_b=np.eye(4), covariance=C)
     placed = {name: PlacedSensor(np.eye(4), C, None, "a", True) for name in "ab"}
-    condition = pose_condition("b", {("a", "b"): pair}, placed, seeing=True)
+    pairs = {("a", "b"): pair}
+    contradicted = pairs if contradicts(pair) else {}
+    condition = pose_condition("b", pairs, contradicted, placed, seeing=True)
     assert condition == (texts.ONE_PLACE.format(other="a") if said else "")
 
 

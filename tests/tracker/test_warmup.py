@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
+import pytest
 from support.hand_frames import tracker as tracker_of_a_hand
 from support.hand_frames import watched
 from support.silhouette_pictures import Room, pose_at, ring, somebody
 from support.walking_people import Walker
 from tracker.test_default import frames, told
 
+from mocapella.calibration import body_track_kernels, floor_kernels, graph_kernels, pair_kernels
 from mocapella.compiled import on_first_compilation
 from mocapella.kinematics import articulated_kernels
 from mocapella.model.observations import Arrival
 from mocapella.registry import load
 from mocapella.schema import decode_frame, encode_frame
-from mocapella.tracker import METHODS, warm_up
+from mocapella.tracker import METHODS, people_warmup, warm_up
 from mocapella.tracker.image_arrivals import arrivals_of
 from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.silhouettes import SilhouettesTracker
@@ -43,6 +47,29 @@ def test_once_it_is_ready_nothing_is_compiled_while_people_are_tracked() -> None
         for arrival in frames({1: walker, 2: Walker()}, 3.0, begin=3.0, noise=0.01):
             tracker.update(as_it_comes(arrival))
     assert compiled == []
+
+
+def test_the_run_calls_every_kernel_that_a_calibration_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kernel's first call in a process loads it from disk, which takes as long as several frames."""
+    called = set[str]()
+    kernels = [
+        *((pair_kernels, name) for name in ("take_newest_of_each",)),
+        *((body_track_kernels, name) for name in ("add_bodies", "newest_centres", "mutually_nearest")),
+        *((graph_kernels, name) for name in ("refine", "inverses_of_positive", "inverse_of_positive")),
+        (floor_kernels, "stand"),
+    ]
+    for module, name in kernels:
+        kernel = getattr(module, name)
+
+        def noted(*arguments: Any, name: str = name, kernel: Any = kernel) -> Any:
+            called.add(name)
+            return kernel(*arguments)
+
+        monkeypatch.setattr(module, name, noted)
+    tracker, arrivals = people_warmup.warm_up_run()
+    for arrival in arrivals:
+        tracker.update(arrival)
+    assert called == {name for _, name in kernels}
 
 
 def test_parts_call_kernels_as_the_method_does() -> None:

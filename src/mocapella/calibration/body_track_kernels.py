@@ -107,3 +107,52 @@ def add_bodies(
         add_frame(times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred)
         since = max(since, frozen_since[s, 0]) if not np.isnan(since) and not np.isnan(frozen_since[s, 0]) else np.nan
     return since
+
+
+@njit(cache=True)
+def newest_centres(points: Float64, weights: Float64, held: Int64, slots: Int64) -> Float64:
+    """Return the centre (bodies, 3) of each body's newest visible joints [m]; NaN without any.
+
+    Args:
+        points, weights, held: the arrays of `pair_memory.BodyTrack` with a leading axis (slots,).
+        slots: (bodies,) slot of each body.
+    """
+    out = np.zeros((len(slots), 3))
+    for i in range(len(slots)):
+        s, seen = slots[i], 0
+        newest = held[s, 1] - 1
+        for j in range(weights.shape[2]):
+            if weights[s, newest, j] > 0.0:
+                seen += 1
+                for k in range(3):
+                    out[i, k] += points[s, newest, j, k]
+        for k in range(3):
+            out[i, k] = out[i, k] / seen if seen > 0 else np.nan
+    return out
+
+
+@njit(cache=True)
+def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) -> NDArray[np.bool_]:
+    """Return which points of two sensors are mutually nearest, see `shared_people.mutually_nearest`."""
+    tried, n, m = len(T_a_b), len(a), len(b)
+    out = np.zeros((tried, n, m), dtype=np.bool_)
+    d, of_b = np.empty((n, m)), np.empty(m)
+    for e in range(tried):
+        of_b[:] = np.inf
+        for j in range(m):
+            x, y, z = b[j, 0], b[j, 1], b[j, 2]
+            p = T_a_b[e, 0, 0] * x + T_a_b[e, 0, 1] * y + T_a_b[e, 0, 2] * z + T_a_b[e, 0, 3]
+            q = T_a_b[e, 1, 0] * x + T_a_b[e, 1, 1] * y + T_a_b[e, 1, 2] * z + T_a_b[e, 1, 3]
+            r = T_a_b[e, 2, 0] * x + T_a_b[e, 2, 1] * y + T_a_b[e, 2, 2] * z + T_a_b[e, 2, 3]
+            for i in range(n):
+                d[i, j] = np.sqrt((a[i, 0] - p) ** 2 + (a[i, 1] - q) ** 2 + (a[i, 2] - r) ** 2)
+                if not np.isfinite(d[i, j]):
+                    d[i, j] = np.inf
+                of_b[j] = min(of_b[j], d[i, j])
+        for i in range(n):
+            nearest = np.inf
+            for j in range(m):
+                nearest = min(nearest, d[i, j])
+            for j in range(m):
+                out[e, i, j] = d[i, j] <= within_m and d[i, j] == nearest and d[i, j] == of_b[j]
+    return out

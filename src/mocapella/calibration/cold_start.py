@@ -6,8 +6,11 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import operator
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import islice, product
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,8 +18,8 @@ from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
-from mocapella.calibration.pair_memory import BodyTrack
-from mocapella.calibration.shared_people import mutually_nearest, newest_centres
+from mocapella.calibration.pair_memory import PairArrays, SensorTracks, new_body
+from mocapella.calibration.shared_people import mutually_nearest
 from mocapella.model import condition_texts as texts
 
 Float64 = NDArray[np.float64]
@@ -57,49 +60,83 @@ class ColdStart:
     settings: PairSettings = field(default_factory=PairSettings)
     hypotheses: dict[Hypothesis, PairCalibration] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self._stack: PairArrays | None = None
+        self._rows: list[Float64] = []
+
     def update(
-        self,
-        a: Mapping[int, BodyTrack],
-        b: Mapping[int, BodyTrack],
-        mirror: NDArray[np.int64],
-        turned: NDArray[np.bool_] | None = None,
+        self, a: SensorTracks, b: SensorTracks, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
     ) -> None:
         """Update the hypotheses of all pairs of bodies with their newest frames; add new bodies' ones, up to `MOST`.
 
         Args:
-            a, b: each sensor's bodies, by tracking id; hypotheses of other bodies are dropped.
+            a, b: each sensor's bodies; hypotheses of other bodies are dropped.
             mirror, turned: (joints,) of the topology, as in `PairCalibration.update`.
         """
-        self.hypotheses = {key: known for key, known in self.hypotheses.items() if key[0] in a and key[1] in b}
-        for key in ((one, other, swapped) for one in sorted(a) for other in sorted(b) for swapped in (False, True)):
-            if len(self.hypotheses) >= MOST:
-                break
-            if key not in self.hypotheses:
-                self.hypotheses[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
-        for key, known in self.hypotheses.items():
-            known.update(key[:2], a[key[0]], b[key[1]], mirror, turned)
+        kept = {key: one for key, one in self.hypotheses.items() if key[0] in a.bodies and key[1] in b.bodies}
+        ids = product(sorted(a.bodies), sorted(b.bodies), (False, True))
+        for key in islice((key for key in ids if key not in kept), MOST - len(kept)):
+            kept[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
+        if kept.keys() != self.hypotheses.keys():
+            self.hypotheses, self._stack = kept, None
+        if not kept:
+            return
+        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
+        rows = (one.bodies.get(key[:2]) for key, one in kept.items())
+        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
+            self._stack = None
+        slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
+        if turned is None:
+            turned = np.zeros(len(mirror), dtype=np.bool_)
+        _kernels().take_newest_of_each(
+            self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters
+        )
+
+    def clear(self) -> None:
+        """Drop all hypotheses."""
+        self.hypotheses, self._stack = {}, None
+
+    def _stacked(self) -> PairArrays:
+        """Return the arrays of all hypotheses, in order, with a leading axis; the estimators' own are views of them."""
+        if self._stack is not None:
+            return self._stack
+        bodies = [
+            one.bodies[key[:2]] if key[:2] in one.bodies else new_body(mirrored=one.mirrored_at_first)
+            for key, one in self.hypotheses.items()
+        ]
+        rows = zip(self.hypotheses.values(), bodies, strict=True)
+        arrays = zip(
+            *((one.moments, one.scatter, one.T_a_b, one.scalars, one.clock, own) for one, own in rows), strict=True
+        )
+        stack = self._stack = PairArrays._make(map(np.stack, arrays))
+        for i, (key, one) in enumerate(self.hypotheses.items()):
+            one.moments, one.scatter, one.T_a_b, one.scalars, one.clock, one.bodies[key[:2]] = (
+                part[i] for part in stack
+            )
+        self._rows = [one.bodies[key[:2]] for key, one in self.hypotheses.items()]
+        return stack
 
     def likeliest(self) -> Likeliest | None:
         """Return the hypothesis with the best fit, and its best rival; None before there is data.
 
         Hypotheses of bodies that walked come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
         """
-        residuals = {key: known.residual for key, known in self.hypotheses.items() if known.moments[0] > 0}
-        if not residuals:
+        if not self.hypotheses:
             return None
-
-        def cost(key: Hypothesis) -> tuple[bool, float, Hypothesis]:
-            # A flat body at rest fits both ways, so swapped labels must fit better.
-            return (
-                not self.hypotheses[key].walked,
-                (SWAPPED_FACTOR if key[2] else 1.0) * np.nan_to_num(residuals[key], nan=np.inf),
-                key,
-            )
-
-        key = min(residuals, key=cost)
+        stack = self._stacked()
+        residuals, begun = _residuals(stack), stack.moments[:, 0] > 0
+        # A flat body at rest fits both ways, so swapped labels must fit better.
+        factors = np.where([swapped for _, _, swapped in self.hypotheses], SWAPPED_FACTOR, 1.0)
+        costs = np.where(np.isnan(residuals), np.inf, factors * residuals)
+        stands = stack.scalars[:, at.BLOCKS_CLOSED] < self.settings.samples_wanted
+        rows = zip(stands.tolist(), costs.tolist(), self.hypotheses, residuals.tolist(), strict=True)
+        known = [row for row, has_data in zip(rows, begun.tolist(), strict=True) if has_data]
+        if not known:
+            return None
+        key = min(known)[2]
         rivals = [
             residual
-            for other, residual in residuals.items()
+            for _, _, other, residual in known
             if other[:2] != key[:2] and (other[0] == key[0] or other[1] == key[1])
         ]
         best, labels = self.hypotheses[key], np.inf
@@ -108,39 +145,38 @@ class ColdStart:
             labels = swapped.residual
         return Likeliest(best, min(rivals, default=np.inf), labels)
 
-    def agreed(
-        self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], believed: PairCalibration | None
-    ) -> PairCalibration | None:
+    def agreed(self, a: SensorTracks, b: SensorTracks, believed: PairCalibration | None) -> PairCalibration | None:
         """Return the estimate under which most bodies of both sensors coincide now, if it is unambiguous.
 
         With many people who cross each other, one body alone leaves the match ambiguous for long. But all bodies share
         one motion: a wrong one makes single other bodies coincide by accident, rarely two.
 
         Args:
-            a, b: each sensor's bodies, by tracking id.
+            a, b: each sensor's bodies.
             believed: the previous result, which stays unless another one is clearly better.
 
         Returns:
             The estimator of the best hypothesis, not a copy; else ``believed``, as with fewer than three bodies in a
             sensor.
         """
-        s = self.settings
-        known = {
-            key: pair
-            for key, pair in self.hypotheses.items()
-            if pair.scalars[at.STEPS] > 0 and pair.residual <= s.residual_allowed_m
-        }
-        if not known or min(len(a), len(b)) < OTHERS + 1:
+        if not self.hypotheses or min(len(a.bodies), len(b.bodies)) < OTHERS + 1:
             return believed
-        tried = [*known.values()] if believed is None else [*known.values(), believed]
-        T, ours, theirs = np.stack([pair.T_a_b for pair in tried]), newest_centres(a), newest_centres(b)
-        together = mutually_nearest(T, ours, theirs, TOGETHER_M).sum(axis=(1, 2)).tolist()
-        counts = dict(zip(known, together, strict=False))
-        key = max(counts, key=lambda key: (counts[key], -known[key].residual))
+        stack, keys = self._stacked(), list(self.hypotheses)
+        residuals = _residuals(stack)
+        fits = (stack.scalars[:, at.STEPS] > 0) & (residuals <= self.settings.residual_allowed_m)
+        known = np.flatnonzero(fits).tolist()
+        if not known:
+            return believed
+        T = stack.T_a_b[known] if believed is None else np.concatenate([stack.T_a_b[known], believed.T_a_b[None]])
+        near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
+        together = near.sum(axis=(1, 2)).tolist()
+        counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
+        fits_best = dict(zip(counts, (-residuals[known]).tolist(), strict=True))
+        key = max(counts, key=lambda key: (counts[key], fits_best[key]))
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0
-        return known[key] if counts[key] > max([OTHERS, swapped, known_count, *rivals]) else believed
+        return self.hypotheses[key] if counts[key] > max([OTHERS, swapped, known_count, *rivals]) else believed
 
 
 class Likeliest(msgspec.Struct, frozen=True, eq=False):
@@ -157,15 +193,11 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     labels: float
 
     def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
-        """Return ``estimate``, or a copy with a problem, so that it is not trusted, while rivals fit nearly as well.
+        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
 
-        Before a person has walked, the hypothesis with swapped labels (`labels`) is a rival, too, and the shared motion
-        must last `POSTURE_S`. If ``wary``, as with several people in view, an estimate from single postures is not
-        trusted at all, and one from a walk must be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
-
-        Args:
-            estimate: result of this hypothesis' estimator, the attribute ``pair``; unchanged if it has a problem.
-            wary: whether to apply the stricter conditions.
+        Without a walk, the hypothesis with swapped labels is a rival, too, and `POSTURE_S` must pass. If ``wary``, as
+        with several people in view, an estimate from single postures is not trusted at all, and one from a walk must
+        be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
         """
         if not estimate.trusted:
             return estimate
@@ -183,6 +215,21 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
 def unwalked(estimate: PairEstimate) -> PairEstimate:
     """Return the estimate marked as not trusted, because it rests on single postures; its remedy is to walk."""
     return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
+
+
+def _residuals(stack: PairArrays) -> Float64:
+    """Return `PairCalibration.residual` of each hypothesis (hypotheses,) [m]."""
+    weights = stack.scalars[:, at.COST_WEIGHT]
+    some = weights > 0
+    return np.where(some, stack.scalars[:, at.COST] / np.where(some, weights, 1.0), np.nan)
+
+
+@cache
+def _kernels() -> Any:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.calibration import pair_kernels
+
+    return pair_kernels
 
 
 def _turned(T: Float64, other: Float64) -> float:

@@ -52,69 +52,143 @@ def inverse_of_positive(A: Float64) -> Float64:
 
 
 @njit(cache=True)
+def inverses_of_positive(A: Float64) -> Float64:
+    """Invert each of several matrices (…, n, n) of one leading axis by `inverse_of_positive`."""
+    out = np.empty_like(A)
+    for e in range(len(A)):
+        out[e] = inverse_of_positive(A[e])
+    return out
+
+
+@njit(cache=True)
 def refine(  # noqa: PLR0917
-    world: Float64,
-    a: Int64,
-    b: Int64,
-    T_a_b: Float64,
-    weights: Float64,
-    most_steps: int,
-    smallest_step: float,
-) -> Float64:
-    """Refine the sensors' poses, except the first: pose graph optimisation by Gauss–Newton over all pairs.
+    world: Float64, ends: Int64, T_a_b: Float64, weights: Float64, smallest_step: float, last: bool, covariance: Float64
+) -> bool:
+    """Refine the sensors' poses, except the first, by one step of Gauss–Newton over all pairs.
 
     Args:
-        world: (sensors, 4, 4) T_root_sensor, updated in place.
-        a, b: (pairs,) indices of each pair's sensors.
+        world: (sensors, 4, 4) T_root_sensor, updated in place; NaN where the pairs do not determine them.
+        ends: (pairs, 2) indices of each pair's sensors, a and b.
         T_a_b: (pairs, 4, 4) measured relative poses.
         weights: (pairs, 6, 6) inverse covariances of a small motion in a's frame (translation [m], rotation [rad]).
-        most_steps: largest number of steps.
         smallest_step: a step whose components are all below this is the last [m, rad].
+        last: whether the step is the last in any case.
+        covariance: (sensors, 6, 6) written after the last step: of small motions of the poses in the root's frame; NaN
+            if the pairs do not determine them.
 
     Returns:
-        Covariance (6·(sensors − 1), 6·(sensors − 1)) of small motions of the poses in the root's frame; NaN if the
-        pairs do not determine them.
+        Whether the step was the last.
     """
-    n = len(world)
-    C = np.zeros((6 * n - 6, 6 * n - 6))
-    for _ in range(most_steps):
-        A, g = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-        for e in range(len(a)):
-            T_a_root = _inverse(world[a[e]])
-            to_a = _adjoint(T_a_root)
-            weighted = _product(_transposed(to_a), weights[e])
-            W = _product(weighted, to_a)
-            off = _log(_product(_product(T_a_root, world[b[e]]), _inverse(T_a_b[e])))
-            i, k = 6 * a[e], 6 * b[e]
-            for r in range(6):
-                force = 0.0
-                for c in range(6):
-                    force += weighted[r, c] * off[c]
+    A, x = _equations(world, ends, T_a_b, weights)
+    if not _factorise(A):
+        world[1:] = np.nan
+        covariance[1:] = np.nan
+        return True
+    _solve(A, x)
+    largest = 0.0
+    for i in range(1, len(world)):
+        step = x[6 * i - 6 : 6 * i]
+        for r in range(6):
+            largest = max(largest, abs(step[r]))
+        world[i] = _product(_exp(step), world[i])
+    if not last and not largest < smallest_step:
+        return False
+    _write_blocks_of_inverse(A, covariance[1:])
+    return True
+
+
+@njit(cache=True)
+def _equations(world: Float64, ends: Int64, T_a_b: Float64, weights: Float64) -> tuple[Float64, Float64]:
+    """Return the normal equations' matrix (6·(sensors − 1), …), upper triangle, and right side, without the root."""
+    n = 6 * len(world) - 6
+    A, g = np.zeros((n, n)), np.zeros(n)
+    for e in range(len(ends)):
+        a, b = ends[e]
+        T_a_root = _inverse(world[a])
+        to_a = _adjoint(T_a_root)
+        weighted = _product(_transposed(to_a), weights[e])
+        W = _product(weighted, to_a)
+        off = _log(_product(_product(T_a_root, world[b]), _inverse(T_a_b[e])))
+        i, k = 6 * a - 6, 6 * b - 6
+        for r in range(6):
+            force = 0.0
+            for c in range(6):
+                force += weighted[r, c] * off[c]
+                if a > 0:
                     A[i + r, i + c] += W[r, c]
+                if b > 0:
                     A[k + r, k + c] += W[r, c]
-                    A[i + r, k + c] -= W[r, c]
-                    A[k + r, i + c] -= W[r, c]
+                if a > 0 and b > 0:
+                    if i < k:
+                        A[i + r, k + c] -= W[r, c]
+                    else:
+                        A[k + r, i + c] -= W[r, c]
+            if a > 0:
                 g[i + r] += force
+            if b > 0:
                 g[k + r] -= force
-        free = np.empty_like(C)
-        for r in range(len(C)):
-            for c in range(len(C)):
-                free[r, c] = A[6 + r, 6 + c]
-        C = inverse_of_positive(free)
-        largest, step = 0.0, np.empty(6)
-        for i in range(1, n):
+    return A, g
+
+
+@njit(cache=True, error_model="numpy")
+def _factorise(A: Float64) -> bool:
+    """Replace the upper triangle of a matrix by its Cholesky factor U, A = Uᵀ U; False if it is not positive definite.
+
+    The rows are updated along memory, so the compiler vectorises the inner loop; zeros of sparse graphs are skipped.
+    """
+    n = len(A)
+    for k in range(n):
+        if not A[k, k] > 0.0:
+            return False
+        row = A[k, k:]
+        pivot = np.sqrt(row[0])
+        for j in range(len(row)):
+            row[j] /= pivot
+        for i in range(k + 1, n):
+            f = A[k, i]
+            if f != 0.0:
+                ahead, below = A[k, i:], A[i, i:]
+                for j in range(len(below)):
+                    below[j] -= f * ahead[j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(U: Float64, x: Float64) -> None:
+    """Solve Uᵀ U y = x by substitution: replace x (n,) by y; U (n, n) is of `_factorise`."""
+    n = len(x)
+    for k in range(n):
+        x[k] /= U[k, k]
+        for j in range(k + 1, n):
+            x[j] -= U[k, j] * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= U[k, j] * x[j]
+        x[k] /= U[k, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _write_blocks_of_inverse(U: Float64, blocks: Float64) -> None:
+    """Write the diagonal blocks (n/6, 6, 6) of the inverse of Uᵀ U."""
+    n = len(U)
+    X = np.zeros((n, n))  # the inverse of Uᵀ, by rows
+    blocks[:] = 0.0
+    for i in range(n):
+        X[i, i] = 1.0
+        for k in range(i):
+            f = U[k, i]
+            if f != 0.0:
+                above, row = X[k, : k + 1], X[i, : k + 1]
+                for j in range(len(row)):
+                    row[j] -= f * above[j]
+        row = X[i, : i + 1]
+        for j in range(len(row)):
+            row[j] /= U[i, i]
+        for s in range(i // 6 + 1):
+            part, block = X[i, 6 * s : 6 * s + 6], blocks[s]
             for r in range(6):
-                step[r] = 0.0
-                for c in range(len(C)):
-                    step[r] += C[6 * i - 6 + r, c] * g[6 + c]
-                largest = max(largest, abs(step[r]))
-            moved = _product(_exp(step), world[i])
-            for r in range(4):
-                for c in range(4):
-                    world[i, r, c] = moved[r, c]
-        if largest < smallest_step:
-            break
-    return C
+                for c in range(6):
+                    block[r, c] += part[r] * part[c]
 
 
 @njit(cache=True)

@@ -7,6 +7,7 @@ person may agree.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -50,18 +51,12 @@ def moved_sensors(disagreeing: Collection[Pair], agreeing: Collection[Pair], ord
     Returns:
         The moved sensors, the most contradicted first; none if no pair disagrees.
     """
-    rest, moved = set(disagreeing), []
+    rest, moved = set(disagreeing), list[str]()
+    agree = Counter(sensor for pair in agreeing for sensor in pair)
+    rank = {sensor: i for i, sensor in enumerate(order)}
     while rest:
-        blame = {
-            sensor: (
-                sum(sensor in pair for pair in rest),
-                -sum(sensor in pair for pair in agreeing),
-                order.index(sensor),
-            )
-            for pair in rest
-            for sensor in pair
-        }
-        worst = max(blame, key=blame.__getitem__)
+        disagree = Counter(sensor for pair in rest for sensor in pair)
+        worst = max(disagree, key=lambda sensor: (disagree[sensor], -agree[sensor], rank[sensor]))
         moved.append(worst)
         rest = {pair for pair in rest if worst not in pair}
     return moved

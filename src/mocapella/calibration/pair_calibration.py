@@ -197,16 +197,24 @@ class PairCalibration:
         The start counts as `PairSettings.told_s` seconds of a person who moves in the usual area, so observations soon
         outweigh it.
         """
-        pair = cls(settings, np.array(T_a_b, dtype=np.float64))
-        q = TOLD_CENTRE + TOLD_REACH * (np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3))
-        p = apply(pair.T_a_b, q)
-        seconds = settings.told_s
-        pair.moments[:] = moments(p, q, np.full(len(q), TOLD_JOINTS / len(q) * seconds / TOLD_RESIDUAL_M))
-        pair.scalars[[at.COST_WEIGHT, at.COST]] = seconds, seconds * TOLD_RESIDUAL_M
-        pair.scalars[at.APART_SQ] = seconds * TOLD_APART_M**2
-        pair.scalars[list(CENTRES)] = seconds * p.mean(axis=0)
+        (pair,) = cls.each_begun_from(np.asarray(T_a_b, dtype=np.float64)[None], settings)
         pair.scalars[at.REFERENCE_OFFSET] = offset
         return pair
+
+    @classmethod
+    def each_begun_from(cls, T_a_b: Float64, settings: PairSettings) -> list[PairCalibration]:
+        """Return the estimator of `begun_from` for each pose of ``T_a_b`` (pairs, 4, 4); clocks have no offset."""
+        q = TOLD_CENTRE + TOLD_REACH * (np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3))
+        p, seconds = apply(T_a_b, q), settings.told_s
+        sums = moments(p, q, np.full(len(q), TOLD_JOINTS / len(q) * seconds / TOLD_RESIDUAL_M))
+        scalars = np.zeros((len(T_a_b), at.PAIR_SCALARS))
+        scalars[:, [at.COST_WEIGHT, at.COST]] = seconds, seconds * TOLD_RESIDUAL_M
+        scalars[:, at.APART_SQ] = seconds * TOLD_APART_M**2
+        scalars[:, list(CENTRES)] = seconds * p.mean(axis=1)
+        return [
+            cls(settings, T.copy(), moments=own.copy(), scalars=numbers.copy())
+            for T, own, numbers in zip(T_a_b, sums, scalars, strict=True)
+        ]
 
     def update(
         self, who: Any, a: BodyTrack, b: BodyTrack, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
@@ -231,6 +239,11 @@ class PairCalibration:
         if turned is None:
             turned = np.zeros(len(mirror), dtype=np.bool_)
         return bool(_take_newest()(pair, a.arrays, b.arrays, mirror, turned, self.settings.parameters))
+
+    def is_copy_of(self, other: PairCalibration) -> bool:
+        """Return whether all state is equal to another estimator's."""
+        parts = ("moments", "scatter", "T_a_b", "scalars", "clock")
+        return all(np.array_equal(getattr(self, part), getattr(other, part)) for part in parts)
 
     def trust(self, estimate: PairEstimate) -> None:
         """From now on, leave out frames that disagree with this estimate by more than usual, if it is trusted.

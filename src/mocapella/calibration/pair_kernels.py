@@ -158,6 +158,33 @@ def take_newest(
 
 
 @njit(cache=True)
+def take_newest_of_each(
+    pairs: PairArrays, a: BodyFrames, b: BodyFrames, slots: Int64, mirror: Int64, turned: Bools, p: PairParameters
+) -> None:
+    """Call `take_newest` for each of several hypotheses about the bodies of two sensors.
+
+    Args:
+        pairs: state of each hypothesis: the arrays of `PairArrays` with a leading axis (hypotheses,), updated in place.
+        a, b: frames of all bodies of a sensor: the arrays of `BodyFrames` with a leading axis (slots,).
+        slots: (hypotheses, 2) slots of the two bodies, in a and in b.
+        mirror, turned, p: as in `take_newest`.
+    """
+    for i in range(len(slots)):
+        pair = PairArrays(
+            pairs.moments[i], pairs.scatter[i], pairs.T_a_b[i], pairs.scalars[i], pairs.clock[i], pairs.body[i]
+        )
+        one, other = slots[i, 0], slots[i, 1]
+        take_newest(
+            pair,
+            BodyFrames(a.times[one], a.points[one], a.weights[one], a.held[one]),
+            BodyFrames(b.times[other], b.points[other], b.weights[other], b.held[other]),
+            mirror,
+            turned,
+            p,
+        )
+
+
+@njit(cache=True)
 def _moving(frames: BodyFrames, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
     """Write joints q, velocities v (joints, 3) and weights w (joints,) at a time; return whether frames surround it."""
     times, points, weights = frames.times, frames.points, frames.weights

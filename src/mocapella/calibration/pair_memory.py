@@ -267,11 +267,27 @@ class SensorTracks:
             np.ascontiguousarray(positions), np.ascontiguousarray(states), inferred_weight,
         )  # fmt: skip
 
+    @property
+    def arrays(self) -> BodyFrames:
+        """The arrays of all slots as a named tuple, for the kernels."""
+        return BodyFrames(self.times, self.points, self.weights, self.held)
+
+    def slot(self, body: int) -> int:
+        """Return the slot of a body; `KeyError` if it has none."""
+        return self._slots[body]
+
+    def newest_centres(self) -> Float64:
+        """Return the centre of each body's newest visible joints (bodies, 3), in order of ids [m]; NaN without any."""
+        slots = np.array([self._slots[body] for body in sorted(self.bodies)], dtype=np.int64)
+        return np.asarray(_kernels().newest_centres(self.points, self.weights, self.held, slots))
+
     def forget_before(self, at: float) -> None:
         """Drop every body without a frame since a capture time [s]."""
-        gone = [body for body, track in self.bodies.items() if track.newest < at]
-        for body in gone:
-            self._free(self._slots[body])
+        begin, end = self.held.T
+        newest = np.where(end > begin, self.times[np.arange(len(end)), end - 1], -np.inf)
+        gone = np.flatnonzero(self.used & (newest < at)).tolist()
+        for slot in gone:
+            self._free(slot)
         if gone:
             self.__post_init__()
 

@@ -4,42 +4,51 @@
 bodies are one person may be given, and is otherwise derived from the calibration itself.
 
 The cost of a frame does not grow with time. A frame is added to its sensor's tracks; each calibrated pair of sensors is
-refined with one person, in turn; one uncalibrated pair is tried; and a few times a second all poses are recomputed.
+refined with one person, in turn; one uncalibrated pair is tried; and a few times a second a *refresh* recomputes all
+poses. With many sensors, a refresh takes longer than a frame may. So it is a list of steps with a known amount of work,
+of which each frame does no more than `WORK_A_FRAME`: frames alone decide, no clock, so that a replay does the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration import pair_memory as at
-from mocapella.calibration.cold_start import ColdStart, unwalked
+from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
-from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
-from mocapella.calibration.pair_calibration import MIRRORED_STREAM, NOT_ONE_BODY, PairCalibration, estimates
+from mocapella.calibration.pair_calibration import PairCalibration
 from mocapella.calibration.pair_memory import SensorTracks, turned_joints
+from mocapella.calibration.pairs_from_people import Identities, PairsFromPeople
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.calibration.quality import figures, pair_quality
-from mocapella.calibration.sensor_conditions import StreamFaults, pose_condition
-from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair, place_sensors
+from mocapella.calibration.sensor_conditions import StreamFaults, contradicts, pose_condition
+from mocapella.calibration.sensor_graph import (
+    Component,
+    PlacedSensor,
+    SensorPair,
+    by_certainty,
+    components_of,
+    placed_by,
+)
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, layout_pair, restored_pair
 from mocapella.calibration.sensor_pair import (
     BY_LAYOUT,
     GIVEN_SD,
     GIVEN_SD_M,
-    NO_OWNERS,
     Pair,
     PairOfSensors,
-    agree_elsewhere,
     best_pairs,
     covariance_of,
     used_pairs,
 )
-from mocapella.calibration.shared_people import nearest_bodies, same_people
+from mocapella.calibration.time_offset import TimeOffset
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
@@ -48,15 +57,16 @@ from mocapella.model.memory import set_memory
 from mocapella.model.session import SensorPose
 
 Float64 = NDArray[np.float64]
-Identities = Callable[[str], Mapping[int, int]]
-"""Returns the person of each tracking id of a sensor."""
 
-REFRESH_PART: Final = 0.05
-"""Poses are recomputed once a pair's shared motion has grown by this fraction."""
+Step = tuple[str, tuple[Pair, ...]]
+"""Name of a step of a refresh, and the pairs that it treats; none for all."""
+
 MOST_JUDGED: Final = 16
 """Most pairs whose hypotheses are compared at one refresh, in turn."""
-MOST_TURNS: Final = 3
-"""Largest number of people whom a refinement of a pair tries until one has a new frame."""
+WORK_A_FRAME: Final = 48
+"""Work of a refresh that one frame does: all of it for two sensors. A step with more has a frame of its own."""
+WORK_PER_PAIR: Final = {"hypotheses": 12, "forgotten": 12, "calibrations": 3}
+"""Work of a step for each of its pairs of sensors; 1 for other steps."""
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
@@ -65,7 +75,7 @@ _RECORDED: Final = {"layout": "rig"}
 """Names of attributes in a take, where they differ."""
 
 
-class PeopleCalibration:
+class PeopleCalibration(PairsFromPeople):
     """Estimates the poses and clocks of all sensors that send frames. Sensors need not be announced.
 
     Attributes:
@@ -83,27 +93,19 @@ class PeopleCalibration:
 
     def reset(self) -> None:
         """Forget everything except the layout."""
+        self.reset_pairs()
         self._zero_ns: int | None = None
-        self._tracks: dict[str, SensorTracks] = {}
-        self._newest: dict[str, float] = {}
-        self._floors: dict[str, FloorFromFeet] = {}
-        self._poses: dict[str, SensorPose] = {}
-        self._mirror = np.zeros(0, dtype=np.int64)
-        self._turned = np.zeros(0, dtype=np.bool_)
-        self._pairs: dict[Pair, PairOfSensors] = {}
-        self._refined: dict[str, tuple[Pair, ...]] = {}
-        self._tried: dict[str, tuple[Pair, ...]] = {}
-        self._turn = 0
         self._judged = 0
+        self._steps: list[Step] = []
+        self._graph: list[Component] = []
+        self._edges: list[SensorPair] = []
+        self._conditions: dict[str, str] = {}
+        self._worlds: dict[str, tuple[Float64, bool]] = {}
         self._placed: dict[str, PlacedSensor] = {}
-        self._moved: dict[str, float] = {}
-        self._doubted: frozenset[str] = frozenset()
         self._jumped: dict[str, float] = {}
         self._behind: dict[str, float] = {}
-        self._refreshed, self._refresh_s = -np.inf, self.settings.first_refresh_s
+        self._refreshed = -np.inf
         self._now = -np.inf
-        self._completed = 0
-        self._moves = 0
         self.state = PeopleState({}, (), False, 0, 0)
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
@@ -151,8 +153,13 @@ class PeopleCalibration:
                 self._refine(key, people, now)
         if self._tried[sensor]:
             self._try(self._tried[sensor])
-        if joins or not 0 <= now - self._refreshed < self._refresh_s:
-            self._refresh(now, people)
+        work = WORK_A_FRAME
+        if joins or not (self._steps or 0 <= now - self._refreshed < self._refresh_s):
+            self._begin_refresh(now)
+            work -= len(self._pairs)
+        self._advance(now, people, work)
+        if joins and sensor not in self.state.sensors:
+            self._show_alone(sensor)
         return self.state
 
     @property
@@ -192,6 +199,7 @@ class PeopleCalibration:
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore the state that `memory` returned, without a copy; `ValueError` if it is of another kind."""
         names = {recorded: name for name, recorded in _RECORDED.items()}
+        self._steps, self._graph, self._edges = [], [], []  # older takes have none
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 
     def _seconds(self, at_ns: int) -> float:
@@ -205,221 +213,133 @@ class PeopleCalibration:
         places = (
             {name: np.array(known.T_world_sensor) for name, known in self.layout.sensors.items()} if self.layout else {}
         )
-        for other in self._tracks:
-            key = (min(sensor, other), max(sensor, other))
-            pair = PairOfSensors(None, ColdStart(settings))
-            if key in kept:
-                pair.calibration, pair.told = restored_pair(kept[key], settings), BY_LAYOUT
-            elif sensor in places and other in places:
-                T_a_b = inverse(places[key[0]]) @ places[key[1]]
-                pair.calibration, pair.told = PairCalibration.begun_from(T_a_b, settings), BY_LAYOUT
-            pair.trying = pair.calibration is None
-            self._pairs[key] = pair
+        new = {
+            (min(sensor, other), max(sensor, other)): PairOfSensors(None, ColdStart(settings)) for other in self._tracks
+        }
+        known = [key for key in new if key not in kept and places.keys() >= set(key)]
+        T_a_b = [inverse(places[a]) @ places[b] for a, b in known]
+        begun = PairCalibration.each_begun_from(np.array(T_a_b).reshape(-1, 4, 4), settings)
+        for key, calibration in [
+            *((key, restored_pair(kept[key], settings)) for key in new if key in kept),
+            *zip(known, begun, strict=True),
+        ]:
+            new[key].calibration, new[key].told, new[key].trying = calibration, BY_LAYOUT, False
+        self._pairs |= new
         self._tracks[sensor] = SensorTracks.empty(joints)
         self._floors[sensor] = FloorFromFeet()
         self._newest[sensor] = -np.inf
         self._choose_pairs(None)
 
-    def _choose_pairs(self, partners: frozenset[Pair] | None) -> None:
-        """Choose the pairs that each sensor's frames update: all, or only ``partners``."""
-        for chosen, wanted in ((self._refined, False), (self._tried, True)):
-            keys = sorted(
-                key
-                for key, pair in self._pairs.items()
-                if (pair.trying if wanted else pair.calibration is not None) and (partners is None or key in partners)
-            )
-            chosen.update({sensor: tuple(key for key in keys if sensor in key) for sensor in self._tracks})
-
-    def _frozen(self, sensor: str) -> bool:
-        return bool(self._tracks[sensor].frozen <= self._newest[sensor] - self.settings.frozen_after_s)
-
-    def _both_see(self, key: Pair) -> bool:
-        one, other = (self._tracks[sensor].bodies for sensor in key)
-        return bool(one) and bool(other) and not self._frozen(key[0]) and not self._frozen(key[1])
-
-    def _refine(self, key: Pair, people: Identities | None, now: float) -> None:
-        """Refine a pair by the newest frame of one person, in turn."""
-        pair = self._pairs[key]
-        if pair.calibration is None or not self._both_see(key):
-            return
-        a, b = (self._tracks[sensor].bodies for sensor in key)
-        if people is not None and pair.trusted:
-            one, other = people(key[0]), people(key[1])
-            if one is not pair.owners[0] or other is not pair.owners[1]:
-                pair.owners, pair.matched = (one, other), same_people(one, other)
-        bodies = [
-            ids for ids in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if ids[0] in a and ids[1] in b
-        ]
-        for _ in range(min(len(bodies), MOST_TURNS)):
-            ids = bodies[pair.turn % len(bodies)]
-            pair.turn += 1
-            if pair.calibration.update(ids, a[ids[0]], b[ids[1]], self._mirror, self._turned):
-                pair.due = now + self.settings.pair.every_s
-                return
-
-    def _try(self, keys: tuple[Pair, ...]) -> None:
-        """Update all hypotheses of one pair, in turn."""
-        self._turn += 1
-        key = keys[self._turn % len(keys)]
-        pair = self._pairs[key]
-        if not self._both_see(key):
-            return
-        a, b = (self._tracks[sensor].bodies for sensor in key)
-        pair.cold.update(a, b, self._mirror, self._turned)
-
-    def _refresh(self, now: float, people: Identities | None) -> None:
+    def _begin_refresh(self, now: float) -> None:
+        """Plan the steps of a refresh; those of an unfinished one are dropped."""
         paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():
             silent = now - self._newest[sensor] > self.settings.gone_after_s
             tracks.forget_before(np.inf if silent else self._newest[sensor] - self.settings.gone_after_s)
+        seeing = {sensor for sensor, tracks in self._tracks.items() if tracks.bodies and not self._frozen(sensor)}
         for key, pair in self._pairs.items():
             since = now if paused else min(pair.seen_since, now)
-            pair.seen_since = since if self._both_see(key) else np.inf
-        self._judge_hypotheses(now)
-        self._judge_calibrations(now, people)
-        self._find_moved(now)
-        agreeing = self._agreeing(now)
-        for key, pair in self._pairs.items():
-            doubtful = self._doubtful(pair, now) and not agree_elsewhere(key, agreeing)
-            pair.trying = pair.calibration is None or doubtful or pair.unproven
-            a, b = (self._tracks[sensor].bodies if doubtful else {} for sensor in key)
-            pair.compare(a, b, now, self.settings.gone_after_s)
-        unchecked = [key for key, pair in self._pairs.items() if pair.contradicted and pair.told]
-        self._doubted = frozenset(moved_sensors(unchecked, agreeing, sorted(self._tracks)))
-        self._place()
-
-    def _judge_hypotheses(self, now: float) -> None:
-        tried = [(key, pair) for key, pair in self._pairs.items() if pair.cold.hypotheses]
+            pair.seen_since = since if seeing.issuperset(key) else np.inf
+        tried = [key for key, pair in self._pairs.items() if pair.cold.hypotheses]
         self._judged += MOST_JUDGED
         first = self._judged % len(tried) if len(tried) > MOST_JUDGED else 0
-        found = [(key, pair.cold.likeliest()) for key, pair in (tried[first:] + tried[:first])[:MOST_JUDGED]]
-        likeliest = [(key, one) for key, one in found if one is not None]
-        for (key, one), raw in zip(likeliest, estimates([one.pair for _, one in likeliest]), strict=True):
-            pair, (a, b) = self._pairs[key], (self._tracks[sensor].bodies for sensor in key)
-            # One posture does not tell people apart, who resemble each other.
-            estimate = one.judged(raw, wary=pair.wary or pair.walked or max(len(a), len(b)) > 1)
-            if estimate.trusted:
-                self._believe(key, one.pair, now)
-                continue
-            if pair.calibration is None:
-                pair.estimate = estimate
-            if pair.calibration is None or pair.unproven:
-                agreed = pair.cold.agreed(a, b, pair.calibration)
-                if agreed is not pair.calibration:
-                    pair.calibration, pair.judged_steps, pair.agreed_at = agreed, -1.0, now
-
-    def _judge_calibrations(self, now: float, people: Identities | None) -> None:
-        self._match(people is None)
-        known = [(key, pair, pair.calibration) for key, pair in self._pairs.items() if pair.calibration is not None]
-        for key, _, calibration in known:
-            a, b = (self._tracks[sensor].bodies for sensor in key)
-            calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
-            if self._frozen(key[0]) or self._frozen(key[1]):
-                for body in calibration.bodies.values():  # a frozen stream disagrees, but the sensor was not moved
-                    body[at.DISAGREES_SINCE] = np.nan
-        news = [one for one in known if one[1].estimate is None or one[2].scalars[at.STEPS] != one[1].judged_steps]
-        for (key, pair, calibration), raw in zip(news, estimates([one[2] for one in news]), strict=True):
-            doubted = (pair.unproven or pair.told) and not calibration.walked
-            estimate = unwalked(raw) if doubted else raw
-            pair.estimate, pair.judged_steps = estimate, float(calibration.scalars[at.STEPS])
-            if pair.unproven and estimate.problem in (NOT_ONE_BODY, MIRRORED_STREAM):
-                pair.calibration, pair.matched, pair.owners = None, (), NO_OWNERS
-                continue
-            calibration.trust(estimate)
-            calibration.follow_clock(estimate)
-            if not self._both_see(key):
-                continue
-            soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
-            self._refresh_s = min(self._refresh_s, soon)
-            if any(
-                np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
-                for body in calibration.bodies.values()
-            ):
-                pair.agreed_at = now
-                if estimate.trusted:
-                    pair.told, pair.shown = "", True
-
-    def _match(self, all_pairs: bool) -> None:
-        """Match the nearest bodies of a pair where identities are not given, or its pose is not trusted yet."""
-        for key in sorted({key for keys in self._refined.values() for key in keys}):
-            pair = self._pairs[key]
-            if pair.calibration is not None and (all_pairs or not pair.trusted):
-                a, b = (self._tracks[sensor].bodies for sensor in key)
-                pair.owners = NO_OWNERS
-                pair.matched = nearest_bodies(pair.calibration.T_a_b, a, b, self.settings.match_within_m)
-
-    def _doubtful(self, pair: PairOfSensors, now: float) -> bool:
-        """Return whether both sensors have seen bodies for long without any agreeing."""
-        return now - max(pair.agreed_at, pair.seen_since) > self.settings.moved_after_s
-
-    def _agreeing(self, now: float) -> list[Pair]:
-        return [key for key, pair in self._pairs.items() if now - pair.agreed_at < self.settings.moved_after_s]
-
-    def _believe(self, key: Pair, found: PairCalibration, now: float) -> None:
-        """Accept a hypothesis. If it replaces a confirmed estimate, a sensor was moved."""
-        pair = self._pairs[key]
-        if pair.walked and not pair.told and not pair.unproven:
-            self._note_moved(moved_sensors([key], self._agreeing(now), sorted(self._tracks)), now)
-        pair.calibration, pair.cold, pair.told = found, ColdStart(self.settings.pair), ""
-        pair.shown, pair.judged_steps, pair.agreed_at = True, -1.0, now
-        self._completed += 1
-
-    def _find_moved(self, now: float) -> None:
-        disagreeing = [
-            key
-            for key, pair in self._pairs.items()
-            if pair.calibration is not None
-            and pair.trusted
-            and disagrees_for(pair.calibration, now) > self.settings.moved_after_s
+        tried = (tried[first:] + tried[:first])[:MOST_JUDGED]
+        known = {key for key, pair in self._pairs.items() if pair.calibration is not None}.union(tried)
+        last = ("moved", "doubts", "edges", "graph", "poses", "choice", "conditions", "worlds", "results")
+        self._steps = [
+            *_parts("hypotheses", tried),
+            *_parts("calibrations", sorted(known)),
+            *((name, ()) for name in last),
         ]
-        if not disagreeing:
-            return
-        walked = [key for key in disagreeing if self._pairs[key].walked or self._pairs[key].told]
-        for key in set(disagreeing) - set(walked):  # the estimate from single postures was wrong
-            self._pairs[key] = PairOfSensors(None, ColdStart(self.settings.pair), wary=True)
-        moved = moved_sensors(walked, self._agreeing(now), sorted(self._tracks))
-        self._note_moved(moved, now)
-        for key in self._pairs:
-            if set(key) & set(moved):
-                self._pairs[key] = PairOfSensors(None, ColdStart(self.settings.pair))
 
-    def _note_moved(self, moved: Iterable[str], now: float) -> None:
-        for sensor in moved:
-            self._moved[sensor] = now
-            self._floors[sensor] = FloorFromFeet()
-            self._poses.pop(sensor, None)
-            self._moves += 1
+    def _advance(self, now: float, people: Identities | None, left: int) -> None:
+        """Take the next steps of a refresh with no more work than is left of `WORK_A_FRAME`, or one step alone."""
+        while self._steps:
+            name, keys = self._steps[0]
+            work = WORK_PER_PAIR.get(name, 1) * (len(keys) or len(self._pairs))
+            if work > left < WORK_A_FRAME:
+                return
+            left -= work
+            self._steps = self._steps[1:]
+            self._take(name, keys, now, people)
 
-    def _place(self) -> None:
-        names = sorted(self._tracks)
+    def _take(self, name: str, keys: tuple[Pair, ...], now: float, people: Identities | None) -> None:
+        """Take one step of a refresh; they are in the order in which a refresh takes them."""
+        steps: dict[str, Callable[[], None]] = {
+            "hypotheses": lambda: self._judge_hypotheses(keys, now),
+            "calibrations": lambda: self._judge_calibrations(keys, now, people),
+            "moved": lambda: self._find_moved(now),
+            "doubts": lambda: self._find_doubts(now),
+            "edges": self._find_edges,
+            "graph": self._draw_graph,
+            "poses": self._refine_poses,
+            "choice": self._choose,
+            "forgotten": lambda: self._forget_hypotheses(keys),
+            "conditions": self._find_conditions,
+            "worlds": self._find_worlds,
+            "results": self._show,
+        }
+        steps[name]()
+
+    def _find_edges(self) -> None:
+        """Collect the pairs' relative poses, the most certain first."""
         used = used_pairs(self._pairs)
-        edges = [
-            SensorPair(*key, pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, key in used)
-            for key, pair in self._pairs.items()
-            if pair.estimate is not None and pair.told != "others" and np.isfinite(pair.estimate.T_a_b).all()
-        ]
-        placed = self._placed = place_sensors(names, edges, self._placed)
+        self._edges = by_certainty(
+            [
+                SensorPair(key[0], key[1], pair.estimate.T_a_b, covariance_of(pair), pair.estimate.offset, key in used)
+                for key, pair in self._pairs.items()
+                if pair.estimate is not None and pair.told != "others" and math.isfinite(pair.estimate.T_a_b[0, 3])
+            ]
+        )
+
+    def _draw_graph(self) -> None:
+        self._graph = components_of(sorted(self._tracks), self._edges, self._placed)
+
+    def _refine_poses(self) -> None:
+        """Take one step of the refinement of one component; the next one is a step of its own."""
+        for component in self._graph:
+            if component.steps_left:
+                component.refine()
+                break
+        if any(component.steps_left for component in self._graph):
+            self._steps = [("poses", ()), *self._steps]
+
+    def _choose(self) -> None:
+        """Accept the poses, and choose the pairs that frames update from now on."""
+        placed = self._placed = placed_by(self._graph, sorted(self._tracks))
+        self._graph = []
         for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
         self._begin_from_others(placed)
-        self._choose_pairs(best_pairs(placed, edges, self.settings.partners))
+        trusted = [(edge.a, edge.b) for edge in self._edges if edge.trusted]
+        self._choose_pairs(best_pairs(placed, trusted, self.settings.partners))
+        self._edges = []
         tried = {key for keys in self._tried.values() for key in keys}
-        for key, pair in self._pairs.items():
-            if key not in tried:
-                pair.cold.hypotheses.clear()
-        worlds = {root: self._world(root, placed) for root in dict.fromkeys(place.root for place in placed.values())}
+        stale = [key for key, pair in self._pairs.items() if key not in tried and pair.cold.hypotheses]
+        self._steps = [*_parts("forgotten", stale), *self._steps]
+
+    def _forget_hypotheses(self, keys: Sequence[Pair]) -> None:
+        for key in keys:
+            if key not in self._tried[key[0]]:
+                self._pairs[key].cold.clear()
+
+    def _show(self) -> None:
+        worlds = self._worlds
         self.state = PeopleState(
-            sensors=self._sensors(placed, {root: T for root, (T, _) in worlds.items()}),
-            qualities=tuple(
-                pair_quality(*key, pair.estimate)
-                for key, pair in sorted(self._pairs.items())
-                if pair.estimate is not None
-            ),
+            sensors=self._sensors(self._placed, {root: T for root, (T, _) in worlds.items()}, self._conditions),
+            qualities=tuple(pair.quality for _, pair in sorted(self._pairs.items(), key=itemgetter(0)) if pair.quality),
             floor_known=bool(worlds) and all(known for _, known in worlds.values()),
             calibrations=self._completed,
             moved=self._moves,
         )
+
+    def _show_alone(self, sensor: str) -> None:
+        """Add a sensor that has just joined to the results; it is untied before the refresh ends."""
+        placed = {sensor: PlacedSensor(np.eye(4), np.zeros((6, 6)), TimeOffset(0.0, 0.0, True), sensor, True)}
+        T, _ = self._world(sensor, placed)
+        sensors = {**self.state.sensors, **self._sensors(placed, {sensor: T}, self._conditions_of(placed))}
+        self.state = msgspec.structs.replace(self.state, sensors={name: sensors[name] for name in sorted(sensors)})
 
     def _begin_from_others(self, placed: Mapping[str, PlacedSensor]) -> None:
         """Initialise pairs without an estimate from other pairs' poses, instead of trying hypotheses."""
@@ -434,6 +354,13 @@ class PeopleCalibration:
                 offset = clocks[1] - clocks[0]
                 pair.calibration = PairCalibration.begun_from(T_a_b, self.settings.pair, offset)
                 pair.told, pair.trying, pair.cold = "others", False, ColdStart(self.settings.pair)
+
+    def _find_conditions(self) -> None:
+        self._conditions = self._conditions_of(self._placed)
+
+    def _find_worlds(self) -> None:
+        roots = dict.fromkeys(place.root for place in self._placed.values())
+        self._worlds = {root: self._world(root, self._placed) for root in roots}
 
     def _world(self, root: str, placed: Mapping[str, PlacedSensor]) -> tuple[Float64, bool]:
         """Return ``T_world_root``, and whether its floor is known; a given pose takes precedence over feet."""
@@ -458,7 +385,10 @@ class PeopleCalibration:
         return Floor.under(np.array(self.layout.sensors[sensor].T_world_sensor))
 
     def _sensors(
-        self, placed: Mapping[str, PlacedSensor], T_world_root: Mapping[str, Float64]
+        self,
+        placed: Mapping[str, PlacedSensor],
+        T_world_root: Mapping[str, Float64],
+        conditions: Mapping[str, str],
     ) -> dict[str, CalibratedSensor]:
         to_world = np.stack([T_world_root[place.root] for place in placed.values()])
         T = to_world @ np.stack([place.T_root_sensor for place in placed.values()])
@@ -476,18 +406,29 @@ class PeopleCalibration:
                 clock=place.offset,
                 trusted=place.trusted and not ({name} & (self._moved.keys() | self._doubted) or self._frozen(name)),
                 quality="" if place.root == name else figures(float(sd[i, 0]), float(sd[i, 1])),
-                condition=self._condition(name, placed),
+                condition=conditions[name],
             )
             for i, (name, place) in enumerate(placed.items())
         }
 
-    def _condition(self, name: str, placed: Mapping[str, PlacedSensor]) -> str:
-        behind_s = self._behind.get(name, 0.0)
-        faults = StreamFaults(
-            frozen=self._frozen(name),
-            behind_s=behind_s if behind_s > self.settings.clock_jump_s else 0.0,
-            jumped_s=self._now - self._jumped.get(name, -np.inf),
-            moved=name in self._moved,
-        )
-        pairs = {key: pair for key, pair in self._pairs.items() if name in key}
-        return faults.condition or pose_condition(name, pairs, placed, seeing=bool(self._tracks[name].bodies))
+    def _conditions_of(self, placed: Mapping[str, PlacedSensor]) -> dict[str, str]:
+        contradicted = {key: pair for key, pair in self._pairs.items() if contradicts(pair)}
+        conditions = {}
+        for name in placed:
+            behind_s = self._behind.get(name, 0.0)
+            faults = StreamFaults(
+                frozen=self._frozen(name),
+                behind_s=behind_s if behind_s > self.settings.clock_jump_s else 0.0,
+                jumped_s=self._now - self._jumped.get(name, -np.inf),
+                moved=name in self._moved,
+            )
+            conditions[name] = faults.condition or pose_condition(
+                name, self._pairs, contradicted, placed, seeing=bool(self._tracks[name].bodies)
+            )
+        return conditions
+
+
+def _parts(name: str, keys: Sequence[Pair]) -> list[Step]:
+    """Return steps of the same name that together treat the pairs, each as many as one frame does."""
+    most = WORK_A_FRAME // WORK_PER_PAIR.get(name, 1)
+    return [(name, tuple(keys[i : i + most])) for i in range(0, len(keys), most)]

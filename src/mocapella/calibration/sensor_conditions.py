@@ -7,14 +7,11 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from mocapella.calibration.pair_calibration import PairEstimate
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.sensor_pair import BY_LAYOUT, Pair, PairOfSensors
 from mocapella.model import condition_texts as texts
-
-Float64 = NDArray[np.float64]
 
 REPORTED_FOR_S: Final = 5.0
 """A clock jump is reported for this long [s]."""
@@ -24,6 +21,7 @@ ONE_PLACE_TURN: Final = np.radians(5.0)
 """Largest rotation between two such sensors, which then have one field of view [rad]."""
 ONE_PLACE_SD: Final = 0.4
 """Largest standard deviation of their distance and rotation, as a fraction of these limits: others may be apart."""
+_LEAST_COSINE: Final = float(np.cos(ONE_PLACE_TURN))
 
 
 class StreamFaults(msgspec.Struct, frozen=True):
@@ -56,7 +54,12 @@ class StreamFaults(msgspec.Struct, frozen=True):
 
 
 def pose_condition(
-    name: str, pairs: Mapping[Pair, PairOfSensors], placed: Mapping[str, PlacedSensor], *, seeing: bool
+    name: str,
+    pairs: Mapping[Pair, PairOfSensors],
+    contradicted: Mapping[Pair, PairOfSensors],
+    placed: Mapping[str, PlacedSensor],
+    *,
+    seeing: bool,
 ) -> str:
     """Describe a problem of a sensor's pose, such as a contradiction, and its remedy; empty without one.
 
@@ -64,35 +67,46 @@ def pose_condition(
 
     Args:
         name: name of the sensor.
-        pairs: all pairs of sensors that include this one.
+        pairs: all pairs of sensors.
+        contradicted: those to which `contradicts` applies.
         placed: all sensors' poses.
         seeing: whether it sees a person now.
     """
-    if not pairs:
+    if not any(name in key for key in pairs):
         return ""
     place = placed[name]
     tied = place.trusted and any(
         other.root == place.root and other.trusted for key, other in placed.items() if key != name
     )
     if tied:
-        return _contradiction(name, pairs)
-    seen = [(key, pair.estimate) for key, pair in pairs.items() if pair.estimate is not None]
+        return _contradiction(name, contradicted)
+    seen = [(key, pair.estimate) for key, pair in pairs.items() if name in key and pair.estimate is not None]
     if not seen:
         return texts.NOBODY_SHARED if seeing else texts.SEES_NOBODY
     key, estimate = min(seen, key=lambda item: item[1].position_sd)
     return f"with {_other(key, name)}: {estimate.problem}" if estimate.problem else ""
 
 
-def _contradiction(name: str, pairs: Mapping[Pair, PairOfSensors]) -> str:
-    """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does.
+def contradicts(pair: PairOfSensors) -> bool:
+    """Return whether a pair speaks against the poses of its sensors, or against having both.
 
-    A pair whose estimate is still a hypothesis speaks against nothing: the sensor's pose comes from other pairs.
+    A pair whose estimate is still a hypothesis speaks against nothing: the sensors' poses come from other pairs.
     """
-    for key, pair in pairs.items():
-        if pair.trusted and pair.walked and pair.estimate is not None and _in_one_place(pair.estimate):
+    return _same_place(pair) or (pair.contradicted and not pair.unproven)
+
+
+def _same_place(pair: PairOfSensors) -> bool:
+    return pair.estimate is not None and _in_one_place(pair.estimate) and pair.trusted and pair.walked
+
+
+def _contradiction(name: str, contradicted: Mapping[Pair, PairOfSensors]) -> str:
+    """Return what speaks against the pose of a sensor that others are tied to; empty where nothing does."""
+    for key, pair in contradicted.items():
+        if name not in key:
+            continue
+        if _same_place(pair):
             return texts.ONE_PLACE.format(other=_other(key, name))
-        if pair.contradicted and not pair.unproven:
-            return texts.UNSEEN_BY_LAYOUT if pair.told == BY_LAYOUT else texts.UNSEEN.format(other=_other(key, name))
+        return texts.UNSEEN_BY_LAYOUT if pair.told == BY_LAYOUT else texts.UNSEEN.format(other=_other(key, name))
     return ""
 
 
@@ -102,8 +116,13 @@ def _other(key: Pair, name: str) -> str:
 
 def _in_one_place(estimate: PairEstimate) -> bool:
     """Return whether both sensors are at one place and look into one direction, and this is known well enough."""
-    x, y, z = estimate.T_a_b[:3, 3].tolist()
-    cosine = (estimate.T_a_b[0, 0] + estimate.T_a_b[1, 1] + estimate.T_a_b[2, 2] - 1) / 2
-    near = x * x + y * y + z * z < ONE_PLACE_M**2 and cosine > np.cos(ONE_PLACE_TURN)
+    T_a_b = estimate.T_a_b
+    if abs(T_a_b.item(0, 3)) >= ONE_PLACE_M:  # most pairs, at less cost
+        return False
+    x, y, z = T_a_b[:3, 3].tolist()
+    if not x * x + y * y + z * z < ONE_PLACE_M**2:
+        return False
+    if not (T_a_b[0, 0] + T_a_b[1, 1] + T_a_b[2, 2] - 1) / 2 > _LEAST_COSINE:
+        return False
     sd_m, sd = (np.sqrt(np.trace(estimate.covariance[part, part])) for part in (slice(3), slice(3, 6)))
-    return bool(near and sd_m < ONE_PLACE_SD * ONE_PLACE_M and sd < ONE_PLACE_SD * ONE_PLACE_TURN)
+    return bool(sd_m < ONE_PLACE_SD * ONE_PLACE_M and sd < ONE_PLACE_SD * ONE_PLACE_TURN)

@@ -6,7 +6,7 @@ hypothesis is accepted (`pair_calibration`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
-from mocapella.calibration.pair_memory import BodyTrack
-from mocapella.calibration.sensor_graph import PlacedSensor, SensorPair
+from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.shared_people import DOUBTED_FIELD, SURE_FIELD, missed_people
 
 Float64 = NDArray[np.float64]
@@ -34,24 +34,23 @@ _GIVEN: Final = np.diag([GIVEN_SD_M**2 / 3] * 3 + [GIVEN_SD**2 / 3] * 3)
 
 @dataclass
 class PairOfSensors:
-    """Two sensors, a and b: the estimate of their relative pose, and the hypotheses that are tried.
+    """Two sensors, a and b: the accepted estimate of their relative pose, or the hypotheses that are tried.
 
     Attributes:
-        calibration: estimate that is refined: accepted, given (``told``) or `unproven`; None before there is one.
-        cold: hypotheses; empty unless ``trying``.
+        calibration: accepted estimate; None before there is one.
+        cold: hypotheses; empty while nothing contradicts the accepted estimate.
         told: source of the estimate until people confirm it: `BY_LAYOUT`, or ``others`` for other pairs' poses; empty
             once confirmed.
         shown: whether people have confirmed the estimate once; it then stays in use even if it becomes less certain.
         matched: tracking ids in a and b of bodies of one person.
-        owners: for a and for b, the person of each tracking id; ``matched`` was derived from these two mappings. They
-            are empty if it was derived from positions.
+        owners: person of each tracking id, in a and in b, that ``matched`` was derived from; empty mappings if none.
         turn: counter that selects the matched bodies in turn, one pair of bodies for each refinement.
         due: capture time of the next refinement [s].
-        trying: whether hypotheses are tried: without an estimate, with an `unproven` one, or after no body has agreed
-            with the estimate for long.
+        trying: whether the hypotheses are tried.
         agreed_at: capture time at which a body last was at the same position in both sensors [s].
         seen_since: capture time since when both sensors see bodies without a break [s].
         estimate: result of the last refresh with new data.
+        quality: description of ``estimate``; empty without one.
         judged_steps: number of frames in the calibration (`pair_memory.STEPS`) when ``estimate`` was computed.
         wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
         missed_since: capture time since when each sensor sees nobody where the other one sees a person [s].
@@ -70,22 +69,31 @@ class PairOfSensors:
     agreed_at: float = -np.inf
     seen_since: float = np.inf
     estimate: PairEstimate | None = None
+    quality: str = ""
     judged_steps: float = -1.0
     wary: bool = False
     missed_since: float = np.inf
     contradicted: bool = False
 
-    def compare(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], now: float, lasts_s: float) -> None:
-        """Update `contradicted` while no body agrees; with no bodies in ``a`` or ``b`` it is False.
+    def __post_init__(self) -> None:
+        # In a snapshot, an estimator that is also a hypothesis is there twice; both names stand for one again.
+        for key, one in self.cold.hypotheses.items():
+            if self.calibration is not None and one.is_copy_of(self.calibration):
+                self.cold.hypotheses[key] = self.calibration
+
+    def compare(self, seen: tuple[SensorTracks, SensorTracks] | None, now: float, lasts_s: float) -> None:
+        """Update `contradicted`.
 
         Args:
-            a, b: each sensor's bodies, by tracking id.
+            seen: the bodies of both sensors while none agrees; None while some do, so that nothing is contradicted.
             now: capture time of the newest frame [s].
             lasts_s: time for which people have to be missed [s].
         """
-        field = DOUBTED_FIELD if self.told == BY_LAYOUT else SURE_FIELD
-        known = self.calibration
-        missed = bool(a and b) and known is not None and missed_people(known.T_a_b, a, b, field)
+        missed = False
+        if seen is not None and self.calibration is not None and all(tracks.bodies for tracks in seen):
+            field = DOUBTED_FIELD if self.told == BY_LAYOUT else SURE_FIELD
+            centres = [tracks.newest_centres() for tracks in seen]
+            missed = missed_people(self.calibration.T_a_b, centres[0], centres[1], field)
         self.missed_since = min(self.missed_since, now) if missed else np.inf
         self.contradicted = now - self.missed_since > lasts_s
 
@@ -124,43 +132,44 @@ def used_pairs(pairs: Mapping[Pair, PairOfSensors]) -> frozenset[Pair]:
     A pose from single postures may come from two different people, so it is used only where no better pairs connect
     its sensors.
     """
-    used, groups = set[Pair](), dict[str, set[str]]()
-    trusted = [key for key, pair in pairs.items() if pair.trusted]
-    surer = {key for key in trusted if pairs[key].walked or pairs[key].told == BY_LAYOUT}
+    groups = dict[str, set[str]]()
+    trusted = {key: pair for key, pair in pairs.items() if pair.trusted}
+    surer = {key for key, pair in trusted.items() if pair.told == BY_LAYOUT or pair.walked}
     for one, other in sorted(surer):
+        if other in groups.get(one, ()):
+            continue
         joined = groups.get(one, {one}) | groups.get(other, {other})
         groups.update(dict.fromkeys(joined, joined))
-    for key in trusted:
-        if key in surer or key[1] not in groups.get(key[0], ()):
-            used.add(key)
-    return frozenset(used)
+    return frozenset(key for key in trusted if key in surer or key[1] not in groups.get(key[0], ()))
 
 
-def agree_elsewhere(key: Pair, agreeing: Iterable[Pair]) -> bool:
+def agree_elsewhere(key: Pair, agreeing: Collection[Pair], agree: Mapping[str, int]) -> bool:
     """Return whether each sensor of the pair ``key`` agrees with a third one; then these two see different people.
 
     Args:
         key: the pair, whose sensors do not agree with each other.
         agreeing: the pairs whose sensors see a body at the same position.
+        agree: number of agreeing pairs of each sensor that is in one.
     """
-    return all(any(sensor in other and other != key for other in agreeing) for sensor in key)
+    return all(agree.get(sensor, 0) > (key in agreeing) for sensor in key)
 
 
-def best_pairs(
-    placed: Mapping[str, PlacedSensor], edges: Iterable[SensorPair], partners: int
-) -> frozenset[Pair] | None:
-    """Choose the pairs to refine: the best ``partners`` of each sensor, and all of unconnected ones; None for all."""
+def best_pairs(placed: Mapping[str, PlacedSensor], trusted: Iterable[Pair], partners: int) -> frozenset[Pair] | None:
+    """Choose the pairs to refine: the best ``partners`` of each sensor, and all of unconnected ones; None for all.
+
+    Args:
+        placed: all sensors' poses.
+        trusted: the trusted pairs, the most certain first.
+        partners: number of pairs of each sensor.
+    """
     if len(placed) <= partners + 1:
         return None
-    kept = {
-        (a, b)
-        for a, b in combinations(sorted(placed), 2)
-        if not (placed[a].trusted and placed[b].trusted and placed[a].root == placed[b].root)
-    }
+    tied = {name: place.root if place.trusted else None for name, place in placed.items()}
+    kept = {(a, b) for a, b in combinations(sorted(placed), 2) if tied[a] is None or tied[a] != tied[b]}
     count = dict.fromkeys(placed, 0)
-    for edge in sorted((edge for edge in edges if edge.trusted), key=lambda edge: edge.variance):
-        if min(count[edge.a], count[edge.b]) < partners:
-            kept.add((edge.a, edge.b))
-            count[edge.a] += 1
-            count[edge.b] += 1
+    for a, b in trusted:
+        if min(count[a], count[b]) < partners:
+            kept.add((a, b))
+            count[a] += 1
+            count[b] += 1
     return frozenset(kept)

@@ -6,12 +6,13 @@ This is data association between sensors: by known identities, or by mutual near
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from functools import cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.pair_memory import BodyTrack
+from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.geometry.rigid import apply, inverse
 
 Float64 = NDArray[np.float64]
@@ -49,21 +50,19 @@ def same_people(people_of_a: Mapping[int, int], people_of_b: Mapping[int, int]) 
     return tuple((body, of_b[person]) for body, person in people_of_a.items() if person in of_b)
 
 
-def nearest_bodies(
-    T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], within_m: float
-) -> tuple[tuple[int, int], ...]:
+def nearest_bodies(T_a_b: Float64, a: SensorTracks, b: SensorTracks, within_m: float) -> tuple[tuple[int, int], ...]:
     """Return pairs of tracking ids of bodies that are mutually nearest, and within a distance.
 
     Args:
         T_a_b: (4, 4) pose of the sensor b in a's frame.
-        a, b: each sensor's bodies, by tracking id.
+        a, b: each sensor's bodies.
         within_m: largest distance of their centres [m].
 
     Returns:
         (id in a, id in b), ascending; none where a sensor has no body. A body without a visible joint matches nothing.
     """
-    ours, theirs = sorted(a), sorted(b)
-    (pairs,) = mutually_nearest(T_a_b[None], newest_centres(a), newest_centres(b), within_m)
+    ours, theirs = sorted(a.bodies), sorted(b.bodies)
+    (pairs,) = mutually_nearest(T_a_b[None], a.newest_centres(), b.newest_centres(), within_m)
     return tuple((ours[i], theirs[k]) for i, k in np.argwhere(pairs).tolist())
 
 
@@ -79,26 +78,21 @@ def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) ->
     Returns:
         (tried, n, m) bool.
     """
-    distance = np.linalg.norm(a[:, None] - apply(T_a_b, b[None])[:, None], axis=-1)
-    distance = np.where(np.isfinite(distance), distance, np.inf)
-    if not distance.size:
-        return np.zeros(distance.shape, dtype=np.bool_)
-    nearest = (distance == distance.min(axis=1, keepdims=True)) & (distance == distance.min(axis=2, keepdims=True))
-    return np.asarray(nearest & (distance <= within_m))
+    T_a_b, a, b = (np.ascontiguousarray(values, dtype=np.float64) for values in (T_a_b, a, b))
+    return np.asarray(_kernels().mutually_nearest(T_a_b, a, b, within_m))
 
 
-def missed_people(T_a_b: Float64, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack], field: Field) -> bool:
+def missed_people(T_a_b: Float64, a: Float64, b: Float64, field: Field) -> bool:
     """Return whether each of two sensors sees nobody at a position where it should see a person whom the other sees.
 
     Otherwise both may work, and people stand where only one of the two can see them.
 
     Args:
         T_a_b: (4, 4) pose of the sensor b in a's frame.
-        a, b: each sensor's bodies, by tracking id.
+        a, b: (bodies, 3) centres of each sensor's bodies in its own frame [m]; NaN where not known.
         field: where a sensor should see people.
     """
-    ours, theirs = newest_centres(a), newest_centres(b)
-    return _misses(field, apply(inverse(T_a_b), ours), theirs) and _misses(field, apply(T_a_b, theirs), ours)
+    return _misses(field, apply(inverse(T_a_b), a), b) and _misses(field, apply(T_a_b, b), a)
 
 
 def _misses(field: Field, people: Float64, seen: Float64) -> bool:
@@ -113,12 +107,9 @@ def _misses(field: Field, people: Float64, seen: Float64) -> bool:
     return bool((inside & ~behind.any(axis=1)).any())
 
 
-def newest_centres(bodies: Mapping[int, BodyTrack]) -> Float64:
-    """Return the centre of each body's newest visible joints (bodies, 3), in order of ids [m]; NaN without any."""
-    return np.array([_newest_centre(bodies[body]) for body in sorted(bodies)]).reshape(-1, 3)
+@cache
+def _kernels() -> Any:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.calibration import body_track_kernels
 
-
-def _newest_centre(track: BodyTrack) -> Float64:
-    newest = track.held[1] - 1
-    seen = track.weights[newest] > 0
-    return np.asarray(track.points[newest][seen].mean(axis=0)) if seen.any() else np.full(3, np.nan)
+    return body_track_kernels

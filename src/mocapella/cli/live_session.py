@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 import time
@@ -81,6 +82,7 @@ class LiveSession:
         if self.compilation.done:
             self.compilation = None
             warm_up(self.server.status().setup.method)
+            gc.freeze()
             self.server.ready(begin=self.begins)
 
 
@@ -142,6 +144,8 @@ def live_session(
     # Two threads that compute (the tracker's and the recorder's) share one interpreter; the default of 5 ms between
     # switches would be half of the latency that a result may have.
     sys.setswitchinterval(0.0005)
+    # Kernels and modules live until the end; a garbage collection that looks at them delays a frame by 0.1 s.
+    gc.freeze()
     with ExitStack() as stack:
         compilation, begins = None, settings.running
         if not compiled:

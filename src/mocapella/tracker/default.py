@@ -30,7 +30,7 @@ from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
-from mocapella.calibration.sensor_graph import PlacedSensor
+from mocapella.calibration.sensor_graph import Component, PlacedSensor, SensorPair
 from mocapella.calibration.sensor_layout import LayoutPair, LayoutSensor, SensorLayout
 from mocapella.calibration.sensor_pair import PairOfSensors
 from mocapella.calibration.time_offset import TimeOffset
@@ -465,6 +465,7 @@ _REMEMBERED: Final = (
     CalibratedSensor,
     PeopleCalibrationSettings,
     ColdStart,
+    Component,
     Floor,
     FloorFromFeet,
     JumpSettings,
@@ -477,6 +478,7 @@ _REMEMBERED: Final = (
     SensorLayout,
     LayoutPair,
     LayoutSensor,
+    SensorPair,
     SensorPose,
     SensorTracks,
     TimeOffset,

@@ -58,13 +58,13 @@ def _rest() -> NDArray[np.float64]:
 
 
 def _frames() -> Iterator[BodyFrame]:
-    """Two people who walk in circles before three sensors; one of them is lost for two seconds."""
+    """Three people who walk in circles before three sensors; one of them is lost for two seconds."""
     rest = _rest()
     poses = [rigid(rotation_about_y(a), (-2.5 * np.sin(a), 1.0, 0.0)) for a in np.radians(_YAWS_DEG)]
     for k in range(round(_SECONDS * _RATE_HZ)):
         for i, T_world_sensor in enumerate(poses):
             t = (k + i / len(poses)) / _RATE_HZ
-            angles = [t] if 2.0 < t < 4.0 else [t, t + np.pi]
+            angles = [t + 2 * np.pi * i / 3 for i in range(2 if 2.0 < t < 4.0 else 3)]
             world = [
                 apply(rigid(rotation_about_y(a), (0.7 * np.sin(a), 1.0, 3.0 + 0.7 * np.cos(a))), rest) for a in angles
             ]
