@@ -231,7 +231,7 @@ class PeopleCalibration(PairsFromPeople):
         self._choose_pairs(None)
 
     def _begin_refresh(self, now: float) -> None:
-        """Plan the steps of a refresh; those of an unfinished one are dropped."""
+        """Plan the steps of a refresh; an unfinished one is dropped."""
         paused = now - self._refreshed > self.settings.gone_after_s
         self._refreshed, self._refresh_s = now, self.settings.refresh_s
         for sensor, tracks in self._tracks.items():

@@ -37,7 +37,7 @@ Float64 = NDArray[np.float64]
 UPRIGHT: Final = ("stand", *(name for name in POSTURES if not name.startswith(("lie", "crawl"))))
 """Postures whose trunk is not horizontal, and standing; the others are at the end of `POSTURES`."""
 HEADINGS_DEG: Final = (0.0, 60.0, 180.0)
-"""Directions in which the person faces: 0 is towards the first sensor, 180 away from it [deg]."""
+"""Headings of the person: 0 is towards the first sensor, 180 away from it [deg]."""
 POSTURE_S: Final = 6.0
 """Duration of a posture [s]."""
 _CENTRE_M: Final = (0.0, 2.8)
@@ -51,7 +51,7 @@ class PostureResult(msgspec.Struct, frozen=True):
 
     Attributes:
         posture: name of the posture.
-        heading_deg: direction in which the person faced, see `HEADINGS_DEG` [deg].
+        heading_deg: heading of the person, see `HEADINGS_DEG` [deg].
         frames: number of scored frames, without the transitions.
         missing: number of these frames without a person in the scene.
         wrong: number of frames whose left and right are exchanged: exchanging them back lowers the mean error.
@@ -74,7 +74,7 @@ def score_postures(
     """Yield the score of each posture after one walk.
 
     Args:
-        heading_deg: direction in which the person faces during the posture [deg].
+        heading_deg: heading of the person during the posture, see `HEADINGS_DEG` [deg].
         seed: random seed of noise, and of the person's stature.
         postures: names of postures.
         azimuths_deg: directions of the sensors, as seen from the person; the first is scored as the main one [deg].

@@ -38,8 +38,8 @@ class MemoryLayout(NamedTuple):
         learnt: (lengths,) duration over which each length was learnt [s].
         strains: (lengths,) recent average of the deviation of each measured length from the learnt one, in standard
             deviations, limited to ±2 a frame.
-        slack: (joints,) angle by which the limits of each joint are widened [rad].
-        demands: (joints,) recent average of the angle by which a joint's limits held it back in a frame [rad].
+        slack: (joints,) angle added to the limits of each joint [rad].
+        demands: (joints,) recent average of the angle that a joint's limits held it back in a frame [rad].
         contacts: (contacts, 6) last position of each joint that may touch the floor, such as a foot, world [m], and its
             smoothed velocity [m/s].
         jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the noise variance of a

@@ -1,6 +1,6 @@
-"""Kernels by which a body model yields to measurements that contradict it for long: joint limits and bone lengths.
+"""Kernels that let a body model yield to measurements that contradict it for long: joint limits and bone lengths.
 
-A limit is a prior, and some people, postures and sensors are outside it. Each frame tells by which angle the limits
+A limit is a prior, and some people, postures and sensors are outside it. Each frame tells the angle that the limits
 held a joint back. Where that lasts, the joint's limits widen until the measurement is reached; they narrow again as the
 joint returns. A bone whose measured length deviates to the same side for long forgets for how long it was learnt.
 """
@@ -20,19 +20,19 @@ from mocapella.kinematics.articulated_pose_kernels import beyond_limits
 Float64 = NDArray[np.float64]
 
 DEMAND_S = 0.3
-"""Time constant of the average of the angle by which limits hold a joint back [s]."""
+"""Time constant of a joint's demand: the average angle that its limits hold it back [s]."""
 LEAST_DEMAND = math.radians(3.0)
 """Average above which limits widen [rad]; noise about a limit is below it."""
 WIDEN_S = 0.1
-"""Time constant with which limits widen by the demand [s]."""
+"""Time constant of widening limits by the present excess [s]."""
 NARROW_S = 1.0
-"""Time constant with which limits that are not used narrow [s]."""
+"""Time constant of narrowing limits that are not used [s]."""
 STRAIN_S = 1.0
 """Time constant of the average deviation of a measured length [s]."""
 MOST_STRAIN = 1.5
 """Average deviation of a measured length above which it is learnt anew [standard deviations]."""
 FORGET_S = 0.3
-"""Time constant with which the time over which such a length was learnt is forgotten [s]."""
+"""Time constant of forgetting how long such a length was learnt [s]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,7 +45,7 @@ def yield_limits(model: BodyArrays, row: Float64, dt: float, excess: Float64) ->
         model: the body model.
         row: (memory_size,) a body's memory after a fit; demands and slack are changed.
         dt: time since the last update [s].
-        excess: (joints,) angle by which the limits held each joint back in this frame [rad].
+        excess: (joints,) angle that the limits held each joint back in this frame [rad].
     """
     layout = model.layout
     lost = not math.isnan(row[at.LOST_SINCE])
