@@ -29,6 +29,7 @@ def run(*, quick: bool = False) -> list[Row]:
     rows = [
         measured(f"left and right exchanged, {len(upright)} sessions", _wrong(upright), "%", goal=at_most(0.3)),
         measured("frames without the person", _share(upright, lambda one: one.missing), "%", goal=at_most(1.0)),
+        measured("frames with a condition", _share(upright, lambda one: one.warned), "%", goal=at_most(0.0)),
         measured("fused error / best sensor's, mean", _ratio(upright), "%", goal=at_most(50.0)),
     ]
     for posture in postures:

@@ -106,16 +106,17 @@ def test_a_pose_beyond_a_limit_is_reached_and_left_again(limit: Limit) -> None:
     assert conditions_of(body.model, body.memory) == [""]
 
 
-@pytest.mark.parametrize("joint", ["WristLeft", "AnkleLeft", "FootLeft"])
-def test_the_limits_of_a_joint_that_no_other_can_stand_in_for_widen(joint: str) -> None:
-    dof = int(MODEL.joint_table[KINECT.index(joint), 1])
+@pytest.mark.parametrize(("joint", "side"), [("WristLeft", 1), ("AnkleLeft", 0), ("FootLeft", 1)])
+def test_the_limits_of_a_joint_that_no_other_can_stand_in_for_widen(joint: str, side: int) -> None:
+    dof, beyond = int(MODEL.joint_table[KINECT.index(joint), 1]), np.radians(60.0)
     body = ArticulatedBody(KINECT)
-    follow(body, [upright({dof: MODEL.dof_values[dof, 1] + BEYOND}, {})] * (2 * FPS), 0.0)
-    assert slack(body)[KINECT.index(joint)] > 0.5 * BEYOND
-    assert (np.delete(slack(body), KINECT.index(joint)) < 0.2 * BEYOND).all()
+    angle = MODEL.dof_values[dof, side] + (beyond if side else -beyond)
+    follow(body, [upright({dof: angle}, {})] * (2 * FPS), 0.0)
+    assert slack(body)[KINECT.index(joint)] > 0.5 * beyond
+    assert (np.delete(slack(body), KINECT.index(joint)) < 0.2 * beyond).all()
     name = {"WristLeft": "left elbow", "AnkleLeft": "left knee", "FootLeft": "left ankle"}[joint]
     (condition,) = conditions_of(body.model, body.memory)
-    assert re.fullmatch(rf"{name}: sensors and body model disagree by (30|40)°", condition)
+    assert re.fullmatch(rf"{name}: sensors and body model disagree by (50|60)°", condition)
 
 
 @pytest.mark.parametrize("joint", ["ShoulderLeft", "HipLeft"])

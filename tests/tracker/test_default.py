@@ -362,7 +362,7 @@ def test_a_calibration_that_begins_again_makes_nobody_new_whichever_sensor_speak
 
 
 class Hyperextended(Walker):
-    """Somebody whose left shank is 50° in front of the thigh's line from one second on, for three seconds."""
+    """Somebody whose left shank is 80° in front of the thigh's line from one second on, for three seconds."""
 
     def at(self, t: float) -> np.ndarray:
         joints = super().at(t)
@@ -370,7 +370,7 @@ class Hyperextended(Walker):
             return joints
         knee, *shank = (KINECT_V2.index(f"{part}Left") for part in ("Knee", "Ankle", "Foot"))
         across = joints[KINECT_V2.index("HipLeft")] - joints[KINECT_V2.index("HipRight")]
-        turn = Rotation.from_rotvec(np.radians(-50.0) * across / np.linalg.norm(across))
+        turn = Rotation.from_rotvec(np.radians(-80.0) * across / np.linalg.norm(across))
         joints[shank] = joints[knee] + turn.apply(joints[shank] - joints[knee])
         return joints
 

@@ -54,6 +54,7 @@ class PostureResult(msgspec.Struct, frozen=True):
         heading_deg: heading of the person, see `HEADINGS_DEG` [deg].
         frames: number of scored frames, without the transitions.
         missing: number of these frames without a person in the scene.
+        warned: number of these frames whose person has a condition, although the posture is within all limits.
         wrong: number of frames whose left and right are exchanged: exchanging them back lowers the mean error.
         fused_m: mean error of the joints of the fused skeleton [m].
         best_m: mean error of the joints of the best sensor with its own labels [m].
@@ -63,6 +64,7 @@ class PostureResult(msgspec.Struct, frozen=True):
     heading_deg: float
     frames: int
     missing: int
+    warned: int
     wrong: int
     fused_m: float
     best_m: float
@@ -96,7 +98,7 @@ def score_postures(
 
 
 def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float, begins_s: float) -> PostureResult:
-    main, frames, missing, wrong = room.sensor_names[0], 0, 0, 0
+    main, frames, missing, warned, wrong = room.sensor_names[0], 0, 0, 0, 0
     fused: list[float] = []
     sensors: dict[str, list[float]] = {name: [] for name in room.sensor_names}
     T_world = {sensor.name: sensor.T_world_sensor for sensor in room.settings.sensors}
@@ -117,12 +119,15 @@ def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float
         if not scene.people or place is None:
             missing += 1
             continue
+        warned += bool(scene.people[0].condition)
         found = apply(T_world[main] @ inverse(place), scene.people[0].positions)
         error, exchanged = (np.linalg.norm(found[order] - truth, axis=-1) for order in (slice(None), _MIRROR))
         wrong += bool(np.nanmean(exchanged[_SIDED]) < np.nanmean(error[_SIDED]))
         fused.append(float(np.nanmean(error)))
     best = min((float(np.mean(errors)) for errors in sensors.values() if errors), default=np.nan)
-    return PostureResult(posture, heading_deg, frames, missing, wrong, float(np.mean(fused)) if fused else np.nan, best)
+    return PostureResult(
+        posture, heading_deg, frames, missing, warned, wrong, float(np.mean(fused)) if fused else np.nan, best
+    )
 
 
 def _frames(room: Room, begin_s: float, end_s: float) -> Iterator[SimulatedFrame]:

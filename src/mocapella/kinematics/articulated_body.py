@@ -21,8 +21,8 @@ from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]
 
-LEAST_REPORTED: Final = np.radians(10.0)
-"""Angle by which measurements have widened a joint's limits above which this is reported [rad]."""
+LEAST_REPORTED: Final = np.radians(40.0)
+"""Smallest reported widening of a joint's limits: badly seen arms reach 30° [rad]."""
 STEP_DEG: Final = 10
 """Reported angles are multiples of this [degrees], so that a report changes rarely."""
 
@@ -198,13 +198,15 @@ def bone_lengths(model: ArticulatedModel, pose: Pose) -> Float64:
 
 
 def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
-    """Return by body the joints whose limits measurements have widened, with the angle; empty if there is none.
+    """Return by body the hinges whose limits measurements have widened, with the angle; empty if there is none.
+
+    Shoulders and hips are left out: the fusion turns them to the facing, so their angles are not the sensors' alone.
 
     Args:
         model: the body model.
         memory: (people, memory_size) states of the bodies.
     """
-    slack = memory[:, model.layout.slack : model.layout.demands]
+    slack = np.where(model.joint_table[:, 3] >= 0, 0.0, memory[:, model.layout.slack : model.layout.demands])
     beyond = slack > LEAST_REPORTED  # False for NaN
     if not beyond.any():
         return [""] * len(memory)
