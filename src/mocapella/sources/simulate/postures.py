@@ -15,7 +15,7 @@ Direction = tuple[float, float, float]
 """Components of a direction ahead of the chest, out to the arm's side, and up; of any length."""
 
 
-class ArmPose(NamedTuple):
+class ArmDirections(NamedTuple):
     """Directions of an arm's bones.
 
     Attributes:
@@ -33,20 +33,20 @@ class ArmPose(NamedTuple):
 
 
 _RIGHT: Final = ("Right",)
-ARM_POSES: Final[Mapping[str, ArmPose]] = {
-    "reach": ArmPose((0.97, 0.1, -0.2), (0.98, 0.0, -0.1)),
-    "lap": ArmPose((0.45, 0.15, -0.88), (0.88, -0.1, -0.45)),
-    "across": ArmPose((0.85, -0.42, -0.3), (0.95, -0.1, 0.0), sides=_RIGHT),
-    "wave": ArmPose((0.3, 0.85, 0.1), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), sides=_RIGHT, waves=True),
-    "behind": ArmPose((-0.45, 0.25, -0.86), (-0.3, -0.9, -0.25), (-1.0, 0.0, 0.0)),
-    "pocket": ArmPose((-0.5, 0.2, -0.84), (-0.05, -0.35, -0.93), (-1.0, 0.0, 0.0), sides=_RIGHT),
-    "hips": ArmPose((-0.2, 0.75, -0.63), (0.3, -0.75, -0.6), (-1.0, 0.0, 0.0)),
-    "crossed": ArmPose((0.35, 0.1, -0.93), (0.5, -0.86, 0.1)),
-    "phone": ArmPose((0.3, 0.45, -0.84), (0.1, -0.3, 0.95), (1.0, 0.0, 0.0), sides=_RIGHT),
-    "up": ArmPose((0.05, 0.3, 0.95), (0.0, 0.05, 1.0), (1.0, 0.0, 0.0)),
-    "out": ArmPose((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
-    "point": ArmPose((0.95, 0.2, 0.1), (0.97, 0.1, 0.15), sides=_RIGHT),
-    "head": ArmPose((0.1, 0.75, 0.65), (0.0, -0.75, 0.65), (-1.0, 0.0, 0.0)),
+ARM_POSES: Final[Mapping[str, ArmDirections]] = {
+    "reach": ArmDirections((0.97, 0.1, -0.2), (0.98, 0.0, -0.1)),
+    "lap": ArmDirections((0.45, 0.15, -0.88), (0.88, -0.1, -0.45)),
+    "across": ArmDirections((0.85, -0.42, -0.3), (0.95, -0.1, 0.0), sides=_RIGHT),
+    "wave": ArmDirections((0.3, 0.85, 0.1), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), sides=_RIGHT, waves=True),
+    "behind": ArmDirections((-0.45, 0.25, -0.86), (-0.3, -0.9, -0.25), (-1.0, 0.0, 0.0)),
+    "pocket": ArmDirections((-0.5, 0.2, -0.84), (-0.05, -0.35, -0.93), (-1.0, 0.0, 0.0), sides=_RIGHT),
+    "hips": ArmDirections((-0.2, 0.75, -0.63), (0.3, -0.75, -0.6), (-1.0, 0.0, 0.0)),
+    "crossed": ArmDirections((0.35, 0.1, -0.93), (0.5, -0.86, 0.1)),
+    "phone": ArmDirections((0.3, 0.45, -0.84), (0.1, -0.3, 0.95), (1.0, 0.0, 0.0), sides=_RIGHT),
+    "up": ArmDirections((0.05, 0.3, 0.95), (0.0, 0.05, 1.0), (1.0, 0.0, 0.0)),
+    "out": ArmDirections((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+    "point": ArmDirections((0.95, 0.2, 0.1), (0.97, 0.1, 0.15), sides=_RIGHT),
+    "head": ArmDirections((0.1, 0.75, 0.65), (0.0, -0.75, 0.65), (-1.0, 0.0, 0.0)),
 }
 
 
