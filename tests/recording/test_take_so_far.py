@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.take_making import STEP, info, keys, scene_bytes, write_frame
 
+from mocapella.errors import InputError
 from mocapella.recording import disk, take_index
 from mocapella.recording.ledger import LedgerRow, NodeLedger
 from mocapella.recording.sequences import SequenceRanges
@@ -196,3 +197,10 @@ def test_a_restored_ledger_goes_on_like_the_first(tmp_path: Path) -> None:
         ledger.commit()
     assert told({("front", 1): first}) == told({("front", 1): second})
     assert second.acknowledged == 7
+
+
+def test_a_part_that_is_gone_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    interrupted(path, 2)
+    with pytest.raises(InputError, match=r"walk\.part7\.mcap.*there is no such file"):
+        read_so_far([*disk.parts_of(path), disk.part_path(path, 7)])
