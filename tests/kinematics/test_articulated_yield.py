@@ -48,7 +48,7 @@ def limits() -> Iterator[Any]:
     """A function of an angle beyond each limit [rad] that gives the pose there."""
     for joint, bone in MODEL.body.bones.items():
         name = KINECT.joints[joint]
-        if name.endswith("Right") or bone.firm:
+        if name.endswith("Right") or name in ("ShoulderLeft", "HipLeft"):  # see below
             continue
         for k, hinge in enumerate(bone.hinges):
             dof = int(MODEL.joint_table[joint, 1]) + k
@@ -106,7 +106,7 @@ def test_a_pose_beyond_a_limit_is_reached_and_left_again(limit: Limit) -> None:
     assert conditions_of(body.model, body.memory) == [""]
 
 
-@pytest.mark.parametrize(("joint", "side"), [("WristLeft", 1), ("AnkleLeft", 0), ("FootLeft", 1)])
+@pytest.mark.parametrize(("joint", "side"), [("AnkleLeft", 0), ("FootLeft", 1)])
 def test_the_limits_of_a_joint_that_no_other_can_stand_in_for_widen(joint: str, side: int) -> None:
     dof, beyond = int(MODEL.joint_table[KINECT.index(joint), 1]), np.radians(60.0)
     body = ArticulatedBody(KINECT)
@@ -114,7 +114,7 @@ def test_the_limits_of_a_joint_that_no_other_can_stand_in_for_widen(joint: str, 
     follow(body, [upright({dof: angle}, {})] * (2 * FPS), 0.0)
     assert slack(body)[KINECT.index(joint)] > 0.5 * beyond
     assert (np.delete(slack(body), KINECT.index(joint)) < 0.2 * beyond).all()
-    name = {"WristLeft": "left elbow", "AnkleLeft": "left knee", "FootLeft": "left ankle"}[joint]
+    name = {"AnkleLeft": "left knee", "FootLeft": "left ankle"}[joint]
     (condition,) = conditions_of(body.model, body.memory)
     assert re.fullmatch(rf"{name}: sensors and body model disagree by (50|60)°", condition)
 
@@ -147,6 +147,18 @@ def test_a_measurement_beyond_a_limit_for_an_instant_is_held_back() -> None:
         assert body.pose.angles[elbow] < MODEL.dof_values[elbow, 1] + np.radians(1.0)
 
 
+def test_an_elbow_bends_on_the_other_side_after_it_was_straight_without_a_condition() -> None:
+    """The upper arm turned about itself; an elbow bent backwards has the same joints."""
+    elbow, shoulder = int(MODEL.joint_table[KINECT.index("WristLeft"), 1]), "ElbowLeft"
+    body = ArticulatedBody(KINECT)
+    turned = Rotation.from_rotvec((2.0, 0.0, 0.0))
+    follow(body, [upright({elbow: -1.5}, {})] * FPS, 0.0)
+    follow(body, [upright({elbow: 0.0}, {})] * FPS, 1.0)
+    found = follow(body, [upright({elbow: -1.5}, {shoulder: turned})] * (3 * FPS), 2.0)
+    assert farthest(found, upright({elbow: -1.5}, {shoulder: turned})) < 0.05
+    assert conditions_of(body.model, body.memory) == [""]
+
+
 def test_noise_at_a_limit_does_not_widen_it() -> None:
     body = ArticulatedBody(KINECT)
     knee = int(MODEL.joint_table[KINECT.index("AnkleLeft"), 1])
@@ -160,12 +172,12 @@ def test_a_bone_of_another_length_is_learnt_within_seconds(factor: float) -> Non
     body = ArticulatedBody(KINECT)
     before = upright({}, {})
     after = Pose(before.position, before.rotations, before.angles, before.lengths.copy())
-    forearm = MODEL.joint_table[KINECT.index("WristLeft"), 4]
-    after.lengths[forearm] *= factor
+    shank = MODEL.joint_table[KINECT.index("AnkleLeft"), 4]
+    after.lengths[shank] *= factor
     follow(body, [before] * (20 * FPS), 0.0)
     follow(body, [after] * (4 * FPS), 20.0)
     assert body.pose is not None
-    np.testing.assert_allclose(body.pose.lengths[forearm], after.lengths[forearm], atol=0.02)
+    np.testing.assert_allclose(body.pose.lengths[shank], after.lengths[shank], atol=0.02)
 
 
 def slack(body: ArticulatedBody) -> Float64:

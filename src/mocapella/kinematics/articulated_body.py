@@ -201,12 +201,15 @@ def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
     """Return by body the hinges whose limits measurements have widened, with the angle; empty if there is none.
 
     Shoulders and hips are left out: the fusion turns them to the facing, so their angles are not the sensors' alone.
+    Elbows are, too: one that bends backwards has the joints of an upper arm turned about itself, within its limits.
 
     Args:
         model: the body model.
         memory: (people, memory_size) states of the bodies.
     """
-    slack = np.where(model.joint_table[:, 3] >= 0, 0.0, memory[:, model.layout.slack : model.layout.demands])
+    balls, parents, twist = model.joint_table[:, 3], model.joint_table[:, 0], model.joint_values[:, 8:10]
+    turns = (balls[parents] > 0) & (np.abs(twist[parents]).min(axis=1) > np.pi / 2)
+    slack = np.where((balls >= 0) | turns, 0.0, memory[:, model.layout.slack : model.layout.demands])
     beyond = slack > LEAST_REPORTED  # False for NaN
     if not beyond.any():
         return [""] * len(memory)
