@@ -7,18 +7,19 @@ import threading
 from collections.abc import Callable
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 from support.k4a_stand_in import NAMES, build, check_frame, number_of, read_log
 from support.programs import wait_until
 
+from mocapella.cli.node_azure_kinect import AzureKinectKeys
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.observations import BodyFrame
 from mocapella.sources import k4a_libraries
 from mocapella.sources.azure_kinect import BROKEN_OF, AzureKinect, AzureKinectSettings
 from mocapella.sources.device_checks import azure_kinect
-from mocapella.sources.k4a_libraries import CALIBRATION_BYTES, JOINT, load_libraries
+from mocapella.sources.k4a_libraries import CALIBRATION_BYTES, JOINT, MOUNTED, PROCESSING, load_libraries
 
 Open = Callable[..., AzureKinect]
 
@@ -306,3 +307,9 @@ def test_layouts_are_those_of_the_headers() -> None:
     assert k4a_libraries.ctypes.sizeof(k4a_libraries.DeviceConfiguration) == 36
     assert k4a_libraries.ctypes.sizeof(k4a_libraries.TrackerConfiguration) == 24
     assert CALIBRATION_BYTES >= 1032
+
+
+def test_the_command_offers_the_choices_of_the_libraries() -> None:
+    hints = get_type_hints(AzureKinectKeys, include_extras=True)
+    assert hints["processing"].__metadata__[0].choices == tuple(PROCESSING)
+    assert hints["mounted"].__metadata__[0].choices == tuple(MOUNTED)

@@ -37,7 +37,7 @@ ANGLES_DEG: Final = (30.0, 60.0, 90.0)
 """Angles between the two sensors, as seen from the person [deg]."""
 EXERCISES: Final = ("stand", "squat", "sit", "wave", "bend")
 """What the person does: stands, or a posture of `mocapella.sources.simulate.postures.POSTURES`."""
-_CENTRE_M: Final = (0.0, 2.8)
+CENTRE_M: Final = (0.0, 2.8)
 """Position of the person (world x, z) [m]."""
 _LONGER_S: Final = 5.0
 """Duration of the exercise beyond the scored time, so that it does not end before [s]."""
@@ -104,11 +104,11 @@ def in_place_room(exercise: str, angle_deg: float, seed: int, seconds: float = 2
     first = 0.0 if seed % 2 == 0 else -angle_deg / 2
     rng = np.random.default_rng([seed, round(angle_deg)])
     sensors = (
-        _sensor("a", first, height=1.0, tilt_deg=0.0, phase_s=0.0, latency_s=_LATENCY_S[0]),
-        _sensor("b", first + angle_deg, height=1.1, tilt_deg=-3.0, phase_s=0.011, latency_s=_LATENCY_S[1]),
+        measured_sensor("a", first, height=1.0, tilt_deg=0.0, phase_s=0.0, latency_s=_LATENCY_S[0]),
+        measured_sensor("b", first + angle_deg, height=1.1, tilt_deg=-3.0, phase_s=0.011, latency_s=_LATENCY_S[1]),
     )
     route = (f"{exercise} {seconds + _LONGER_S}",)
-    person = PersonSettings(_CENTRE_M, "route", route=route, stature=float(rng.uniform(1.6, 1.9)))
+    person = PersonSettings(CENTRE_M, "route", route=route, stature=float(rng.uniform(1.6, 1.9)))
     return build_room(SceneSettings(f"{exercise} in place", sensors, (person,), seed=seed))
 
 
@@ -166,10 +166,19 @@ def _error(at_s: float, a: CalibratedSensor, b: CalibratedSensor, T_true: Float6
     )
 
 
-def _sensor(
+def measured_sensor(
     name: str, azimuth_deg: float, *, height: float, tilt_deg: float, phase_s: float, latency_s: float
 ) -> SensorSettings:
-    x, z = _CENTRE_M
+    """Return a sensor with measured errors that looks at the person's position from a direction.
+
+    Args:
+        name: name of the sensor.
+        azimuth_deg: direction of the sensor, as seen from the person; 0 is towards -z [deg].
+        height: height above the floor [m].
+        tilt_deg: upward tilt [deg].
+        phase_s, latency_s: as in `mocapella.sources.simulate.SensorSettings`.
+    """
+    x, z = CENTRE_M
     turn = np.radians(azimuth_deg)
     position = (x - z * float(np.sin(turn)), height, z - z * float(np.cos(turn)))
     return SensorSettings(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.evaluation.calibration_in_place import CENTRE_M, measured_sensor
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.skeleton import SKELETON
@@ -21,13 +22,11 @@ from mocapella.sources.simulate import (
     PersonSettings,
     Room,
     SceneSettings,
-    SensorSettings,
     SimulatedFrame,
     SimulatedSensor,
     build_room,
     merge,
 )
-from mocapella.sources.simulate.measured import KIND
 from mocapella.sources.simulate.postures import POSTURES, RISE_S
 from mocapella.sources.simulate.scenarios import written_route
 from mocapella.tracker.default import DefaultTracker
@@ -40,7 +39,6 @@ HEADINGS_DEG: Final = (0.0, 60.0, 180.0)
 """Headings of the person: 0 is towards the first sensor, 180 away from it [deg]."""
 POSTURE_S: Final = 6.0
 """Duration of a posture [s]."""
-_CENTRE_M: Final = (0.0, 2.8)
 _WALK: Final = ("go 0.7 2.3", "go -0.7 3.3", "go -0.6 2.2", "go 0.6 3.2", "go 0.0 2.8")
 _MIRROR: Final = np.array(SKELETON.mirror)
 _SIDED: Final = np.arange(len(SKELETON)) != _MIRROR
@@ -143,19 +141,15 @@ def _room(posture: str, heading_deg: float, seed: int, azimuths_deg: Sequence[fl
     """Build the room of one posture; return it and the time at which the posture begins [s]."""
     rng = np.random.default_rng([seed, round(heading_deg)])
     stature = float(rng.uniform(1.6, 1.9))
-    sensors = tuple(_sensor(f"sensor{k}", azimuth, k) for k, azimuth in enumerate(azimuths_deg))
+    sensors = tuple(
+        measured_sensor(
+            f"sensor{k}", azimuth, height=1.0 + 0.1 * k, tilt_deg=0.0, phase_s=0.011 * k, latency_s=0.06 + 0.01 * k
+        )
+        for k, azimuth in enumerate(azimuths_deg)
+    )
     turn = ("stand 2", *_WALK, *_WALK, f"turn {180.0 - heading_deg}", "stand 1")
 
     route = (*turn, f"{posture} {POSTURE_S}")
-    person = PersonSettings(_CENTRE_M, "route", route=route, stature=stature)
+    person = PersonSettings(CENTRE_M, "route", route=route, stature=stature)
     room = build_room(SceneSettings(f"{posture} after a walk", sensors, (person,), seed=seed))
-    return room, written_route(_CENTRE_M, turn).seconds
-
-
-def _sensor(name: str, azimuth_deg: float, index: int) -> SensorSettings:
-    x, z = _CENTRE_M
-    turn = np.radians(azimuth_deg)
-    position = (x - z * float(np.sin(turn)), 1.0 + 0.1 * index, z - z * float(np.cos(turn)))
-    return SensorSettings(
-        name, position, azimuth_deg, phase_s=0.011 * index, latency_s=0.06 + 0.01 * index, lost=0.003, errors=KIND
-    )
+    return room, written_route(CENTRE_M, turn).seconds

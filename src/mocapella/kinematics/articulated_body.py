@@ -207,13 +207,17 @@ def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
         model: the body model.
         memory: (people, memory_size) states of the bodies.
     """
-    balls, parents, twist = model.joint_table[:, 3], model.joint_table[:, 0], model.joint_values[:, 8:10]
-    turns = (balls[parents] > 0) & (np.abs(twist[parents]).min(axis=1) > np.pi / 2)
-    slack = np.where((balls >= 0) | turns, 0.0, memory[:, model.layout.slack : model.layout.demands])
+    slack = memory[:, model.layout.slack : model.layout.demands]
     beyond = slack > LEAST_REPORTED  # False for NaN
     if not beyond.any():
         return [""] * len(memory)
-    return [", ".join(_condition(model, int(j), row[j]) for j in np.flatnonzero(row > LEAST_REPORTED)) for row in slack]
+    balls, parents, twist = model.joint_table[:, 3], model.joint_table[:, 0], model.joint_values[:, 8:10]
+    turns = (balls[parents] > 0) & (np.abs(twist[parents]).min(axis=1) > np.pi / 2)
+    beyond &= (balls < 0) & ~turns
+    return [
+        ", ".join(_condition(model, j, one[j]) for j in np.flatnonzero(far).tolist())
+        for one, far in zip(slack, beyond, strict=True)
+    ]
 
 
 def _condition(model: ArticulatedModel, joint: int, slack: float) -> str:

@@ -62,7 +62,7 @@ class TakeWriter:
         self._part, self._reserve = part, reserve_bytes
         so_far = earlier or TakeSoFar()
         self.take_id = so_far.take_id or info.take_id
-        account = so_far.encode()  # before the ledgers change
+        account = None if earlier is None else earlier.encode()  # before the ledgers change
         self.accounts = Accounts(so_far.nodes)
         self.scenes, self._pending_scenes = so_far.scenes, 0
         self._first_ns, self._last_ns = so_far.first_ns, so_far.last_ns
@@ -75,7 +75,7 @@ class TakeWriter:
         self._file = TakeFile(self._fd)
         try:
             self._begin_run(info)
-            if earlier is not None:
+            if account is not None:
                 self._file.add(take.EARLIER, account, info.started_ns)
             self._file.flush()
             disk.sync_folder(file.parent)
