@@ -37,7 +37,7 @@ def harness(monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness]:
 def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they_are_stored(
     harness: Harness, tmp_path: Path
 ) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.service.begin(tmp_path / "a.mcap", newest={NODE: -1})
     harness.send(10)
     harness.record(0, 1, 2, 8, 9)
     wait_until("all are stored", lambda: harness.service.health().frames == 10)
@@ -52,7 +52,7 @@ def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they
 
 
 def test_a_missing_frame_is_sent_once(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.service.begin(tmp_path / "a.mcap", newest={NODE: -1})
     harness.send(50)
     wait_until("all are stored", lambda: harness.service.health().frames == 50)
     harness.service.finish()
