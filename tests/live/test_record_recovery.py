@@ -116,7 +116,7 @@ def test_a_take_whose_server_was_killed_while_it_closed_it_takes_the_later_frame
     harness: Harness, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(10)
     harness.recorder.account(NODE, lambda ledger: ledger.expect(0))
     wait_until("they are stored", lambda: harness.service.health().frames == 10)
@@ -135,7 +135,7 @@ def test_a_take_whose_server_was_killed_while_it_closed_it_takes_the_later_frame
 
 def test_the_end_of_a_node_that_has_left_stays_when_the_take_goes_on(harness: Harness, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(4)
     harness.service.leaving(NODE, 4)
     wait_until("they are stored", lambda: (s := harness.recorder.states.get(NODE)) is not None and s.whole)
@@ -150,7 +150,7 @@ def test_the_end_of_a_node_that_has_left_stays_when_the_take_goes_on(harness: Ha
 
 def test_a_take_that_is_interrupted_tells_no_node_that_it_is_over_and_goes_on(harness: Harness, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(4)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
     harness.service.interrupt()
@@ -171,7 +171,7 @@ def test_a_node_that_missed_the_end_of_a_take_hears_of_it_when_it_is_there_again
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(record_path, "ASK_EVERY_S", 0.0)
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(4)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
     harness.bus.connected.clear()
@@ -195,7 +195,7 @@ def test_a_take_that_failed_and_goes_on_is_not_called_closed(
 ) -> None:
     monkeypatch.setattr(record_path, "ASK_EVERY_S", 0.0)
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(4)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
     harness.bus.connected.clear()
@@ -264,7 +264,7 @@ def test_a_frame_that_cannot_be_written_costs_that_frame_only(
     monkeypatch: pytest.MonkeyPatch,
     harm: Callable[[Harness, pytest.MonkeyPatch], None],
 ) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(3)
     wait_until("they are stored", lambda: harness.service.health().frames == 3)
     with monkeypatch.context() as patch:
@@ -294,7 +294,7 @@ def test_entries_that_cannot_be_written_never_end_the_recording(harness: Harness
 
 
 def test_a_frame_that_nobody_can_decode_is_asked_for_once_and_lost(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(2)
     for _ in range(2):
         harness.bus.outbox.add(b"no frame", time.monotonic_ns())
@@ -343,7 +343,7 @@ def test_frames_that_a_node_cannot_read_any_more_are_lost_and_hold_back_nothing(
 
 
 def test_a_node_gives_up_only_what_it_was_asked_for(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(1)
     harness.record(0)
     wait_until("it is stored", lambda: harness.service.health().frames == 1)
@@ -363,7 +363,7 @@ def test_a_node_gives_up_only_what_it_was_asked_for(harness: Harness, tmp_path: 
 
 
 def test_an_undecodable_frame_beyond_what_was_asked_for_is_nobodys_loss(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.recorder.sent_again(WantedFrames([]), NODE, b"no frame", time.monotonic_ns())
     harness.send(1)
     wait_until("the frame is stored", lambda: harness.service.health().frames == 1)
@@ -376,7 +376,7 @@ def test_a_disk_that_fails_as_a_frame_is_written_stops_the_recording(
     def fails(*_: object, **__: object) -> None:
         raise RecordingError("the disk is gone")
 
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     monkeypatch.setattr(harness.recorder._writer, "write_frame", fails)
     harness.send(1)
     wait_until("it is noticed", lambda: harness.recorder.failed)

@@ -37,7 +37,7 @@ def harness(monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness]:
 def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they_are_stored(
     harness: Harness, tmp_path: Path
 ) -> None:
-    harness.service.begin(tmp_path / "a.mcap", newest={NODE: -1})
+    harness.begin(tmp_path / "a.mcap")
     harness.send(10)
     harness.record(0, 1, 2, 8, 9)
     wait_until("all are stored", lambda: harness.service.health().frames == 10)
@@ -52,7 +52,7 @@ def test_frames_that_the_live_path_lost_are_asked_for_and_acknowledged_once_they
 
 
 def test_a_missing_frame_is_sent_once(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap", newest={NODE: -1})
+    harness.begin(tmp_path / "a.mcap")
     harness.send(50)
     wait_until("all are stored", lambda: harness.service.health().frames == 50)
     harness.service.finish()
@@ -62,7 +62,7 @@ def test_a_missing_frame_is_sent_once(harness: Harness, tmp_path: Path) -> None:
 def test_what_is_not_on_the_disk_is_never_acknowledged_and_a_slow_disk_holds_nobody_up(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(1)
     wait_until("it is acknowledged", lambda: harness.bus.outbox.oldest == 1)
     real, syncing, may_sync = disk._data_sync, threading.Event(), threading.Event()
@@ -88,7 +88,7 @@ def test_a_step_of_the_wall_clock_during_an_outage_changes_nothing(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
 ) -> None:
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(20)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 20)
     killed = harness.kill()
@@ -146,7 +146,7 @@ def test_frames_that_the_node_has_no_longer_are_counted_as_lost(harness: Harness
 
 
 def test_an_end_that_no_node_has_said_is_unknown_and_the_take_is_not_clean(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(4)
     harness.record(0, 1, 2)
     wait_until("all are stored", lambda: harness.service.health().frames == 4)
@@ -161,7 +161,7 @@ def test_an_end_that_no_node_has_said_is_unknown_and_the_take_is_not_clean(harne
 
 
 def test_a_node_that_leaves_says_its_end(harness: Harness, tmp_path: Path) -> None:
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(4)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 4)
     harness.bus.outbox.leave()
@@ -267,7 +267,7 @@ def test_the_account_adds_up_after_a_recording_that_stopped_badly(
 ) -> None:
     """The node goes on sending; what is readable afterwards and what is reported as lost is all that it sent."""
     path = tmp_path / "a.mcap"
-    harness.service.begin(path)
+    harness.begin(path)
     harness.send(20)
     wait_until("they are acknowledged", lambda: harness.bus.outbox.oldest == 20)
     with monkeypatch.context() as patch:
@@ -342,7 +342,7 @@ def test_a_number_that_no_sensor_can_count_to_is_refused_wherever_it_is_said(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forged, wanted = 2**61, harness.bus.outbox.wanted
-    harness.service.begin(tmp_path / "a.mcap")
+    harness.begin(tmp_path / "a.mcap")
     harness.send(4)
     harness.record(0, 3)
     wait_until("the gap is mended", lambda: harness.service.health().frames == 4)

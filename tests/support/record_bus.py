@@ -6,10 +6,12 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from tempfile import TemporaryFile
 
 import msgspec
 import numpy as np
+from support.programs import wait_until
 
 from mocapella.live.recorder import Recorder
 from mocapella.live.recording_service import RecordingService
@@ -68,6 +70,12 @@ class Harness:
     def recorder(self) -> Recorder:
         assert self.service.recorder is not None
         return self.service.recorder
+
+    def begin(self, path: Path) -> None:
+        """Begin a take, and wait until the node has heard of it: only frames sent from then on are surely in it."""
+        self.service.begin(path)
+        take = self.recorder.take_id
+        wait_until("the node hears of the take", lambda: take in self.bus.outbox.holds)
 
     def kill(self) -> Callable[[], None]:
         """Forget the recorder, as a kill does; return what ends its threads, and writes nothing."""
