@@ -35,11 +35,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer.testing
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
 from mocapella.registry import load
 from mocapella.tracker import METHODS, warm_up
+
+# Typer's runner would build all commands for each command line, which takes longer than most of what the tests run.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 # The same examples every time, so that a change is judged by itself; `explore` tries others, and more. A first call may
 # compile.
@@ -94,6 +98,15 @@ STUDY = (
     "evaluation/test_study_tables.py",
 )
 """Tests that compute the same of all real logs: one worker does so once."""
+RULES = (
+    "test_decoding_rule.py",
+    "test_fuzz.py",
+    "test_import_rule.py",
+    "test_no_kinds.py",
+    "test_security_doc.py",
+    "test_unique_names.py",
+)
+"""Rules of all sources: one worker parses these once."""
 LONG = (*STUDY, "cli/test_silhouettes.py", "test_readme.py")
 """Files that take a minute: early, so that nobody waits for them alone at the end."""
 TESTS = Path(__file__).resolve().parent
@@ -105,8 +118,12 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
     Two cores are enough for them: the two that have what keeps real time mostly wait.
     """
-    chosen = config.option.keyword or any(".py" in argument for argument in config.args)
-    return 0 if chosen else 4
+    return 0 if _chosen(config) else 4
+
+
+def _chosen(config: pytest.Config) -> bool:
+    """Whether files, tests or words are named."""
+    return bool(config.option.keyword) or any(".py" in argument for argument in config.args)
 
 
 class RealTimeApart(LoadScopeScheduling):
@@ -117,7 +134,9 @@ class RealTimeApart(LoadScopeScheduling):
         super().__init__(config, log)
 
     def _split_scope(self, nodeid: str) -> str:
-        return _lane(nodeid) or ("study" if _name(nodeid).startswith(STUDY) else nodeid.partition("::")[0])
+        name = _name(nodeid)
+        shared = "study" if name.startswith(STUDY) else "rules" if name.startswith(RULES) else ""
+        return _lane(nodeid) or shared or nodeid.partition("::")[0]
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -145,8 +164,12 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
     gc.enable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What keeps real time comes first and has a mark, then what is long."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What keeps real time comes first and has a mark, then what is long. Thorough tests are run if they are chosen."""
+    if not config.option.markexpr and not _chosen(config):
+        thorough = [item for item in items if item.get_closest_marker("thorough")]
+        config.hook.pytest_deselected(items=thorough)
+        items[:] = [item for item in items if not item.get_closest_marker("thorough")]
     lanes = ("browsers", "programs", "")
     for item in items:
         if _lane(item.nodeid):

@@ -199,6 +199,7 @@ def test_a_part_of_a_group_runs_alone_and_an_unknown_one_is_refused(monkeypatch:
         program.main(["codec", "--part", "live"])
 
 
+@pytest.mark.thorough
 def test_the_silhouettes_have_their_goals_and_what_did_not_move_misses_them(silhouettes: Any) -> None:
     rows = {row.name.removeprefix("silhouettes: "): row for row in silhouettes.run(quick=True, parts=["noise"])}
     own = rows["runner, 15 % noise, own body, joint angle error"]

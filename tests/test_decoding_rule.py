@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from support.syntax import nodes_of
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 DOOR = "decoding.py"
@@ -63,7 +64,7 @@ ALLOWED = {
 
 def unsafe(source: str) -> set[str]:
     """Return the unsafe functions that a module mentions, called or not; not `np.dtype` of literals."""
-    nodes = list(ast.walk(ast.parse(source)))
+    nodes = nodes_of(source)
     harmless = {
         id(node.func) for node in nodes if isinstance(node, ast.Call) and node.args and _is_literal(node.args[0])
     } | {id(node.value) for node in nodes if isinstance(node, ast.Subscript)}  # np.dtype[np.float64] is a type

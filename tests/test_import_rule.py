@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.syntax import nodes_of
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
@@ -50,9 +51,9 @@ IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "
 DECODES_IMAGES = {"sensing", "sources"}
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
+def imported(source: str) -> Iterator[str]:
     """The dotted names of all modules that a module imports, wherever in it."""
-    for node in ast.walk(tree):
+    for node in nodes_of(source):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -67,7 +68,7 @@ def imported(tree: ast.AST) -> Iterator[str]:
 def violations(room: str, source: str) -> list[str]:
     """What a module of that room imports and may not."""
     found = []
-    for name in imported(ast.parse(source)):
+    for name in imported(source):
         top, _, rest = name.partition(".")
         other = rest.partition(".")[0]
         if not top:

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from support.syntax import nodes_of, parsed
 
 from mocapella.detectors import DETECTORS
 from mocapella.model.frame_types import FRAME_TYPES
@@ -32,7 +33,7 @@ def trackers() -> frozenset[str]:
     """Names of the classes of the room `tracker` that are trackers: they have ``update`` and ``snapshot``."""
     found = set()
     for path in (SOURCE / "tracker").rglob("*.py"):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in parsed(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
                 methods = {one.name for one in node.body if isinstance(one, ast.FunctionDef)}
                 found |= {node.name} if {"update", "snapshot", "restore"} <= methods else set()
@@ -77,7 +78,7 @@ def asked(source: str, may_name: Iterable[str] = ()) -> list[str]:
     """Where a module asks of which kind something is; ``may_name`` are classes that it may ask for."""
     kinds = KINDS - set(may_name)
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes_of(source):
         classes: set[str] = set()
         words: set[str] = set()
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
@@ -126,7 +127,7 @@ def reached(module: str) -> set[str]:
         if name in seen or not name.startswith("mocapella.tracker.") or not path.exists():
             continue
         seen.add(name)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path.read_text(encoding="utf-8")):
             if isinstance(node, ast.ImportFrom) and node.module:
                 waiting += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
             elif isinstance(node, ast.Import):
@@ -136,7 +137,7 @@ def reached(module: str) -> set[str]:
 
 def not_its_own(source: str, taken: Iterable[str]) -> list[str]:
     """Frame classes that a tracker's module mentions and no method takes that uses it."""
-    return sorted(set(named(ast.parse(source))) & FRAMES - set(taken))
+    return sorted(set(named(parsed(source))) & FRAMES - set(taken))
 
 
 def modules(*rooms: str) -> list[Path]:

@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.commands import commands_below, visible_options
-from typer.main import get_command
+from support.commands import commands_below, root, visible_options
+from support.syntax import nodes_of
 
-from mocapella.cli.app import app
 from mocapella.wire.roles import users_of
 
 ROOT = Path(__file__).parents[1]
@@ -22,7 +21,7 @@ CALLS = {"eval", "exec", "compile", "__import__"}
 
 def code_in_data(source: str) -> Iterator[str]:
     """What a module could run out of data: imports that unpickle, and calls that evaluate text."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes_of(source):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name.partition(".")[0] in RUNS_DATA)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in RUNS_DATA:
@@ -54,7 +53,7 @@ def test_code_in_data_would_be_noticed(line: str) -> None:
 def test_whatever_listens_listens_on_loopback_unless_told_otherwise() -> None:
     listening = [
         (name, option.opts[0], str(option.default))
-        for name, command in commands_below(get_command(app))
+        for name, command in commands_below(root())
         for option in visible_options(command)
         if option.opts[0] in ("--host", "--listen")
     ]

@@ -7,6 +7,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from support.syntax import parsed
+
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
 
@@ -26,7 +28,7 @@ def shared_names(source: Path) -> dict[str, list[str]]:
     """Public class names that several modules below a folder define, each with these modules' paths."""
     defined: defaultdict[str, list[str]] = defaultdict(list)
     for path in sorted(source.rglob("*.py")):
-        module = ast.parse(path.read_text(encoding="utf-8"))
+        module = parsed(path.read_text(encoding="utf-8"))
         for name in sorted({name for name in classes(module.body) if not name.startswith("_")}):
             defined[name].append(path.relative_to(source).as_posix())
     return {name: paths for name, paths in sorted(defined.items()) if len(paths) > 1}

@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 import typer
-from support.commands import command_at, commands_below, visible_options
+from support.commands import command_at, commands_below, root, visible_options
 from typer.main import get_command
 
-from mocapella.cli.app import app
 from mocapella.cli.command_settings import rows_of_keys
 from mocapella.cli.common import method_setting_names
 from mocapella.cli.serve import ServeKeys
@@ -35,7 +34,7 @@ HELP_DIFFERS = {
 
 
 def every_command() -> dict[str, Any]:
-    return dict(commands_below(get_command(app)))
+    return dict(commands_below(root()))
 
 
 def first_sentence(text: str) -> str:
@@ -43,8 +42,8 @@ def first_sentence(text: str) -> str:
 
 
 def test_a_new_user_sees_few_commands() -> None:
-    root: Any = get_command(app)
-    shown = [name for name in root.list_commands(None) if not root.get_command(None, name).hidden]
+    line = root()
+    shown = [name for name in line.list_commands(None) if not line.get_command(None, name).hidden]
     assert len(shown) <= MOST_COMMANDS, shown
 
 
@@ -108,7 +107,7 @@ def test_a_command_that_has_settings_lists_them() -> None:
     ]
     assert {"serve", "demo", "replay", "track silhouettes", "node markers", "calibrate hand"} <= set(with_settings)
     for name in with_settings:
-        options = {opt for option in command_at(get_command(app), name).params for opt in option.opts}
+        options = {opt for option in command_at(root(), name).params for opt in option.opts}
         assert "--settings" in options or name == "demo"
 
 

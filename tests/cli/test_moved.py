@@ -6,9 +6,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from support.commands import command_at
+from support.commands import command_at, root
 from support.programs import run_here
-from typer.main import get_command
 from typer.testing import CliRunner
 
 from mocapella.cli.app import app
@@ -22,7 +21,7 @@ def test_a_former_command_names_the_present_one(former: str, present: str, tmp_p
     done = run_here(tmp_path, *former.split(), "file.mp4")
     assert done.returncode == 2
     assert done.stderr == f"mocapella: `mocapella {former}` is now `mocapella {present}`\n"
-    assert command_at(get_command(app), present).name == present.rsplit(maxsplit=1)[-1]
+    assert command_at(root(), present).name == present.rsplit(maxsplit=1)[-1]
 
 
 @pytest.mark.parametrize(("path", "option", "now"), EVERY_OPTION)
@@ -34,7 +33,7 @@ def test_a_former_option_names_the_present_one(path: str, option: str, now: str,
     if "{}" in now:
         assert moved([*path.split(), f"{option}=3"]) == moved([*path.split(), option, "3"])
     assert is_there(path, now)
-    options = {name for one in command_at(get_command(app), path).params for name in (*one.opts, *one.secondary_opts)}
+    options = {name for one in command_at(root(), path).params for name in (*one.opts, *one.secondary_opts)}
     assert option not in options
 
 
@@ -48,7 +47,7 @@ def keys_of(path: str) -> set[str]:
 def is_there(path: str, now: str) -> bool:
     """Whether the command has the option, and with ``--set`` the key, that a text names."""
     option, _, value = now.partition(" ")
-    options = {name for one in command_at(get_command(app), path).params for name in (*one.opts, *one.secondary_opts)}
+    options = {name for one in command_at(root(), path).params for name in (*one.opts, *one.secondary_opts)}
     if option != "--set":
         return option in options
     return value.partition("=")[0] in keys_of(path)

@@ -380,6 +380,7 @@ def real_recording() -> tuple[int, int, list[float], list[bool]]:
     return len(labels), found, errors, sides
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not FRAMES.is_dir(), reason="needs depth_hand_sr305")
 def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> None:
     frames, found, errors, sides = real_recording()

@@ -34,6 +34,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     return folder, result_here(folder, "lab", "train", "bias", "logs", "--out", "model.json", "--folds", "2")
 
 
+@pytest.mark.thorough
 def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
     trained: tuple[Path, dict[str, Any]],
 ) -> None:

@@ -31,6 +31,7 @@ def result(exercise: str, angle_deg: float, seed: int) -> InPlaceResult:
     return run_in_place(DefaultTracker(sensors_expected=2), in_place_room(exercise, angle_deg, seed), [AT_S])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("session", SESSIONS, ids=lambda session: session[0])
 def test_every_exercise_calibrates_within_seconds(session: tuple[str, float, int]) -> None:
     found = result(*session)

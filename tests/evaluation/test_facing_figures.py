@@ -32,6 +32,7 @@ def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return folder, result_here(folder, *line)
 
 
+@pytest.mark.thorough
 def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, dict[str, Any]]) -> None:
     _, said = trained
     left_out = said["left_out"]
@@ -55,6 +56,7 @@ def test_no_feature_of_the_training_data_fades(study_logs: Path) -> None:
         np.testing.assert_allclose(seen, np.isfinite(features).mean(axis=-1))
 
 
+@pytest.mark.thorough
 def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]]) -> None:
     folder, said = trained
     model = read_model(folder / "model.json")
@@ -116,6 +118,7 @@ def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
             split(sessions, folds)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scene", "seconds"), [("walk", 17.0), ("exchange", 12.0), ("crowd", 6.0)])
 def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: float) -> None:
     found = simulated_figures(load_scene(scene), FacingFilter(KINECT), seconds)

@@ -23,6 +23,7 @@ def away() -> list[PostureResult]:
     return list(score_postures(180.0, 0, ("bow", "lean-back")))
 
 
+@pytest.mark.thorough
 def test_who_bows_or_leans_back_keeps_left_and_right(away: list[PostureResult]) -> None:
     assert [result.posture for result in away] == ["bow", "lean-back"]
     assert [(result.wrong, result.missing, result.warned) for result in away] == [(0, 0, 0)] * 2

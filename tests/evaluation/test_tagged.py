@@ -14,6 +14,7 @@ from mocapella.evaluation import tagged
 from mocapella.evaluation.tagged import RayState, exp_twist, load_hand_scene, rigid
 
 
+@pytest.mark.thorough
 def test_a_tag_is_where_it_is_drawn_for_one_camera_and_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tagged, "LASTS_S", 0.6)
     result = tagged.evaluate_tag(["wide", "wide-fast"], [3])

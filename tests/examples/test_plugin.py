@@ -168,6 +168,7 @@ def amber(screenshot: bytes) -> int:
     return int(((hue > 15) & (hue < 25) & (saturation > 100) & (value > 60)).sum())
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("installed")
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 def test_its_spots_are_in_the_view(tmp_path: Path) -> None:

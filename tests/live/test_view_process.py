@@ -134,6 +134,7 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
     assert row["differing_scenes"] == 0
 
 
+@pytest.mark.thorough
 @needs_browser
 def test_the_demo_of_an_arm_shows_it_with_its_figures(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()

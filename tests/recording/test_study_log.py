@@ -91,6 +91,7 @@ def test_an_id_that_a_spreadsheet_would_take_for_a_formula_is_escaped(tmp_path: 
 # Real files, and the three headers
 
 
+@pytest.mark.thorough
 def test_every_real_log_is_read_and_written_back_with_the_same_text(
     tmp_path: Path, study_logs: Path, real_logs: dict[str, StudyLog]
 ) -> None:
@@ -206,6 +207,7 @@ _SCENARIOS = {1: "Stationary", 2: "Steps", 3: "Walk"}
 _PLACEMENTS = {0: "parallel", 1: "45", 2: "90"}
 
 
+@pytest.mark.thorough
 def test_the_thesis_tables_come_out_of_the_logs(study_logs: Path, real_logs: dict[str, StudyLog]) -> None:
     means: dict[tuple[int, int], dict[int, list[Any]]] = {}
     for log in real_logs.values():

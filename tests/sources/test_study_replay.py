@@ -236,6 +236,7 @@ def test_the_documentation_has_the_nominal_motions_and_the_limit() -> None:
 # The real files
 
 
+@pytest.mark.thorough
 def test_all_real_files_replay_and_every_row_is_accounted_for(real_logs: list[StudyLog]) -> None:
     rows = dropped = moved = 0
     for log in real_logs:

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
-from mocapella.cli import import_commands
+from typer.main import get_command
 
-__all__ = ["child", "command_at", "commands_below", "import_commands", "visible_options"]
+from mocapella.cli import import_commands
+from mocapella.cli.app import app
+
+__all__ = ["child", "command_at", "commands_below", "import_commands", "root", "visible_options"]
 import_commands()
+
+
+@cache
+def root() -> Any:
+    """The whole command line."""
+    return get_command(app)
 
 
 def child(group: Any, name: str) -> Any:

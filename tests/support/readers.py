@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType
 
+from support.syntax import parsed
+
 SOURCE = Path(__file__).resolve().parents[2] / "src" / "mocapella"
 DECODERS = {
     "decode_text", "decode_json", "decode_msgpack", "decode_toml", "decode_csv", "convert", "read_whole", "text_blocks",
@@ -26,7 +28,7 @@ _ANY = re.compile("|".join(DECODERS))
 def readers(source: str, place: str) -> set[str]:
     """Return ``place:qualified name`` of each function that mentions a decoder; one within another for itself."""
     found = set()
-    waiting: list[tuple[ast.AST, str, str]] = [(ast.parse(source), "", "")]
+    waiting: list[tuple[ast.AST, str, str]] = [(parsed(source), "", "")]
     while waiting:
         node, names, function = waiting.pop()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

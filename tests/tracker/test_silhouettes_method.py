@@ -112,6 +112,7 @@ def whole(visits):
     return tracker, scenes, notes, snapshots
 
 
+@pytest.mark.thorough
 def test_two_people_are_followed_and_who_leaves_is_lost_and_found(whole):
     tracker, scenes, notes, _ = whole
     lost = [scene.bodies[1].lost for scene in scenes[9:]]

@@ -74,6 +74,7 @@ def wait_for(page, what, holds):
         page.wait_for_timeout(200)
 
 
+@pytest.mark.thorough
 def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_aside_until_it_is_moved_by_hand():
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(3)
