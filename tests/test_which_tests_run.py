@@ -33,10 +33,14 @@ def run(request: pytest.FixtureRequest, *arguments: str, marks: str = "", words:
     """The tests that a run with these arguments would have, and how many it would leave out."""
     (conftest,) = (one for one in request.config.pluginmanager.get_plugins() if hasattr(one, "PROGRAMS"))
     left_out: list[Item] = []
+
+    def deselected(items: list[Item]) -> None:
+        left_out.extend(items)
+
     config = SimpleNamespace(
         args=list(arguments),
         option=SimpleNamespace(markexpr=marks, keyword=words),
-        hook=SimpleNamespace(pytest_deselected=lambda items: left_out.extend(items)),
+        hook=SimpleNamespace(pytest_deselected=deselected),
     )
     items = [*(Item(f"tests/{place}") for place in PLACES), Item(f"tests/{THOROUGH}", "thorough")]
     conftest.pytest_collection_modifyitems(config, items)

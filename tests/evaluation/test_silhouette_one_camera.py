@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
@@ -50,6 +50,7 @@ def test_errors_along_the_axis_and_across_it_are_told_apart(along: float, across
     np.testing.assert_allclose(off, np.broadcast_to([across, 0, along], off.shape), atol=1e-9)
 
 
+@settings(max_examples=10)
 @given(st.integers(0, len(SCENE) - 1), st.floats(0.01, 100))
 def test_nothing_that_is_added_makes_a_direction_less_certain(k: int, weight: float) -> None:
     """Of sums of positive semidefinite matrices no eigenvalue is below the terms' (H. Weyl)."""

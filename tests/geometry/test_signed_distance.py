@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -29,6 +29,7 @@ def crossings(field: Float64) -> Float64:
     return np.array(found).reshape(-1, 2)
 
 
+@settings(max_examples=20)
 @given(
     st.tuples(st.integers(2, 14), st.integers(2, 14)),
     st.integers(1, 6),

@@ -91,7 +91,7 @@ def test_a_step_is_the_least_squares_solution_of_all_rows(seed: int) -> None:
     np.testing.assert_allclose(one.T_world_model[:3, :3], turn @ at.T_world_model[:3, :3], atol=1e-9)
 
 
-@few
+@settings(few, max_examples=8)
 @given(seeds)
 def test_rows_are_the_derivatives_of_the_residuals(seed: int) -> None:
     model, at, constraints, _ = problem(seed)
@@ -416,7 +416,7 @@ def test_a_limit_is_not_passed_by_rounding() -> None:
     assert passed > 10
 
 
-@few
+@settings(few, max_examples=10)
 @given(seeds)
 def test_the_factor_along_paths_is_that_of_the_whole_matrix(seed: int) -> None:
     model, at, constraints, priors = problem(seed)

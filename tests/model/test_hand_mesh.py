@@ -32,7 +32,7 @@ def test_landmarks_are_those_of_the_hands_model_in_any_pose(side: str, length: f
     assert tuple(mesh.landmarks) == LANDMARKS
 
 
-@few
+@settings(few, max_examples=8)
 @given(sides, st.floats(0.12, 0.24), st.floats(0.8, 1.2), st.sampled_from([0.9, 1.0, 1.5]))
 def test_a_hand_is_a_closed_surface_of_one_piece(side: str, length: float, thickness: float, detail: float) -> None:
     shape = hand_model("full").shape(side, hand_length_m=length)  # type: ignore[arg-type]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -29,6 +29,7 @@ def test_what_becomes_something_else_says_so(both: np.ndarray, same: bool) -> No
     np.testing.assert_array_equal(old, new)
 
 
+@settings(max_examples=20)
 @given(st.integers(1, 9), st.integers(1, 4), st.integers(1, 30), st.integers(0, 10_000))
 def test_a_blurred_mask_that_is_kept_up_is_that_of_the_mask(rows: int, blocks: int, flips: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -47,6 +48,7 @@ def test_a_blurred_mask_that_is_kept_up_is_that_of_the_mask(rows: int, blocks: i
     assert dirty[place[changed & (place >= 0)]].all()
 
 
+@settings(max_examples=20)
 @given(st.integers(1, 30), st.integers(1, 4), st.sampled_from([1, 3]), st.integers(0, 10_000))
 def test_only_blocks_beside_a_node_that_changed_cost_otherwise(
     rows: int, blocks: int, channels: int, seed: int

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
@@ -85,6 +85,7 @@ any_camera = st.builds(
 busy = st.lists(st.floats(0, 0.15), max_size=5)
 
 
+@settings(max_examples=25)
 @given(st.lists(any_camera, min_size=1, max_size=5), busy)
 def test_whatever_comes_pictures_of_a_frame_are_near_new_and_used_once(cameras, busy_s):
     made = [camera(f"c{k}", count, **how) for k, (count, how) in enumerate(cameras)]
@@ -108,6 +109,7 @@ def test_whatever_comes_pictures_of_a_frame_are_near_new_and_used_once(cameras, 
         assert left <= 1 or together.held_ns is not None  # one may be there that nobody took
 
 
+@settings(max_examples=25)
 @given(st.lists(any_camera, min_size=1, max_size=5))
 def test_nothing_that_could_be_taken_waits_for_long(cameras):
     made = [camera(f"c{k}", count, **{**how, "late": 0.0}) for k, (count, how) in enumerate(cameras)]
@@ -141,6 +143,7 @@ def test_of_steady_cameras_every_frame_has_all(phases, busy_s):
     assert all(len(frame.instant.pictures) == len(phases) for frame in inner)
 
 
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 14)), min_size=2, max_size=5), st.floats(0, 0.1))
 def test_of_cameras_that_are_steadily_late_every_frame_has_all_and_none_waits_for_longer_than_that(cameras, jitter):
     jitters = (0.0, jitter, -jitter)
