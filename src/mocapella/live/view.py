@@ -209,12 +209,17 @@ def run_view(
     on_page: Callable[[], None] = lambda: None,
     on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
-    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
+    """Show a server's session as a web page until ``stop`` is set.
 
-    ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
-    obstacles are drawn. ``on_ready`` is called with the page's URLs for operators and for watchers,
-    ``on_page`` once, when the first browser draws the view, and ``on_waiting`` with the reason if no
-    server there admits it yet.
+    Args:
+        connect: address of the server.
+        host, port: address and TCP port at which the page is served.
+        stop: ends the view.
+        cloth: whether a simulated cloth hangs before the first tracked hand.
+        scenery: name of a simulated scene whose obstacles are drawn; None for none.
+        on_ready: called with the page's URLs for operators and for watchers.
+        on_page: called once, when the first browser draws the view.
+        on_waiting: called once with the reason if no server admits this program at first.
 
     Raises:
         AddressInUseError: the port is in use.
