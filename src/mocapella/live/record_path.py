@@ -55,7 +55,7 @@ class Requests(Protocol):
 
         Args:
             node: the node.
-            request: the frames to send, and those that are stored.
+            request: the frames to send, and the numbers of the stored ones.
             on_frame: called with each frame in order: node, encoded frame, arrival on the monotonic clock [ns].
             on_answer: called once with the state of the node's frames, if it answers in time.
             on_end: called last, in any case.
