@@ -82,7 +82,7 @@ class PairOfSensors:
                 self.cold.hypotheses[key] = self.calibration
 
     def compare(self, seen: tuple[SensorTracks, SensorTracks] | None, now: float, lasts_s: float) -> None:
-        """Set `contradicted` if each sensor has missed a person of the other for longer than ``lasts_s``; else unset it.
+        """Set `contradicted`: whether each sensor has missed a person of the other for longer than ``lasts_s``.
 
         `shared_people.missed_people` decides whether a person is missed now; one negative result ends the time.
 
