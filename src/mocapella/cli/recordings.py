@@ -208,7 +208,15 @@ def _missing(table: Table[Any], name: str, packages: Mapping[str, str]) -> str:
 
 
 def tell_left_out(export: str, file: Path) -> None:
-    """Print which parts of a take an export leaves out, and which of its packages are missing."""
+    """Print which parts of a take an export leaves out, and which packages of the take are not installed.
+
+    Args:
+        export: name of the export, a key of `EXPORTS`.
+        file: the take.
+
+    Raises:
+        InputError, SchemaVersionError: as in `open_take`.
+    """
     take = open_take(file)
     left = left_out(EXPORTS[export], take.part_counts)
     if left:
@@ -221,10 +229,11 @@ def tell_left_out(export: str, file: Path) -> None:
 def open_to_track(
     file: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any]
 ) -> Recording:
-    """Open a recording as `open_recording`, for tracking.
+    """Open a recording as `open_recording` does, with the same arguments, and check that it can be tracked.
 
     Raises:
         PluginError: a package that is needed for the tracking is missing; names it.
+        InputError, SettingsError: as in `open_recording`.
     """
     recording = open_recording(file, placement, method, method_settings)
     if recording.missing:
