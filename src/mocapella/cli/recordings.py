@@ -96,7 +96,7 @@ class Recording(Protocol):
         """
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole recording, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole recording, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
 
 
 def find_recording(file: Path) -> Path:
@@ -272,7 +272,7 @@ class RecordedLog:
         return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole log, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole log, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
         session = Session(self.setup, self.method_settings)
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
@@ -314,7 +314,7 @@ class RecordedBodies:
         return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole file, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole file, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
         session = Session(self.setup, self.method_settings)
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
@@ -423,7 +423,11 @@ class RecordedTake:
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
         """Track all runs again, as fast as possible, and count the scenes that differ from the recorded ones.
 
-        ``on_scene`` is called with each scene; ``differing_scenes`` among the notes is the count.
+        Args:
+            on_scene: called with each scene.
+
+        Returns:
+            The counts; ``differing_scenes`` in its ``notes`` is above 0 if a scene differs, is missing or is new.
         """
         recorded = (encode_scene(scene) for _, scene in self._take.scenes())
         differing = 0
