@@ -113,7 +113,14 @@ class ViewState:
 
 
 def beats(rate_hz: float, stop: threading.Event) -> Iterator[float]:
-    """Yield the time [s] at a steady rate until ``stop`` is set; after a delay, skip beats instead of catching up."""
+    """Yield the monotonic time [s] at a steady rate until ``stop`` is set.
+
+    After a delay, beats are skipped instead of caught up.
+
+    Args:
+        rate_hz: number of beats a second [Hz].
+        stop: ends the iteration.
+    """
     due_s = time.monotonic()
     while not stop.is_set():
         yield time.monotonic()
@@ -163,7 +170,12 @@ class Link:
             return CommandReply(False, str(error))
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
-        """Query a camera's node, and wait for its answer; ``question`` has the fields of a query.
+        """Query a camera's node, and return its answer.
+
+        Args:
+            camera: name of the camera.
+            question: fields of a query of `mocapella.wire.questions`.
+            timeout_s: longest wait for the answer [s].
 
         Raises:
             InputError: the question is not one of `mocapella.wire.questions`.
