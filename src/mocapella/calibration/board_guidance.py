@@ -48,7 +48,7 @@ class Hint(msgspec.Struct, frozen=True):
 
 
 def field_counts(views: Sequence[BoardView]) -> NDArray[np.int64]:
-    """Measure the coverage of one camera's image by corners: their number in each cell (rows, columns) of `GRID`."""
+    """Return the number of detected corners (rows, columns) in each cell of `GRID`, over all views of one camera."""
     counts = np.zeros(GRID[::-1], dtype=np.int64)
     for view in views:
         x, y = (view.corners_px + 0.5).T / np.array(view.size_px)[:, None]
@@ -133,9 +133,10 @@ def _of_lens(name: str, views: Sequence[BoardView], board: Board) -> list[Hint]:
 
 
 def tilt(view: BoardView, board: Board) -> float:
-    """Measure a board's tilt by perspective: the relative change of scale across it in an image; 0 if it is parallel.
+    """Return a board's tilt in an image: the ratio of its farthest to its nearest corner's depth, less 1.
 
-    It is 0 also for fewer than four corners, or corners on one row or column.
+    It is 0 for a board parallel to the image, for fewer than four corners, and for corners on one row or column. Depths
+    are known up to a common factor, from the homography of the board to the image.
     """
     rows, columns = np.divmod(view.ids, board.columns - 1)
     if len(view.ids) < 4 or len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2:

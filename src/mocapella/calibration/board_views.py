@@ -65,6 +65,9 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
         board: the calibration board.
         known: the camera, if its lens is given and stays fixed.
 
+    Returns:
+        The camera, with the pose of the board in each view, in the order of ``views``.
+
     Raises:
         CalibrationError: there are too few views for a lens.
     """
@@ -149,7 +152,7 @@ def places(poses: Poses, corners_m: Float64) -> dict[str, Float64]:
     The first camera is the root.
 
     Args:
-        poses: the board's pose in each camera's views.
+        poses: ``T_camera_board`` (4, 4) by camera name and group of simultaneous views.
         corners_m: (corners, 3) in the board's frame [m].
 
     Raises:
@@ -186,7 +189,7 @@ def board_poses(
     """Return ``T_first_board`` (instants, 4, 4): of each group's views, the pose nearest to the others.
 
     Args:
-        poses: the board's pose in each camera's views.
+        poses: ``T_camera_board`` (4, 4) by camera name and group of simultaneous views.
         T_camera_first: (4, 4) of each camera, of `places`.
         corners_m: (corners, 3) in the board's frame [m].
         instants: the groups of simultaneous views.

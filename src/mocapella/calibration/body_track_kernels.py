@@ -133,7 +133,12 @@ def newest_centres(points: Float64, weights: Float64, held: Int64, slots: Int64)
 
 @njit(cache=True)
 def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) -> NDArray[np.bool_]:
-    """Return which points of two sensors are mutually nearest, see `shared_people.mutually_nearest`."""
+    """Return which points of two sensors are mutually nearest and within a distance: (tried, n, m) bool.
+
+    Args:
+        T_a_b, a, b, within_m: (tried, 4, 4) candidate poses, (n, 3) [m], (m, 3) [m] and largest distance [m], as in
+            `shared_people.mutually_nearest`.
+    """
     tried, n, m = len(T_a_b), len(a), len(b)
     out = np.zeros((tried, n, m), dtype=np.bool_)
     d, of_b = np.empty((n, m)), np.empty(m)

@@ -50,11 +50,11 @@ MOST = 72
 
 @dataclass
 class ColdStart:
-    """The hypotheses of one pair of sensors, a and b.
+    """Hypotheses about which bodies of two sensors, a and b, are one person, each with its own estimator.
 
     Attributes:
-        settings: settings of each hypothesis.
-        hypotheses: their estimates.
+        settings: settings of each estimator.
+        hypotheses: the estimators, by tracking id in a, tracking id in b, and whether left and right start swapped.
     """
 
     settings: PairSettings = field(default_factory=PairSettings)
@@ -117,9 +117,9 @@ class ColdStart:
         return stack
 
     def likeliest(self) -> Likeliest | None:
-        """Return the hypothesis with the best fit, and its best rival; None before there is data.
+        """Return the hypothesis with the least residual, and its rivals' residuals; None before there is data.
 
-        Hypotheses of bodies that walked come first, and swapped labels must fit better by `SWAPPED_FACTOR`.
+        Hypotheses of bodies that walked come first. Residuals of swapped labels are multiplied by `SWAPPED_FACTOR`.
         """
         if not self.hypotheses:
             return None
@@ -146,14 +146,15 @@ class ColdStart:
         return Likeliest(best, min(rivals, default=np.inf), labels)
 
     def agreed(self, a: SensorTracks, b: SensorTracks, believed: PairCalibration | None) -> PairCalibration | None:
-        """Return the estimate under which most bodies of both sensors coincide now, if it is unambiguous.
+        """Return the estimator under whose pose most bodies of both sensors coincide now, if it is unambiguous.
 
-        With many people who cross each other, one body alone leaves the match ambiguous for long. But all bodies share
-        one motion: a wrong one makes single other bodies coincide by accident, rarely two.
+        Bodies coincide if their newest centres are mutually nearest, within `TOGETHER_M`. Under the returned pose, more
+        than `OTHERS` pairs coincide, and more than under the pose of ``believed``, of any hypothesis that shares one of
+        the two bodies, and of the same one with swapped labels. With a wrong pose, two other pairs rarely coincide.
 
         Args:
             a, b: each sensor's bodies.
-            believed: the previous result, which stays unless another one is clearly better.
+            believed: the previous result; None before the first.
 
         Returns:
             The estimator of the best hypothesis, not a copy; else ``believed``, as with fewer than three bodies in a
@@ -193,11 +194,15 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
     labels: float
 
     def judged(self, estimate: PairEstimate, *, wary: bool = False) -> PairEstimate:
-        """Return ``estimate``, the result of `pair`, marked as not trusted while rivals fit nearly as well.
+        """Return a copy of an estimate with a ``problem`` if a rival fits nearly as well; else the estimate itself.
 
-        Without a walk, the hypothesis with swapped labels is a rival, too, and `POSTURE_S` must pass. If ``wary``, as
-        with several people in view, an estimate from single postures is not trusted at all, and one from a walk must
-        be as certain as `SEVERAL_SD_M` and `SEVERAL_SD`.
+        The residual must be at most `RIVALS_FACTOR` of `rival`. Before a person has walked, it must also be at most
+        this fraction of `labels`, and the shared motion must last `POSTURE_S`.
+
+        Args:
+            estimate: the result of `pair`; returned unchanged if it has a problem already.
+            wary: whether to demand more, as with several people in view: a walk, and standard deviations of at most
+                `SEVERAL_SD_M` and `SEVERAL_SD`.
         """
         if not estimate.trusted:
             return estimate
@@ -213,7 +218,7 @@ class Likeliest(msgspec.Struct, frozen=True, eq=False):
 
 
 def unwalked(estimate: PairEstimate) -> PairEstimate:
-    """Return the estimate marked as not trusted, because it rests on single postures; its remedy is to walk."""
+    """Return a copy of a trusted estimate with the ``problem`` that people must walk; another one unchanged."""
     return msgspec.structs.replace(estimate, problem=WALK) if estimate.trusted else estimate
 
 

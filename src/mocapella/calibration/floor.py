@@ -100,7 +100,8 @@ class FloorFromFeet:
 
     Attributes:
         sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
-        back: (4,) Σ of unit directions of backs, or from feet to centres of mass (3), and their total time [s].
+        back: (4,) upward directions of bodies, each with the weight `floor_kernels.BACK_STEP_S`: weighted sum of unit
+            vectors along the back, or from feet to centre of mass where people squat or bend (3), and Σ weight [s].
         plane: (4,) the floor's ``up`` (3) and height [m] at the last update; 0 before.
         grown: ``sums[0]`` at that update; the next update is due when it has grown by 5 %.
         ids: (bodies,) tracking ids of the newest frame that was used.

@@ -33,10 +33,10 @@ MOST_TURNS: Final = 3
 
 
 class PairsFromPeople:
-    """All pairs of the sensors that send frames of people.
+    """Base of `people.PeopleCalibration`: the relative pose of every two sensors, estimated from the people they see.
 
     Attributes:
-        settings: the settings.
+        settings: settings of the calibration.
     """
 
     settings: PeopleCalibrationSettings
@@ -228,7 +228,15 @@ class PairsFromPeople:
 
 
 def by_sensor(sensors: Iterable[str], keys: Iterable[Pair]) -> dict[str, tuple[Pair, ...]]:
-    """Return the pairs of each sensor, in the order of ``keys``."""
+    """Group pairs by sensor.
+
+    Args:
+        sensors: names; each gets an entry, which is empty if it is in no pair.
+        keys: pairs of these names.
+
+    Returns:
+        The pairs of each sensor, in the order of ``keys``.
+    """
     found: dict[str, list[Pair]] = {sensor: [] for sensor in sensors}
     for key in keys:
         for sensor in key:

@@ -197,7 +197,11 @@ class PeopleCalibration(PairsFromPeople):
         return {_RECORDED.get(name, name): value for name, value in vars(self).items()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state that `memory` returned, without a copy; `ValueError` if it is of another kind."""
+        """Restore the state that `memory` returned, without a copy.
+
+        Raises:
+            ValueError: its settings, or a part of it that can be reset, are of another class, or a name is a method's.
+        """
         names = {recorded: name for name, recorded in _RECORDED.items()}
         self._steps, self._graph, self._edges = [], [], []  # older takes have none
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})

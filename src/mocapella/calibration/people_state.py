@@ -45,7 +45,8 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
         sensors: pose and clock of each sensor by name, in the order of names.
         qualities: descriptions of all pairs of sensors that have seen a person together.
         floor_known: whether the world's y = 0 is the floor; else the world is the root's camera frame.
-        calibrations: number of pairs calibrated so far.
+        calibrations: number of times that the relative pose of a pair was found without an earlier one, or anew after
+            a sensor was moved.
         moved: number of times that any sensor was detected as moved.
     """
 

@@ -68,7 +68,7 @@ def pose_condition(
     Args:
         name: name of the sensor.
         pairs: all pairs of sensors.
-        contradicted: those to which `contradicts` applies.
+        contradicted: the pairs of them for which `contradicts` is true.
         placed: all sensors' poses.
         seeing: whether it sees a person now.
     """
@@ -88,9 +88,10 @@ def pose_condition(
 
 
 def contradicts(pair: PairOfSensors) -> bool:
-    """Return whether a pair speaks against the poses of its sensors, or against having both.
+    """Return whether a pair must be reported: its relative pose is contradicted, or both sensors are at one place.
 
-    A pair whose estimate is still a hypothesis speaks against nothing: the sensors' poses come from other pairs.
+    `PairOfSensors.contradicted` does not count while the pair is `unproven`, because the sensors' poses then come from
+    other pairs. At one place means position and direction of view, by a trusted estimate from people who walked.
     """
     return _same_place(pair) or (pair.contradicted and not pair.unproven)
 

@@ -128,8 +128,8 @@ def components_of(
     """Return the components of the graph with initial poses, to be refined.
 
     Args:
-        sensors, before: as of `place_sensors`.
-        pairs: likewise, the most certain first.
+        sensors, before: names, and the previous result as initial values, as in `place_sensors`.
+        pairs: relative poses of these sensors, at most one for each two, the most certain first.
     """
     rank = {sensor: i for i, sensor in enumerate(sensors)}
     leader = {sensor: sensor for sensor in sensors}

@@ -82,10 +82,13 @@ class PairOfSensors:
                 self.cold.hypotheses[key] = self.calibration
 
     def compare(self, seen: tuple[SensorTracks, SensorTracks] | None, now: float, lasts_s: float) -> None:
-        """Update `contradicted`.
+        """Set `contradicted`: whether each sensor has missed a person of the other for longer than ``lasts_s``.
+
+        `shared_people.missed_people` decides whether a person is missed now; one negative result ends the time.
 
         Args:
-            seen: the bodies of both sensors while none agrees; None while some do, so that nothing is contradicted.
+            seen: the bodies of both sensors if none is at the same position in both; None otherwise, which counts as
+                not missed.
             now: capture time of the newest frame [s].
             lasts_s: time for which people have to be missed [s].
         """

@@ -83,9 +83,10 @@ def mutually_nearest(T_a_b: Float64, a: Float64, b: Float64, within_m: float) ->
 
 
 def missed_people(T_a_b: Float64, a: Float64, b: Float64, field: Field) -> bool:
-    """Return whether each of two sensors sees nobody at a position where it should see a person whom the other sees.
+    """Return whether each of two sensors should see a person of the other; call it while no two bodies coincide.
 
-    Otherwise both may work, and people stand where only one of the two can see them.
+    A sensor should see a person in its field who does not stand behind a body that it sees. If this is true of only one
+    of the two, both may work, and people stand where one sensor alone can see them.
 
     Args:
         T_a_b: (4, 4) pose of the sensor b in a's frame.

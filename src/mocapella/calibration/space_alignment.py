@@ -154,11 +154,13 @@ def try_to_align(
 ) -> tuple[SpaceFit | None, tuple[Shortfall, ...]]:
     """Estimate the alignment as far as possible, and list its shortfalls, for guidance while the object is moved.
 
-    The fit is None if the observations do not suffice for one. Without shortfalls it is accurate enough.
-
     Args:
         at_s, points, poses_s, T_space_body, settings: (instants,) [s], (instants, points, 3) [m], (poses,) [s] and
             (poses, 4, 4), as in `align_space`.
+
+    Returns:
+        The alignment, None if the observations do not suffice for one; and the requirements that are not met. If there
+        are none of these, the alignment is accurate enough.
     """
     s = settings or SpaceAlignmentSettings()
     t, p = np.asarray(at_s, dtype=np.float64), np.asarray(points, dtype=np.float64)

@@ -37,7 +37,8 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
     With too few blocks, the offset is 0, and the standard deviation that of the prior.
 
     Args:
-        clock: (..., `pair_memory.CLOCK_SUMS`) the sums of the module's estimate, such as Σ z·r and Σ u_a·u_b.
+        clock: (..., `pair_memory.CLOCK_SUMS`) sums over blocks: Σ a, Σ g, Σ a², Σ a g and Σ g², where a = Σ u_a·u_b and
+            g = Σ z·r of a block, see the module.
     """
     a, g, aa, ag, gg = np.moveaxis(clock, -1, 0)
     blocks = np.where(a > 0, a * a / np.where(aa > 0, aa, 1.0), 0.0)
@@ -52,10 +53,11 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
 def moved_clock(clock: Float64, by: float) -> Float64:
     """Convert the sums for the clock offset to another assumed offset; a large change reduces them.
 
-    For a swing of 2 Hz, 50 ms are a tenth of a period: beyond, velocities are not constant.
+    A change of `MOVE_TRUSTED` reduces their weight to 1/e: within 50 ms, a tenth of the period of a swing of 2 Hz,
+    velocities are about constant, but not beyond.
 
     Args:
-        clock: (`pair_memory.CLOCK_SUMS`,) the sums of the module's estimate, such as Σ z·r; not changed.
+        clock: (`pair_memory.CLOCK_SUMS`,) the sums, as in `offset_of`; not changed.
         by: change of the assumed offset [s].
 
     Returns:

@@ -87,7 +87,7 @@ def calibrate(
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:
-    """Find where cameras stand and how their lenses see, and say how good it is in millimetres.
+    """Calibrate intrinsics and extrinsics of cameras by images of a board, and print the accuracy in millimetres.
 
     docs/cameras.md says how to print a board, how to film, and what the messages mean.
 

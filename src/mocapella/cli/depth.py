@@ -38,7 +38,7 @@ def fit(
     plot: Plot = None,
     json: JsonOut = None,
 ) -> None:
-    """Fit D = k·x^z to distances measured with a ruler: what the two cameras' depth is corrected by.
+    """Fit D = k·x^z, which corrects the depth of two parallel cameras, to distances measured with a ruler.
 
     Disparity is the right picture's column minus the left one's. docs/triangulation.md describes method and file.
 

@@ -116,7 +116,7 @@ def simulation(
     seeds: Seeds = "0,1,2",
     json: JsonOut = None,
 ) -> None:
-    """Score tracking methods against exact truth, in simulated rooms with sensors as wrong as real ones.
+    """Score tracking methods against exact truth, in simulated rooms with the measured errors of real sensors.
 
     docs/evaluation.md says how everything is scored.
 
@@ -229,7 +229,7 @@ def line_skeleton_grid(
     plot: Plot = None,
     json: JsonOut = None,
 ) -> None:
-    """Measure what the grid of the detector line-skeleton costs and is worth: 1, 2, 4, 5, 8 and 10 pixels.
+    """Measure time and accuracy of the detector line-skeleton by its grid: 1, 2, 4, 5, 8 and 10 pixels.
 
     docs/arms/line-skeleton.md defines the counts.
 

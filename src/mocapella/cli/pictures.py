@@ -99,10 +99,14 @@ def wishes(
 def check_state(state: SourceState, known: ColourProfile | None, profile: Path | None, source: str) -> None:
     """Check, before the first image, that the images have the size at which the colours were learnt.
 
-    If the size or ``known`` is None, nothing is checked. ``profile`` and ``source`` are named in the error.
+    Args:
+        state: the camera's state; nothing is checked if its ``size_px`` is None.
+        known: the learnt colours; nothing is checked if there are none.
+        profile: file of the learnt colours, named in the error.
+        source: name of the images' source, named in the error.
 
     Raises:
-        InputError: they have another size.
+        InputError: the images have another size.
     """
     if known is None or state.size_px is None or tuple(state.size_px) == tuple(known.size_px):
         return

@@ -96,7 +96,7 @@ class Recording(Protocol):
         """
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole recording, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole recording, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
 
 
 def find_recording(file: Path) -> Path:
@@ -208,7 +208,15 @@ def _missing(table: Table[Any], name: str, packages: Mapping[str, str]) -> str:
 
 
 def tell_left_out(export: str, file: Path) -> None:
-    """Print which parts of a take an export leaves out, and which of its packages are missing."""
+    """Print which parts of a take an export leaves out, and which packages of the take are not installed.
+
+    Args:
+        export: name of the export, a key of `EXPORTS`.
+        file: the take.
+
+    Raises:
+        InputError, SchemaVersionError: as in `open_take`.
+    """
     take = open_take(file)
     left = left_out(EXPORTS[export], take.part_counts)
     if left:
@@ -221,10 +229,11 @@ def tell_left_out(export: str, file: Path) -> None:
 def open_to_track(
     file: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any]
 ) -> Recording:
-    """Open a recording as `open_recording`, for tracking.
+    """Open a recording as `open_recording` does, with the same arguments, and check that it can be tracked.
 
     Raises:
         PluginError: a package that is needed for the tracking is missing; names it.
+        InputError, SettingsError: as in `open_recording`.
     """
     recording = open_recording(file, placement, method, method_settings)
     if recording.missing:
@@ -263,7 +272,7 @@ class RecordedLog:
         return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole log, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole log, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
         session = Session(self.setup, self.method_settings)
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
@@ -305,7 +314,7 @@ class RecordedBodies:
         return (DueFrame(due_s, frame) for due_s, frame in self._source.frames(sensor))
 
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
-        """Track the whole file, as fast as possible; call ``on_scene`` with each scene."""
+        """Track the whole file, as fast as possible; call ``on_scene`` with each scene, and return the counts."""
         session = Session(self.setup, self.method_settings)
         summary = replay(session, self._source.arrivals(), on_scene)
         notes = {
@@ -414,7 +423,11 @@ class RecordedTake:
     def replay(self, on_scene: Callable[[Scene], None]) -> Replayed:
         """Track all runs again, as fast as possible, and count the scenes that differ from the recorded ones.
 
-        ``on_scene`` is called with each scene; ``differing_scenes`` among the notes is the count.
+        Args:
+            on_scene: called with each scene.
+
+        Returns:
+            The counts; ``differing_scenes`` in its ``notes`` is above 0 if a scene differs, is missing or is new.
         """
         recorded = (encode_scene(scene) for _, scene in self._take.scenes())
         differing = 0

@@ -98,7 +98,12 @@ class LiveWishes:
 
 
 def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
-    """Open the cameras with the calibrated image size, unless another size is expected.
+    """Open the live cameras of the options, and return them as one source of simultaneous images.
+
+    Args:
+        wishes: sources, frame rate, format and latencies; with ``other_size``, cameras choose their own image size,
+            otherwise that of the calibration is requested.
+        rig: the calibrated cameras.
 
     Raises:
         SettingsError, InputError: a camera cannot be opened, alone or together with the others.
@@ -118,7 +123,15 @@ def open_live(wishes: LiveWishes, rig: CameraRig) -> LiveSet:
 
 
 def late_cameras(texts: Sequence[str], sources: Mapping[str, str], rig: CameraRig) -> dict[str, float]:
-    """Parse the setting ``late``; return the latency of each source's images by camera [s].
+    """Parse the setting ``late``, the latency of cameras' images.
+
+    Args:
+        texts: ``NAME=MILLISECONDS`` each.
+        sources: camera, URL or video by the name of the camera.
+        rig: the calibrated cameras; names are matched by `mocapella.model.point_tracks.match_cameras`.
+
+    Returns:
+        The latency [s] by the camera's name in ``sources``; cameras without a text are left out.
 
     Raises:
         SettingsError: an unknown or repeated camera, or a latency that is not from 0 to `LATEST_S`.
@@ -168,10 +181,16 @@ def wait_for_people(run: SilhouetteRun, shown: FrameSource, empty_room_s: float 
 
 
 def learn_room(run: SilhouetteRun, shown: LiveSet, seconds: float) -> None:
-    """Pass the tracker images of the empty room for some seconds; Ctrl-C ends the command.
+    """Pass images of the empty room to the tracker until it has learnt the background.
+
+    Args:
+        run: the run, before its first frame.
+        shown: the live cameras.
+        seconds: time to learn [s], for which the tracker is set up; it does not include compilation.
 
     Raises:
-        InputError: the cameras send no images.
+        typer.Exit: Ctrl-C was pressed.
+        InputError: the cameras sent too few images in this time and a tolerance.
     """
     from mocapella.live.signals import stop_on_signals
 

@@ -85,7 +85,11 @@ class SilhouetteResult:
             self._kept.add({name: one.row for name, one in step.people.items()})
 
     def finish(self, run: SilhouetteRun, shown: FrameSource) -> None:
-        """Write the result after the last frame.
+        """Write the result after the last frame; the plot is written by `draw`.
+
+        Args:
+            run: gives the counts of the run and the statistics of each body.
+            shown: source of the images, which gives its counts, such as dropped images.
 
         Raises:
             SettingsError, RecordingError: it cannot be written.

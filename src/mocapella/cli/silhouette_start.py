@@ -220,6 +220,9 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
         paths: ``FILE`` or ``PERSON=FILE``: named joints, or an earlier result. A person's joints may have ``model`` and
             ``height_m`` beside them.
 
+    Returns:
+        The setting ``bodies``: a list of each body's model, initial pose and name, and of its mesh if it has a file.
+
     Raises:
         InputError, SettingsError, CalibrationError: a file cannot be used, or a pose is impossible.
     """
@@ -240,6 +243,12 @@ def settings_of_starts(paths: Sequence[Path]) -> dict[str, Any]:
 
 def settings_of_peoples_starts(paths: Sequence[Path]) -> dict[str, Any]:
     """Read the initial poses of bodies as settings of the method ``default``, whose people may have bodies.
+
+    Args:
+        paths: ``FILE`` or ``PERSON=FILE``, as in `settings_of_starts`.
+
+    Returns:
+        The setting ``bodies``: under ``silhouettes``, the settings of `settings_of_starts`.
 
     Raises:
         InputError, SettingsError, CalibrationError: as in `settings_of_starts`.
@@ -354,7 +363,12 @@ def _of_earlier(wish: _Wish, at: _Earlier) -> tuple[Body, TreePose]:
 
 
 def check_seen(bodies: Mapping[str, InitialBody], rig: CameraRig, words: str) -> None:
-    """Check that a camera sees each body at its initial pose; ``words``, the given options, are quoted in the error.
+    """Check that at least one camera sees each body at its initial pose.
+
+    Args:
+        bodies: mesh and initial pose of each body, by the person's name.
+        rig: the cameras.
+        words: the options that gave the poses, quoted in the error.
 
     Raises:
         InputError: no camera sees a body there.

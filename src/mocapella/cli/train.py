@@ -54,7 +54,7 @@ def facing(
     ] = None,
     json: JsonOut = None,
 ) -> None:
-    """Learn which way people face: how a sensor's labels and a body's shape depend on it.
+    """Train the facing model: how a sensor's labels, a body's shape and motion depend on the direction people face.
 
     docs/methods/facing.md describes the method, and what the shipped model was trained on.
 
@@ -104,7 +104,7 @@ def bias(
     ] = None,
     json: JsonOut = None,
 ) -> None:
-    """Learn how far off a sensor reports each joint, by how the person is turned towards it.
+    """Train the joint bias: a sensor's systematic error of each joint, by the person's facing relative to it.
 
     docs/methods/joint-bias.md describes the method, and what the shipped model was trained on. Only a model with folds
     can be scored on people whom it was trained on.
@@ -171,7 +171,7 @@ def sensor_errors(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The table (JSON).")],
     json: JsonOut = None,
 ) -> None:
-    """Measure how wrong a Kinect v2's skeletons are, for simulated sensors that are as wrong.
+    """Measure the errors of a Kinect v2's skeletons, for simulated sensors with the same errors.
 
     docs/simulation.md describes the measurement.
 

@@ -50,7 +50,7 @@ def triangulate(
     settings: Annotated[list[str] | None, set_option(PointsKeys)] = None,
     json: JsonOut = None,
 ) -> None:
-    """Make points in space of the 2D points that any program found in the pictures of calibrated cameras.
+    """Triangulate 2D points, which any program found in the images of calibrated cameras, to points in space.
 
     Reads OpenPose's JSON, Caliscope's CSV and our own; docs/triangulation.md describes files, methods and axes.
 

@@ -183,7 +183,10 @@ class ArmFinder:
         )  # fmt: skip
 
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
-        """Rank fits, the best first, by their cost plus that for all points around them and the fits that they overlap.
+        """Rank fits, the best first, by the sum of two costs, so that a fit must explain its rivals' points as well.
+
+        One is the fit's own cost. The other is the cost after refitting it to all points of the `region` around it and
+        the fits that `overlap` it, its rivals.
 
         Args:
             depth: (height, width) [m].

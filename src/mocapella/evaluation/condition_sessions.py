@@ -74,6 +74,10 @@ def session_names() -> tuple[str, ...]:
 def session_room(name: str, seed: int) -> Room:
     """Build the room of a session, with sensors that have the errors of real ones.
 
+    Args:
+        name: one of `session_names`.
+        seed: random seed of the room and of the sensors' errors.
+
     Raises:
         SettingsError: unknown name; lists the known ones.
     """

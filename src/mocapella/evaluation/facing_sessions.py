@@ -272,9 +272,17 @@ def _is_off(yaw: Float64, other: Float64, by: float = np.pi / 2) -> NDArray[np.b
 
 
 def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> list[Float64]:
-    """Estimate reference facings (frames,) of each session [rad], from the views' yaws and shapes, past and future.
+    """Estimate reference facings of each session, because there is no ground truth.
 
-    There is no ground truth. Because motion is not used, these facings show whether a person really walked backward.
+    All frames of the views are used, also later ones, by their yaws and shapes. Motion is not used, so these facings
+    show whether a person really walked backward.
+
+    Args:
+        sessions: the sessions.
+        model: likelihood tables of yaw and shape.
+
+    Returns:
+        The yaw (frames,) of each session [rad].
     """
     return _yaws(sessions, model, FacingSettings(motion_weight=0.0), smooth=True)
 

@@ -77,6 +77,10 @@ def hota(frames: Sequence[IdentityFrame], alphas: Sequence[float] = ALPHAS) -> H
 
     In each frame true and found people are matched one to one so that similarity times the global alignment of their
     ids is greatest; a match counts at α if its similarity is at least α.
+
+    Args:
+        frames: all frames of the sequence.
+        alphas: the values of α, over which the result is averaged.
     """
     true, found = _index([f.true_ids for f in frames]), _index([f.found_ids for f in frames])
     if not true and not found:

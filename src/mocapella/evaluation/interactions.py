@@ -60,10 +60,16 @@ def labels_of(session: StudySession) -> tuple[Label, ...]:
 
 
 def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
-    """Return the logged position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m].
+    """Return the people's positions at a time, as logged in 2015.
 
-    It is the mean of the sensors' newest rows that are at most `FRESH` s older than ``at_s``, the time since the file's
-    first frame [s].
+    Args:
+        session: the study log.
+        at_s: the time since the file's first frame [s].
+
+    Returns:
+        Position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m]: the mean over the sensors
+        of the newest row in which it is finite. Rows later than ``at_s``, or more than `FRESH` s earlier, do not count;
+        a person without a row is left out.
     """
     found = {}
     recent = (session.at_s <= at_s + 1e-9) & (session.at_s >= at_s - FRESH)
@@ -81,9 +87,15 @@ def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
 
 
 def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
-    """Return the position (3,) of SpineBase by person's id in the newest scene at a time.
+    """Return the people's positions in the newest scene of a run at a time.
 
-    Positions are in the reference sensor's camera space [m]; ``at_s`` is the time since the file's first frame [s].
+    Args:
+        run: a method's estimates.
+        at_s: the time since the file's first frame [s].
+
+    Returns:
+        Position (3,) of SpineBase by person's id, in the reference sensor's camera space [m]; people without a finite
+        one are left out.
     """
     step = int(np.searchsorted(run.at_ns, run.at_ns[0] + round(at_s * 1e9), side="right")) - 1
     found = {person.id: person.positions[_ROOT] for person in run.people[step]}
@@ -93,8 +105,11 @@ def people_of_run(run: CausalRun, at_s: float) -> dict[int, Float64]:
 def label_frame(label: Label, found: Mapping[int, Float64]) -> IdentityFrame:
     """Return a label and the people found at its instant as a frame of the identity metrics.
 
-    The similarity is max(0, 1 − d / (2·`NEAR`)) for a horizontal distance d. ``found`` has the position (3,) of
-    SpineBase by id [m].
+    The similarity is max(0, 1 − d / (2·`NEAR`)) for a horizontal distance d.
+
+    Args:
+        label: the true positions.
+        found: position (3,) of SpineBase by the tracker's id, in the reference sensor's camera space [m].
     """
     true = np.array(list(label.place.values())).reshape(-1, 1, 2)
     places = np.array([place[_HORIZONTAL] for place in found.values()]).reshape(1, -1, 2)
@@ -113,11 +128,13 @@ def identity_figures(frames: Sequence[IdentityFrame]) -> dict[str, int]:
 
 
 def distance_figures(apart: Float64) -> dict[str, float]:
-    """Return ``median_cm``, ``mean_cm`` and ``p95_cm`` (95th percentile) over pairs of views of the mean Δd of their
-    joints.
+    """Return median, mean and 95th percentile of Δd over pairs of views: ``median_cm``, ``mean_cm`` and ``p95_cm``.
 
-    ``apart`` (pairs, joints) is the distance Δd between both views of a joint [m]; joints that are NaN or infinite, and
-    pairs without any other, do not count. All three are NaN if no pair counts.
+    Δd of a pair is the mean over its joints. All three figures are NaN if no pair counts.
+
+    Args:
+        apart: (pairs, joints) distance Δd between both views of a joint [m]; joints that are NaN or infinite, and pairs
+            without any other, do not count.
     """
     finite = np.isfinite(apart)
     some = finite.any(axis=1)

@@ -72,7 +72,12 @@ class Output(Protocol):
         """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
-        """Return both views of each pair under a scoring, which is a key of `PROTOCOLS` or a task's name."""
+        """Return both views of each pair, in the reference sensor's camera space.
+
+        Args:
+            scoring: key of `PROTOCOLS`, or a task's name; it decides which of the method's estimates are applied.
+            pairs: the pairs of rows to score.
+        """
 
     def fused(self, pairs: Pairs) -> tuple[Float64, Float64]:
         """Return the fused skeletons at the pairs.
@@ -348,9 +353,15 @@ def scorings(pairs: Pairs) -> list[tuple[str, Pairs]]:
 
 
 def fused_figures(session: StudySession, output: Output) -> dict[str, float]:
-    """Return all metrics of `mocapella.evaluation.fused_metrics` for one session, in the units of the names.
+    """Compute the metrics of `mocapella.evaluation.fused_metrics` for one session.
 
-    Metrics of a task with too few fused skeletons are left out.
+    Args:
+        session: the study log.
+        output: a method's output for it.
+
+    Returns:
+        Metrics by name, which ends with the unit. Metrics of a task with too few fused skeletons are left out; the lag
+        is NaN if the output has another number of skeletons than pairs.
     """
     figures: dict[str, float] = {}
     walk = session.pairs.where(session.pairs.task == WALK)

@@ -33,7 +33,7 @@ MIRROR: Final = np.array(BODY.mirror)
 
 
 class LabelledViews(msgspec.Struct, frozen=True, eq=False):
-    """Both views of a session, with correct labels, rotated to the facing, at the same instants.
+    """Both views of a session's person at the same instants, with labels and yaw corrected by the estimated facing.
 
     Attributes:
         placement: the sensors' placement.
@@ -42,7 +42,8 @@ class LabelledViews(msgspec.Struct, frozen=True, eq=False):
         alpha: (frames, 2) facing α, relative to the direction from the person to each sensor [rad].
         reported: (frames, 2) yaw of the shoulders by the sensor's labels, relative to the same direction [rad].
         mirrored: (frames, 2) whether left and right were swapped.
-        positions: (frames, 2, joints, 3) corrected joints, in the reference sensor's camera space [m].
+        positions: (frames, 2, joints, 3) in the reference sensor's camera space [m], with corrected labels; shoulders,
+            elbows and hips are rotated about the spine, so that the shoulders' yaw is the facing.
         hidden: (frames, 2, joints) whether the person's own body hides the joint.
     """
 
@@ -81,7 +82,13 @@ def mirrored_better(one: Float64, other: Float64) -> float:
 
 
 def labelled_views(session: StudySession) -> LabelledViews | None:
-    """Correct the labels of a session's views by the facing; None if it has no `aligned_views`."""
+    """Correct labels and yaw of a session's views by the facing, which is estimated from all frames.
+
+    A view more than 90° off the facing is mirrored. The second view is then interpolated at the first one's times.
+
+    Returns:
+        The corrected views; None if the session has no `aligned_views`.
+    """
     raw, facing = aligned_views(session), facing_session(session)
     if raw is None or facing is None:
         return None

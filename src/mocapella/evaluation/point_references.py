@@ -76,11 +76,15 @@ def agreement(ours: Float64, reference: Float64) -> Agreement:
 
 
 def holistic(folder: Path, settings: TracksSettings = LINEAR_HOLISTIC) -> tuple[Agreement, BoneLengthVariation]:
-    """Compare hands and body of ``mediapipe_holistic_4cam`` with Caliscope's; also the steadiness of the hands' bones.
+    """Triangulate the hands and the body of ``mediapipe_holistic_4cam``, and compare them with Caliscope's points.
 
     Args:
         folder: folder of that sample recording.
         settings: settings of the triangulation.
+
+    Returns:
+        The distances of hands and body from Caliscope's points, and the variation of bone lengths of the hands, of both
+        programs.
 
     Raises:
         InputError: a file is missing or has another format.
@@ -114,9 +118,11 @@ def variation(points: Float64, numbers: NDArray[np.int64]) -> float:
 
 
 def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
-    """Read points (frames, points, 3) from Caliscope's CSV [m], in the order of ``space``; NaN if missing.
+    """Read points (frames, points, 3) from Caliscope's CSV [m]; NaN if missing.
 
-    Points that ``space`` lacks are left out.
+    Args:
+        path: the CSV.
+        space: gives frames and points, and their order; points that it lacks are left out.
 
     Raises:
         InputError: the file is no such CSV, or has a frame that ``space`` lacks.
@@ -134,7 +140,7 @@ def caliscope_points(path: Path, space: SpaceTracks) -> Float64:
 
 
 def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> Agreement:
-    """Compare all points of ``pose2sim_single_person`` with Pose2Sim's raw TRC.
+    """Triangulate ``pose2sim_single_person``, and compare all points with Pose2Sim's unfiltered TRC.
 
     Args:
         folder: folder of that sample recording.

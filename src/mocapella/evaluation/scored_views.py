@@ -47,7 +47,16 @@ class ScoredViews(msgspec.Struct, frozen=True, eq=False):
 
 
 def logged_views(session: StudySession, pairs: Pairs) -> ScoredViews:
-    """Return the logged rows: the output of the thesis' own method; raw and repaired labels are one array."""
+    """Return both views of each pair as logged in 2015: the output of the thesis' own method.
+
+    Args:
+        session: the study log.
+        pairs: the pairs of rows to return.
+
+    Returns:
+        Positions in the reference sensor's camera space [m], as logged. ``raw_labels`` and ``repaired`` are one array
+        (pairs, 2, joints, 3), because that method swaps no labels; ``swaps_per_min`` is 0.
+    """
     rows = session.log.positions[pairs.rows].astype(np.float64)
     return ScoredViews(rows, rows)
 

@@ -84,7 +84,8 @@ class OneCameraShown(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         film: the rendered scene.
         found: tracked movement by the penalty's weight.
-        freedoms: `median_freedoms` (dofs,) by the constraints used, for one camera and for many.
+        freedoms: `median_freedoms` (dofs,) by a description of the constraints: outlines of one camera or of many,
+            without priors; for one camera, also with the prior of the resting pose, and with the penalty.
     """
 
     film: Film

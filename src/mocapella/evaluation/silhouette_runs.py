@@ -109,12 +109,17 @@ def rough_joints(scene: SilhouetteScene, sd_m: float = ROUGH_M) -> dict[str, Flo
 
 
 def own_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """Return the subject's own mesh, as an ideal scan would; the joints are not used."""
+    """Return the mesh of the scene's first person, as an ideal scan would measure it; ``joints`` is not used."""
     return scene.mesh
 
 
 def measured_body(scene: SilhouetteScene, joints: Joints) -> RiggedMesh:
-    """Return a body model of the subject's sex, with proportions from the rough joints."""
+    """Return a body model of the sex of the scene's first person, with proportions measured from joints.
+
+    Args:
+        scene: the simulated scene.
+        joints: rough positions (3,) of the landmarks in one frame [m], by name, as of `rough_joints`.
+    """
     return body_mesh(cast(Sex, scene.mesh.name), None, proportions_of(joints))
 
 
@@ -147,7 +152,7 @@ def follow(
     corruption: Corruption | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> FollowedRun:
-    """Track the first person of a film, as the method does for users.
+    """Track the first person of a film by the method ``silhouettes``.
 
     Args:
         film: the rendered scene.
@@ -175,7 +180,7 @@ def follow(
 def alone(
     mesh: RiggedMesh, joints: Joints, rig: CameraRig, settings: SilhouetteSettings | None = None, *, period_s: float
 ) -> SilhouettesTracker:
-    """Make the method's tracker of one body, which starts from joints.
+    """Make a tracker of the method ``silhouettes`` for one body, named `ALONE`, whose initial pose is fitted to joints.
 
     Args:
         mesh: the body's mesh.

@@ -61,27 +61,57 @@ class VideoScore(msgspec.Struct, frozen=True):
 
 
 def rig_of(folder: Path) -> CameraRig:
-    """Read the recording's cameras, under the videos' names."""
+    """Read the calibrated cameras of ``pose2sim_single_person``, named as its videos: ``cam01``, not ``cam_01``.
+
+    Args:
+        folder: folder of the recording, with ``calibration/Calib_qualisys.toml``.
+
+    Raises:
+        InputError: the file is missing or is no camera rig.
+    """
     rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
     return CameraRig({name.replace("_", ""): camera for name, camera in rig.cameras.items()})
 
 
 def filmed_rig(folder: Path) -> CameraRig:
-    """Read the cameras, cropped to the videos' image sizes; some are 8 pixels narrower than in the calibration."""
+    """Return the cameras of `rig_of`, cropped to the videos' image sizes; some are 8 pixels narrower than calibrated.
+
+    Args:
+        folder: folder of the recording, with ``videos/NAME.mp4`` for each camera.
+
+    Raises:
+        InputError: a file is missing or cannot be read.
+    """
     cameras = rig_of(folder)
     videos = {name: folder / "videos" / f"{name}.mp4" for name in cameras.cameras}
     return VideoSet(videos, cameras, other_size="crop").rig
 
 
 def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str, UInt8]]:
-    """Yield the images (height, width, 3) uint8 BGR of all ``cameras``, by name, until the shortest video ends."""
+    """Yield the images (height, width, 3) uint8 BGR of all cameras, by name, until the shortest video ends.
+
+    Args:
+        folder: folder of the recording, with ``videos/NAME.mp4``.
+        cameras: the cameras by the names of their videos; only the names are used.
+    """
     videos = [pictures(folder / "videos" / f"{name}.mp4") for name in cameras]
     for shown in zip(*videos, strict=False):
         yield {name: image for name, (_, image) in zip(cameras, shown, strict=True)}
 
 
 def first_points(folder: Path) -> dict[str, Float64]:
-    """Triangulate landmarks (3,) in the rig's world [m], by name, from the keypoints of the first frame."""
+    """Triangulate the body's landmarks from the 2D keypoints of the first frame.
+
+    Args:
+        folder: folder of the recording, with OpenPose's files in ``pose-associated/*_json`` and the calibration.
+
+    Returns:
+        Positions (3,) in the rig's world [m], by the landmark's name; landmarks that are not found are left out.
+
+    Raises:
+        InputError: a file is missing or cannot be read, or no keypoint is named as a landmark.
+        CalibrationError: the cameras' keypoints do not meet in space.
+    """
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
@@ -93,7 +123,7 @@ def score_video(
     outlines: Path,
     draw: Callable[[list[Float64], list[Float64]], UInt8],
 ) -> VideoScore:
-    """Score the tracked body of this recording, from its first frame on.
+    """Score the body tracked in ``pose2sim_single_person``, from its first frame on.
 
     Args:
         folder: folder of the recording.

@@ -56,12 +56,16 @@ class Tracked(Protocol):
 
 
 def scene_summaries() -> dict[str, str]:
-    """Return the scenes' names and descriptions."""
+    """Return a description of each scene, by the scene's name."""
     return {name: scene["summary"] for name, scene in _data()["scenes"].items()}
 
 
 def scene_room(name: str, seed: int) -> Room:
     """Build a scene's room, with measured sensor errors.
+
+    Args:
+        name: one of the scenes of `scene_summaries`.
+        seed: random seed of the room and of the sensors' errors.
 
     Raises:
         SettingsError: no such scene; lists those there are.

@@ -61,9 +61,15 @@ def differences(views: Float64) -> Float64:
 
 
 def joint_means(scored: Sequence[Scored], repaired: bool) -> tuple[list[int], Float64]:
-    """Return the participants, and the means (participants, joints, 4) of Δx Δy Δz Δd over all pairs of each [m].
+    """Compute the mean differences between the two views of each participant, over all of the participant's pairs.
 
-    A joint that is missing in all pairs of a participant is NaN.
+    Args:
+        scored: pairs of one task and placement, at least of one participant.
+        repaired: whether to use the labels repaired by the method; otherwise the sensors' own.
+
+    Returns:
+        The participants' numbers, ascending; and the means (participants, joints, 4) of |Δx|, |Δy|, |Δz| and Δd [m],
+        NaN for a joint that is missing in all pairs of a participant.
     """
     participants = sorted({one.participant for one in scored})
     means = []
@@ -89,6 +95,7 @@ def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
 
     Each has ``mean`` (over participants, then over joints), ``std`` (over the joints, with N − 1 as in the thesis) and
     ``worst_participant`` (largest mean over the joints) [cm]; NaN if a participant lacks a joint in all pairs.
+    ``scored`` and ``repaired`` are as in `joint_means`.
     """
     _, means = joint_means(scored, repaired)
     return {

@@ -65,9 +65,14 @@ def evaluate_tag(
 
 
 def place_at(scene: HandScene, seed: int, at_s: float) -> Float64:
-    """Return the pose ``T_world_tag`` (4, 4) of the swinging tag at a time since the scene's start [s].
+    """Return the pose ``T_world_tag`` (4, 4) of a simulated tag that swings near the hand's position.
 
-    The tag is near the hand's position, faces the cameras, and moves with at most 0.6 m/s and 210°/s.
+    The tag faces the cameras, and moves with at most 0.6 m/s and 210°/s.
+
+    Args:
+        scene: gives the position about which the tag swings.
+        seed: random seed of the motion.
+        at_s: time since the scene's start [s].
     """
     rng = np.random.default_rng([seed, 11])
     phase, rates, lean = rng.uniform(0, 6, (2, 3)), rng.uniform(3, 7, (2, 3)), rng.uniform(-0.5, 0.5, 3)

@@ -135,9 +135,14 @@ def two_camera_scores(
         make: creates the tracker.
 
     Returns:
-        Figures of ``first``, ``second`` and ``fused``; without a rig, of ``place``: the error of the second camera's
-        pose, and the time until it was known. A fingertip counts at an instant if at least one camera can see it;
-        ``tips_of_one_camera`` are seen by one camera only: in figures of one camera, by the other one only.
+        Figures by name, which ends with the unit, of ``first``, ``second`` and ``fused``: errors of fingertips, wrist,
+        palm and elbow, fractions of instants with an arm (``followed``) and of measured fingertips (``tips_measured``),
+        and counts. A fingertip counts at an instant if at least one camera can see it; ``tips_of_one_camera`` are seen
+        by one camera only: in figures of one camera, by the other one only. Without a rig, also ``place``: error and
+        standard deviations of the second camera's pose, and the time until it was known (``known_after_s``).
+
+    Raises:
+        SettingsError: the scene does not have exactly one arm.
     """
     check(scene.settings.arms == 1, "scene", scene.name, "one with one arm")
     scenes = (scene, beside(scene, angle_deg))

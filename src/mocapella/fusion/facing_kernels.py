@@ -178,7 +178,10 @@ def probability_away(p: Float64, yaw: float, tables: Float64) -> float:
 def is_alone(told_s: Float64, sensor: int, now: float) -> bool:
     """Return whether no other sensor has given evidence of a person's facing for `ALONE_S`.
 
-    ``told_s`` (1 + sensors,) are times of the last evidence from the motion and from each sensor [s].
+    Args:
+        told_s: (1 + sensors,) times of the last evidence, from the motion and from each sensor [s].
+        sensor: index of the sensor, from 0, which is not counted.
+        now: the present time on the same clock [s].
     """
     latest = -np.inf
     for k in range(1, len(told_s)):

@@ -20,15 +20,19 @@ Int64 = NDArray[np.int64]
 def polygonise(
     limbs: Float64, within: Float64, between: float, nodes: Float64, *, mirrored: bool = False
 ) -> tuple[Float64, Int64]:
-    """Return the closed surface: vertices (n, 3) [m] and triangles (m, 3), anticlockwise as seen from outside.
+    """Triangulate the closed surface of a smooth union of limbs, tapered capsules.
 
     Args:
-        limbs: (n, 9), sorted by group.
+        limbs: (k, 9) for each its ends a (3) and b (3) [m], the radii there (2) [m], and the index of its group (1);
+            sorted by group.
         within: (groups,) blending distance between limbs of a group [m].
         between: blending distance between groups [m].
         nodes: (a, b, c, 3) nodes of a grid, which may be warped and extends beyond the limbs on all sides [m].
         mirrored: make the surface symmetric in x, triangles included. Nodes are given for x > 0 only, and so may be
             limbs; only limbs that reach x = 0 must be symmetric. A layer of cells joins the two halves.
+
+    Returns:
+        Vertices (n, 3) [m], and triangles (m, 3) as indices of these, anticlockwise as seen from outside.
 
     Raises:
         AssertionError: the surface touches itself at this resolution of the grid.
@@ -62,11 +66,11 @@ def group_distances(limbs: Float64, within: Float64, points: Float64) -> Float64
     """Return the signed distance of each point from each group of limbs alone [m]; negative inside.
 
     Args:
-        limbs, within: (n, 9) and (groups,) blending distances [m], as in `polygonise`.
-        points: (n, 3) [m].
+        limbs, within: (k, 9) and (groups,) blending distances [m], as in `polygonise`.
+        points: (n, 3), in the frame of the limbs' ends [m].
 
     Returns:
-        (n, groups).
+        (n, groups) [m].
     """
     out = np.empty((len(points), len(within)))
     _kernels().group_distances(limbs, within, points, out)

@@ -35,7 +35,7 @@ def limb_distance(limb: Float64, x: float, y: float, z: float) -> float:
     """Return the signed distance of a point (x, y, z) from a tapered limb with round ends [m]; negative inside.
 
     Args:
-        limb: (`LIMB`,).
+        limb: (`LIMB`,) ends a (3) and b (3) [m], radii there (2) [m], and index of the group (1), which is not used.
         x, y, z: in the frame of the limb's ends [m].
     """
     ux, uy, uz = limb[3] - limb[0], limb[4] - limb[1], limb[5] - limb[2]

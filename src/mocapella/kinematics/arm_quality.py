@@ -35,7 +35,13 @@ _MOST_NOISE_M: Final = 0.006
 
 
 class Arm(Protocol):
-    """Interface of the measured arms: `mocapella.model.arms.SeenArm`, or a tracked arm."""
+    """Interface of the measured arms: `mocapella.model.arms.SeenArm`, or a tracked arm.
+
+    Attributes:
+        id: number of the arm, constant from frame to frame.
+        left: whether it is a left arm.
+        points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]; NaN where not known.
+    """
 
     @property
     def id(self) -> int: ...  # noqa: D102

@@ -49,7 +49,10 @@ JUDGED = 0.7  # factor of the robust scales when a result is judged
 
 @njit(cache=True)
 def group_of(owner: int, bone: int) -> int:
-    """Return the index of the group of a capsule; ``owner`` and ``bone`` are its row of `ArmArrays.owners`."""
+    """Return the index of the group of a capsule: capsules of a group are moved by the same degrees of freedom.
+
+    ``owner`` (digit, or a negative code of palm, forearm or upper arm) and ``bone`` are its row of `ArmArrays.owners`.
+    """
     return 3 * owner + bone if owner >= 0 else 14 - owner
 
 

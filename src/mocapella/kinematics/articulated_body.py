@@ -137,7 +137,15 @@ def move(model: ArticulatedModel, memory: Float64, T_new_old: Float64) -> None:
 
 
 def pose_of(model: ArticulatedModel, row: Float64) -> Pose | None:
-    """Copy the pose from a body's memory row (memory_size,); None if the body is not initialised."""
+    """Copy the pose from a body's memory.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) the body's memory, laid out by `ArticulatedModel.layout`.
+
+    Returns:
+        The pose at the memory's instant; None if the body is not initialised.
+    """
     if row[at.STARTED] != 1.0:
         return None
     starts = model.layout
@@ -198,7 +206,7 @@ def bone_lengths(model: ArticulatedModel, pose: Pose) -> Float64:
 
 
 def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
-    """Return by body the hinges whose limits measurements have widened, with the angle; empty if there is none.
+    """Return for each body which joints' limits measurements have widened, by how many degrees; empty texts if none.
 
     Shoulders and hips are left out: the fusion turns them to the facing, so their angles are not the sensors' alone.
     Elbows are, too: one that bends backwards has the joints of an upper arm turned about itself, within its limits.

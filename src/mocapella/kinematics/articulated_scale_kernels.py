@@ -32,9 +32,12 @@ NU = 5.0
 
 @njit(cache=True, error_model="numpy")
 def predicted_scale(row: Float64, dt: float, scale_s: float) -> float:
-    """Return the factor of a memory row's bone lengths after a time dt [s]; it decays to 1, with time constant scale_s.
+    """Predict the common factor of a body's bone lengths: it decays exponentially to 1. An unknown factor counts as 1.
 
-    ``scale_s`` is in seconds. An unknown factor counts as 1.
+    Args:
+        row: (memory_size,) the body's memory, with the factor at its last update.
+        dt: time since then [s].
+        scale_s: time constant [s].
     """
     scale: float = 1.0 + math.exp(-max(dt, 0.0) / scale_s) * (row[at.SCALE] - 1.0)
     return scale if scale > 0.0 else 1.0
@@ -49,14 +52,16 @@ def scale_bones(layout: MemoryLayout, row: Float64, scale: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def restart_scale(model: BodyArrays, row: Float64) -> float:
-    """Set the factor of a body that is initialised to 1, and return it."""
+    """Set the common factor of the bone lengths in a memory row to 1, with its prior variance; return the factor."""
     row[at.SCALE], row[at.SCALE_VARIANCE] = 1.0, model.parameters.scale_sd**2
     return 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def follow_scale(model: BodyArrays, row: Float64, dt: float, measured: Float64, variances: Float64) -> float:
-    """Predict the factor, correct it by measured joints, and return it; the bone lengths do not change.
+    """Predict the common factor of the bone lengths, correct it by measured joints, and return it.
+
+    The bone lengths in ``row`` do not change, see `scale_bones`.
 
     Args:
         model: the body model.

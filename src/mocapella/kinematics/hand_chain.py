@@ -49,7 +49,12 @@ class HandChain:
 
 
 def hand_chain(model: HandModel, shape: HandShape) -> HandChain:
-    """Make the chain of a hand. At a two-axis joint, abduction comes first, about an axis of the previous bone."""
+    """Make the chain of a hand. At a two-axis joint, abduction comes first, about an axis of the previous bone.
+
+    Args:
+        model: the hand's joints and couplings.
+        shape: the hand's side and bone lengths.
+    """
     twists, at_zero = np.zeros((len(ANGLES), 6)), np.zeros((len(LANDMARKS), 3))
     parents, last = np.full(len(ANGLES), -1), np.full(len(LANDMARKS), -1)
     mirror = shape.mirror
@@ -103,6 +108,10 @@ def palm_landmarks(chain: HandChain, angles: Any) -> Float64:
 
 def jacobian(chain: HandChain, pose: HandPose) -> Float64:
     """Return the derivatives of the landmarks' world positions by the palm's motion and the angles.
+
+    Args:
+        chain: the hand.
+        pose: its posture; leading axes are batches.
 
     Returns:
         (..., 21, 3, 27): by a twist of the palm in its own frame (T ← T exp(x): translation [m], rotation [rad]), then

@@ -125,7 +125,11 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
     """Return the limbs of two parts or more, and the last part of each, such as a foot, as a limb of its own.
 
-    A misplaced foot hardly changes the score of the whole leg.
+    The last part is searched alone, too, because a misplaced foot hardly changes the score of the whole leg.
+
+    Args:
+        mesh: the body's mesh and its tree.
+        settings: of these, ``points`` is used: the number of sampled vertices of a limb.
     """
     parents, found = mesh.tree.parents, []
     solid = capsules_of(mesh)
@@ -197,6 +201,9 @@ def lasting(now: Evidence, before: Evidence) -> Evidence:
     """Cap each foreground score by the largest one within `REACH` samples in the previous image; return a copy.
 
     This rejects foreground that flashes up in one image only.
+
+    Args:
+        now, before: evidence of the present and of the previous image of one camera, with equal ``step_px``.
     """
     strange = now.strange.copy()
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]

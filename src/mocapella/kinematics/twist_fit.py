@@ -202,6 +202,10 @@ def normal_equations(
 ) -> NormalEquations:
     """Linearise constraints and priors at a pose: return the normal equations, whose H⁻¹ is the estimate's covariance.
 
+    Args:
+        tree, constraints, priors: as in `fit`.
+        pose: the pose at which residuals and derivatives are taken; not changed.
+
     Raises:
         SettingsError: wrong shapes, a part that the tree does not have, or a pose, also of a prior, that is not finite.
     """

@@ -64,6 +64,9 @@ def run_arm_node(
         depth_link: link of a second sensor that publishes the depth images; None to publish no images.
         epoch, stop, wait, say, clock: as in `mocapella.live.camera_node.run_camera_node`.
 
+    Returns:
+        The node's identity, and the counts of frames of arms, of depth images and of errors.
+
     Raises:
         MocapellaError: as `run_camera_node`.
     """

@@ -36,7 +36,7 @@ class BoardCameras(Protocol):
         ...
 
     def wait(self, seconds: float) -> None:
-        """Wait until the next observation [s]; zero or less does not wait."""
+        """Wait for ``seconds`` [s] before the next observation; return at once if it is zero or less."""
         ...
 
     def close(self) -> None:
@@ -89,7 +89,7 @@ class NodeCameras:
         }
 
     def wait(self, seconds: float) -> None:
-        """Sleep until the next observation [s]; zero or less does not wait."""
+        """Sleep for ``seconds`` [s] before the next observation; return at once if it is zero or less."""
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
@@ -179,7 +179,7 @@ class LocalCameras:
         return lost | {name: BoardLook(seen[name][0], view) for name, view in found.items()}
 
     def wait(self, seconds: float) -> None:
-        """Wait until the next observation [s], and keep reading meanwhile, so that the next image is a new one."""
+        """Read and discard images for ``seconds`` [s], so that the next observation is of a new image."""
         end = self._clock() + seconds
         while self._clock() < end:
             self._cameras.read()

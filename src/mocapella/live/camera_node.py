@@ -61,11 +61,11 @@ class CameraWork(Protocol):
 
 @dataclass(frozen=True)
 class CameraRun:
-    """Result of a run.
+    """Result of a camera node's run.
 
     Attributes:
         served: whether a server ever accepted the node.
-        seconds: duration [s].
+        seconds: time from the start of the source to the end [s].
         errors: number of unexpected errors, by reason.
     """
 
@@ -109,9 +109,12 @@ def run_camera_node(
         linger_s: how long to stay after the source has ended, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
+    Returns:
+        The run's duration, whether a server accepted the node, and the number of unexpected errors.
+
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever accepted the node.
+        NoServerError: the source has ended, no server ever accepted the node, and ``full`` is not given.
         MocapellaError: of the source, or of ``on_picture``; any other error of ``on_picture`` costs that image only.
     """
     sensor = link.node.sensor

@@ -43,7 +43,7 @@ class WaitingCommand:
 
 
 def client_of(answer: Answer) -> str:
-    """Return the identity that the client of an answer claims; empty if it claims none."""
+    """Return the identity that a command's sender claims, from the function that answers it; empty if none."""
     return str(getattr(answer, "client", ""))
 
 
@@ -64,7 +64,13 @@ class CommandQueue:
         self._lock = threading.Lock()
 
     def put(self, verb: str, arguments: dict[str, Any], answer: Answer) -> str:
-        """Add a command; return why it was refused, or an empty text."""
+        """Add a command; return why it was refused, or an empty text.
+
+        Args:
+            verb: name of the command.
+            arguments: its arguments, by name.
+            answer: sends the encoded reply; its client counts for the limit of a client.
+        """
         client = client_of(answer)
         with self._lock:
             refusal = self._refusal(client)

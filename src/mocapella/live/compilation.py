@@ -80,7 +80,12 @@ class Compilation:
 
 
 def compile_part(method: str, part: str) -> None:
-    """Compile one of a method's ``warm_up_parts`` (groups of kernels) in this process; all kernels if it is empty."""
+    """Compile kernels of a method in this process.
+
+    Args:
+        method: key of `mocapella.tracker.METHODS`.
+        part: one of the method's ``warm_up_parts``, a group of kernels; empty for all kernels.
+    """
     if part:
         load(part)()
     else:

@@ -23,9 +23,11 @@ class GuideSettings:
     Attributes:
         flat, knuckles, hook: duration of each phase [s].
         prepare: pause before each phase [s].
-        tries: of a phase, and of the whole gesture.
+        tries: largest number of attempts: at each phase, until enough frames show its markers, and at the whole
+            gesture, until the bones are determined [attempts].
         patience: longest wait for the first scene [s].
-        least_frames: required frames with visible markers in each phase.
+        least_frames: least number of frames of each phase that show the required markers, see `GesturePoints.missing`
+            [frames].
     """
 
     flat: float = 4.0
@@ -76,6 +78,9 @@ class HandGuide:
 
         Args:
             measure: returns the bones; raises `InputError` if they are undetermined.
+
+        Returns:
+            The result of ``measure``.
 
         Raises:
             NoServerError: no scene arrives.

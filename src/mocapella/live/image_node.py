@@ -65,6 +65,9 @@ def run_image_node(
         linger_s: how long to stay after the last image, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 
+    Returns:
+        The node's identity, and the counts of the images and of errors.
+
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the source has ended, and no server ever accepted the node.

@@ -61,6 +61,9 @@ def run_marker_node(
 ) -> MarkerNodeSummary:
     """Detect markers in the newest image and publish them, until the source ends or ``stop`` is set.
 
+    Markers of an image older than ``settings.drop_after_s`` are counted, but not published. ``stop`` is set when the
+    run ends.
+
     Args:
         link: the sensor's end of the bus; stays open.
         acquisition: source of the images, not started yet; stays open.
@@ -75,9 +78,12 @@ def run_marker_node(
         camera: the camera as calibrated, if known; then the time to undistort the points is measured, too.
         clock: the monotonic clock, in seconds.
 
+    Returns:
+        The node's identity and counts; with ``times``, also the durations of the stages and the markers' jitter.
+
     Raises:
         NameTakenError: another node serves a sensor of this name.
-        NoServerError: the source has ended, and no server ever accepted the node.
+        NoServerError: the source has ended, no server ever accepted the node, and ``times`` is not given.
         MocapellaError: the images of the source have changed.
     """
     s = settings or CameraNodeSettings()

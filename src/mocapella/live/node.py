@@ -192,6 +192,9 @@ def run_node(
         say: receives messages about the run.
         linger_s: how long to stay after the last frame, so that a recording server can fetch missed frames [s].
 
+    Returns:
+        The node's identity, and the counts of published frames, late frames and errors.
+
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the frames have ended, and no server ever accepted the node.

@@ -51,7 +51,15 @@ class Requests(Protocol):
         on_answer: Callable[[FrameAnswer], None],
         on_end: Callable[[], None],
     ) -> None:
-        """Ask a node for missing frames, and return at once (`mocapella.wire.server.ServerLink.request_frames`)."""
+        """Ask a node for missing frames, and return at once.
+
+        Args:
+            node: the node.
+            request: the frames to send, and the numbers of the stored ones.
+            on_frame: called with each frame in order: node, encoded frame, arrival on the monotonic clock [ns].
+            on_answer: called once with the state of the node's frames, if it answers in time.
+            on_end: called last, in any case.
+        """
         ...
 
 

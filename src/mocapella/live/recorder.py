@@ -207,7 +207,7 @@ class Recorder:
         self._put(0, partial(self._writer.write_status, status, at_ns))
 
     def clock(self, probes: Mapping[str, Any], at_ns: int) -> None:
-        """Write raw clock probes, so that the clock offset can be estimated again."""
+        """Write raw clock probes at ``at_ns`` on the server's clock [ns], to estimate the clock offset again."""
         self._put(0, partial(self._writer.write_clock, probes, at_ns))
 
     def run(self, info: TakeInfo) -> None:
@@ -215,7 +215,15 @@ class Recorder:
         self._put(0, partial(self._writer.start_run, info))
 
     def command(self, verb: str, arguments: Mapping[str, Any], at_ns: int, before_step: int, by: str = "") -> None:
-        """Write a command that changed the session before a step, and who sent it, if that is known."""
+        """Write a command that changed the session.
+
+        Args:
+            verb: name of the command.
+            arguments: its arguments, by name.
+            at_ns: time of the command, on the server's monotonic clock [ns].
+            before_step: number of the first scene that the tracker makes after the command.
+            by: sender of the command; empty if unknown.
+        """
         command = {"verb": verb, "arguments": dict(arguments)} | ({"by": by} if by else {})
         self._put(0, partial(self._writer.write_command, command, at_ns, before_step=before_step))
 

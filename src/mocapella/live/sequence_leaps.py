@@ -46,6 +46,11 @@ class LeapGuard:
     def check(self, node: NodeKey, sequence: int, arrived_ns: int) -> None:
         """Check the plausibility of a node's sequence number, and remember it; the first one may be any.
 
+        Args:
+            node: the node.
+            sequence: sequence number of its new frame.
+            arrived_ns: arrival of the frame, on one monotonic clock [ns].
+
         Raises:
             WireError: the sensor cannot have made so many frames since its highest number.
         """

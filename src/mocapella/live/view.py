@@ -113,7 +113,14 @@ class ViewState:
 
 
 def beats(rate_hz: float, stop: threading.Event) -> Iterator[float]:
-    """Yield the time [s] at a steady rate until ``stop`` is set; after a delay, skip beats instead of catching up."""
+    """Yield the monotonic time [s] at a steady rate until ``stop`` is set.
+
+    After a delay, beats are skipped instead of caught up.
+
+    Args:
+        rate_hz: number of beats a second [Hz].
+        stop: ends the iteration.
+    """
     due_s = time.monotonic()
     while not stop.is_set():
         yield time.monotonic()
@@ -163,7 +170,12 @@ class Link:
             return CommandReply(False, str(error))
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
-        """Query a camera's node, and wait for its answer; ``question`` has the fields of a query.
+        """Query a camera's node, and return its answer.
+
+        Args:
+            camera: name of the camera.
+            question: fields of a query of `mocapella.wire.questions`.
+            timeout_s: longest wait for the answer [s].
 
         Raises:
             InputError: the question is not one of `mocapella.wire.questions`.
@@ -209,12 +221,17 @@ def run_view(
     on_page: Callable[[], None] = lambda: None,
     on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
-    """Show the session at ``connect`` on ``http://host:port`` until ``stop`` is set.
+    """Show a server's session as a web page until ``stop`` is set.
 
-    ``cloth`` hangs a cloth before the first tracked hand. ``scenery`` names a simulated scene whose
-    obstacles are drawn. ``on_ready`` is called with the page's URLs for operators and for watchers,
-    ``on_page`` once, when the first browser draws the view, and ``on_waiting`` with the reason if no
-    server there admits it yet.
+    Args:
+        connect: address of the server.
+        host, port: address and TCP port at which the page is served.
+        stop: ends the view.
+        cloth: whether a simulated cloth hangs before the first tracked hand.
+        scenery: name of a simulated scene whose obstacles are drawn; None for none.
+        on_ready: called with the page's URLs for operators and for watchers.
+        on_page: called once, when the first browser draws the view.
+        on_waiting: called once with the reason if no server admits this program at first.
 
     Raises:
         AddressInUseError: the port is in use.
