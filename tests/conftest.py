@@ -165,11 +165,11 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What keeps real time comes first and has a mark, then what is long. Thorough tests are run if they are chosen."""
+    """What keeps real time comes first and has a mark, then what is long. Slow tests are run if they are chosen."""
     if not config.option.markexpr and not _chosen(config):
-        thorough = [item for item in items if item.get_closest_marker("thorough")]
-        config.hook.pytest_deselected(items=thorough)
-        items[:] = [item for item in items if not item.get_closest_marker("thorough")]
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
     lanes = ("browsers", "programs", "")
     for item in items:
         if _lane(item.nodeid):

@@ -154,6 +154,7 @@ def test_an_installation_that_fails_is_no_figure(install: Any, tmp_path: Path) -
         )
 
 
+@pytest.mark.slow
 def test_the_markers_peer_finds_every_colour_and_keeps_the_wall_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A peer whose thresholds are wrong would be slow and blind, and the comparison with it void."""
     cv2 = pytest.importorskip("cv2")
@@ -199,7 +200,7 @@ def test_a_part_of_a_group_runs_alone_and_an_unknown_one_is_refused(monkeypatch:
         program.main(["codec", "--part", "live"])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_silhouettes_have_their_goals_and_what_did_not_move_misses_them(silhouettes: Any) -> None:
     rows = {row.name.removeprefix("silhouettes: "): row for row in silhouettes.run(quick=True, parts=["noise"])}
     own = rows["runner, 15 % noise, own body, joint angle error"]

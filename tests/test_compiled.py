@@ -47,7 +47,7 @@ def a_process(cache: Path) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_first_run_on_a_machine_gives_to_the_bit_what_every_later_one_gives(tmp_path: Path) -> None:
     first = a_process(tmp_path)
     assert list(tmp_path.rglob("triangulation_kernels.triangulate-*.nbc"))

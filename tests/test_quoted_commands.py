@@ -84,6 +84,7 @@ def problem(command: str) -> str:
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_quoted_command_exists(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

@@ -88,6 +88,7 @@ def test_every_file_that_it_names_is_there() -> None:
     assert [link for link in links if not (ROOT / link.partition("#")[0]).exists()] == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("uv") is None, reason="needs uv, which the README's commands begin with")
 def test_the_commands_run_as_they_are_printed(tmp_path: Path) -> None:
     # One after the other as the README has them; this run of the tests stands for `uv run pytest`.

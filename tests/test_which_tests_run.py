@@ -13,7 +13,7 @@ PLACES = (
     "test_readme.py::test_c",
     "fusion/test_d.py::test_d",
 )
-THOROUGH = "evaluation/test_e.py::test_e"
+SLOW = "evaluation/test_e.py::test_e"
 
 
 class Item:
@@ -42,7 +42,7 @@ def run(request: pytest.FixtureRequest, *arguments: str, marks: str = "", words:
         option=SimpleNamespace(markexpr=marks, keyword=words),
         hook=SimpleNamespace(pytest_deselected=deselected),
     )
-    items = [*(Item(f"tests/{place}") for place in PLACES), Item(f"tests/{THOROUGH}", "thorough")]
+    items = [*(Item(f"tests/{place}") for place in PLACES), Item(f"tests/{SLOW}", "slow")]
     conftest.pytest_collection_modifyitems(config, items)
     assert len(items) + len(left_out) == len(PLACES) + 1
     return items, len(left_out)
@@ -57,18 +57,18 @@ def test_only_what_keeps_real_time_or_starts_programs_is_run_again(request: pyte
 
 
 @pytest.mark.parametrize("arguments", [["tests"], ["tests/evaluation"], []])
-def test_a_run_of_all_or_a_folder_leaves_thorough_tests_out(request: pytest.FixtureRequest, arguments: Any) -> None:
+def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(request: pytest.FixtureRequest, arguments: Any) -> None:
     items, left_out = run(request, *arguments)
     assert left_out == 1
-    assert not any("thorough" in item.marks for item in items)
+    assert not any("slow" in item.marks for item in items)
 
 
 @pytest.mark.parametrize(
     ("arguments", "chosen"),
     [
         (["tests/evaluation/test_e.py"], {}),
-        ([f"tests/{THOROUGH}"], {}),
-        (["tests"], {"marks": "thorough"}),
+        ([f"tests/{SLOW}"], {}),
+        (["tests"], {"marks": "slow"}),
         (["tests"], {"words": "e"}),
     ],
 )
@@ -77,4 +77,4 @@ def test_who_names_files_tests_words_or_marks_gets_them(
 ) -> None:
     items, left_out = run(request, *arguments, **chosen)
     assert left_out == 0
-    assert sum("thorough" in item.marks for item in items) == 1
+    assert sum("slow" in item.marks for item in items) == 1

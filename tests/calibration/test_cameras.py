@@ -79,6 +79,7 @@ def test_lenses_that_are_given_stay(exact) -> None:
     np.testing.assert_allclose(to_first(places(found)), filmed.T_camera_first, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says() -> None:
     """Normalised squared errors of six components over eight films: χ² of 48 degrees of freedom, 19 to 93 at 1e-4."""
     total, largest, focal = 0.0, 0.0, 0.0

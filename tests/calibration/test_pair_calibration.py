@@ -277,6 +277,7 @@ class Biased(Sensor):
         return seen
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_errors() -> None:
     """Normalised error squared of six unknowns, over runs: 6 where it is just right, and rather too careful than not.
 

@@ -96,6 +96,7 @@ def test_the_steps_together_give_what_a_whole_refresh_gives(monkeypatch: pytest.
         assert memory(whole) == memory(spread)
 
 
+@pytest.mark.slow
 def test_a_memory_from_the_middle_of_a_refresh_goes_on_to_the_bit() -> None:
     first, others = PeopleCalibration(), dict[str, PeopleCalibration]()
     for bodies, at_ns in frames()[:420]:

@@ -48,6 +48,7 @@ def learn(
         alignment.update(shown, {i: one[k] + rng.normal(0, noise_m, SHAPE.shape) for i, one in people.items()}, k / HZ)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 @settings(max_examples=15, deadline=None)
 def test_the_motion_between_rig_and_world_is_found_wherever_the_rig_lies(twist: list[float]) -> None:
@@ -91,6 +92,7 @@ def test_two_bodies_that_would_be_one_person_show_nothing() -> None:
     assert alignment.found is None
 
 
+@pytest.mark.slow
 def test_a_rig_that_was_moved_is_found_anew() -> None:
     alignment, somebody = RigAlignment(), walker(40.0)
     T = rigid(np.eye(3), (2.0, 0.0, 0.0))

@@ -46,6 +46,7 @@ def somewhere(seed: int, vertical: bool = False) -> np.ndarray:
     return rigid(exp_twist([0, 0, 0, *(turn * [0, 1, 0] if vertical else turn)])[:3, :3], rng.uniform(-3, 3, 3))
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000), delay_s=st.floats(-0.2, 0.2), points=st.sampled_from([1, 3]))
 def test_without_noise_it_is_found(seed: int, delay_s: float, points: int) -> None:
@@ -60,6 +61,7 @@ def test_without_noise_it_is_found(seed: int, delay_s: float, points: int) -> No
     np.testing.assert_allclose(fit.lever_m, LEVERS[:points], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_is_said() -> None:
     squares = []
     for seed in range(8):

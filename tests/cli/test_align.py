@@ -49,6 +49,7 @@ def run(*words: object) -> Any:
     return CliRunner().invoke(app, ["calibrate", "space", *map(str, words)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [("--object", "wand"), ("--marker", "cyan")])
 def test_a_take_becomes_a_file(tmp_path: Path, what: tuple[str, str]) -> None:
     take, out, report = recorded(tmp_path / "move.mcap"), tmp_path / "vr.toml", tmp_path / "vr.json"
@@ -108,6 +109,7 @@ def test_where_nothing_can_be_written_it_says_so_before_it_begins(tmp_path: Path
     assert "there is no folder" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_live_it_leads_somebody_who_moves_it(tmp_path: Path) -> None:
     """A process that says what is missing; on the bus, scenes and a node's poses of somebody who moves the wand."""
     address, out, report = f"tcp/127.0.0.1:{free_port()}", tmp_path / "vr.toml", tmp_path / "vr.json"

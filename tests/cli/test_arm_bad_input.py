@@ -135,6 +135,7 @@ def test_a_unit_that_cannot_be_is_refused(unit: str, named: str, tmp_path: Path)
 SIZES = "cm long, people's 14 to 23.5 cm"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "said", "named", "why"),
     [
@@ -205,6 +206,7 @@ def test_an_arm_that_leaves_is_waited_for_and_found_at_once(tmp_path: Path) -> N
     assert away_m(frames[-1]["arms"][0], shots("rotation", 1)[1]) < 0.02
 
 
+@pytest.mark.slow
 def test_an_arm_that_goes_out_of_the_image_comes_back(tmp_path: Path) -> None:
     scene = load_depth_scene("leaves", seed=1, sensor="exact")
     made = [scene.at(k / 5) for k in range(6, 21)]
@@ -227,6 +229,7 @@ def test_a_small_flat_thing_is_no_arm(size_px: tuple[int, int], tmp_path: Path) 
     assert recording(tmp_path / "frames", [flat(*size_px)] * 2)["counts"]["with_arms"] == 0
 
 
+@pytest.mark.slow
 def test_a_flat_thing_of_a_palms_size_is_no_arm(tmp_path: Path) -> None:
     """Before the camera, slanted, and with a millimetre of noise."""
     slanted, noisy = flat(60, 40), flat(80, 50)

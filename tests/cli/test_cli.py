@@ -231,6 +231,7 @@ def test_an_unknown_sensor_is_named_with_those_there_are(study_logs: Path, tmp_p
     assert "side" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_path: Path) -> None:
     (row,) = result_here(tmp_path, "replay", str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"))
     assert row["sensors"] == ["front", "side"]

@@ -59,7 +59,7 @@ def measure(*words: str) -> Any:
     return json.loads(done.stdout[done.stdout.index("{") :])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_take_of_the_gesture_gives_a_hand_that_is_tracked_better_with(take: Path, tmp_path: Path) -> None:
     out, truth = tmp_path / "ada.json", somebody()
     row = measure(str(take), "--phases", PHASES_TEXT, "--person", "Ada", "--out", str(out))
@@ -90,7 +90,7 @@ def test_a_take_of_the_gesture_gives_a_hand_that_is_tracked_better_with(take: Pa
     assert residuals["measured"] < 0.5 * residuals["average"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_prints_the_table_with_what_is_only_proportioned(take: Path, tmp_path: Path) -> None:
     out = tmp_path / "hand.json"
     done = CliRunner().invoke(
@@ -103,6 +103,7 @@ def test_it_prints_the_table_with_what_is_only_proportioned(take: Path, tmp_path
     assert "base_places_m=[[" in done.stderr
 
 
+@pytest.mark.slow
 def test_frames_of_a_take_can_be_tracked_anew_for_a_left_hand(tmp_path: Path) -> None:
     """The take's own scenes know one marker of the base only."""
     rows = tuple(

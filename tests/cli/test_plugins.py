@@ -29,6 +29,7 @@ def skipped(text: str) -> list[str]:
     return sorted(line.split("'")[1] for line in text.splitlines() if line.startswith("lamps 1.0: mocapella.source"))
 
 
+@pytest.mark.slow
 def test_a_plug_ins_verb_is_listed_and_runs(packages: Path, tmp_path: Path) -> None:
     (packages / "good_command.py").write_text("print('imported')\n" + (packages / "good_command.py").read_text())
     listed = run(tmp_path, "node", "--help")
@@ -53,6 +54,7 @@ def test_a_verb_whose_command_cannot_be_imported_is_one_line(packages: Path, tmp
     assert done.stderr.splitlines()[-1].startswith("mocapella: good_command:run cannot be imported (ModuleNotFound")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("replay", "no-take"), ("export", "csv", "no-take"), ("node", "replay", "no-take",
     "--sensor", "a")], ids=" ".join)  # fmt: skip
 def test_each_verb_tells_once_and_goes_on(packages: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
@@ -61,6 +63,7 @@ def test_each_verb_tells_once_and_goes_on(packages: Path, tmp_path: Path, words:
     assert "no such file" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_serve_tells_once_with_its_view_and_tracks(packages: Path, tmp_path: Path) -> None:
     ports = ["--port", str(free_port()), "--set", f"view_port={free_port()}"]
     with Program(tmp_path, "serve", "serve", *ports, "--method", "stand-still") as serve:

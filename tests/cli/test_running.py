@@ -51,6 +51,7 @@ def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> 
     assert (demo.folder / "whole.mcap").read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_a_take_that_was_cut_off_says_what_is_left(demo: Recorded, tmp_path: Path) -> None:
     whole = (demo.folder / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])

@@ -217,6 +217,7 @@ def test_ctrl_c_writes_what_is_there(folder, tmp_path):
     assert 3 < found["summary"]["frames"] == len(found["frames"]) < 1500
 
 
+@pytest.mark.slow
 def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
     videos = sorted((single_person / "videos").glob("*.mp4"))
     common = (
@@ -235,7 +236,7 @@ def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
     assert len([note for note in found["summary"]["notes"] if "--set other_size=crop" in note]) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_demo_follows_and_says_how_good_that_is(tmp_path):
     found = result_here(tmp_path, "demo", "silhouettes", "--scene", "t-pose", "--no-view", "--seed", "2")
     assert found["score"]["frames"] == found["scene_frames"] == found["summary"]["frames"] > 10

@@ -263,6 +263,7 @@ def ran(folder, *arguments):
     return json.loads(done.stdout), " ".join(done.stderr.split())
 
 
+@pytest.mark.slow
 def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_are(films, tmp_path, monkeypatch):
     before = sorted(films.iterdir())
     assert run_here(films, "track", "silhouettes", *FILMS, *LIVE, *GIVEN).returncode == 0
@@ -298,6 +299,7 @@ def test_films_as_if_they_were_cameras_end_by_themselves(films):
     assert times[-1] <= 9 / HZ + 1e-6
 
 
+@pytest.mark.slow
 def test_somebody_in_the_empty_room_is_said(films):
     found, said = ran(
         films, *(f"walked/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), "--set", "empty_room=0.8"
@@ -313,6 +315,7 @@ def test_it_ends_after_so_many_seconds(films):
     assert "stopped before the end" not in said
 
 
+@pytest.mark.slow
 def test_who_is_not_there_yet_is_waited_for_where_the_empty_room_is_filmed(films):
     empty = [argument for name in FILMS for argument in ("--background", f"empty/{name}")]
     found, said = ran(films, *(f"first_empty/{name}" for name in FILMS), "--set", "live=true", "--fps", str(HZ), *empty)

@@ -82,7 +82,7 @@ def test_both_models_are_drawn_into_the_pictures_in_their_colours(folder, found)
     assert np.count_nonzero((green > 160) & (red > 200) & (blue < 130)) > 30  # ben's yellow
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_they_start_from_what_was_written_all_or_one(folder, found):
     assert list(read_followed_people(folder / "out.json")) == list(NAMES)
     again = result(

@@ -38,6 +38,7 @@ def command(*more: str) -> tuple[str, ...]:
     return ("track", "silhouettes", *films, "--start", "start.json", "--set", "height=1.75", *more)
 
 
+@pytest.mark.slow
 def test_the_take_is_replayed_to_the_bit_from_the_videos(made: Path) -> None:
     done = run_here(made, "replay", "walk", "--json", "replayed.json")
     assert done.returncode == 0, done.stderr

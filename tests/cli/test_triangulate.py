@@ -87,7 +87,7 @@ def test_a_power_law_is_fitted_and_shown(tmp_path: Path) -> None:
     assert "the cameras are swapped" in " ".join(done.stderr.split())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_filter_is_tuned_in_two_steps(tmp_path: Path) -> None:
     rng, at_s = np.random.default_rng(0), np.arange(150) / 60
     noise = rng.normal(0, 0.3, (150, 2))

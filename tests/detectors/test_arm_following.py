@@ -198,6 +198,7 @@ def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.Monk
     assert [at for at, place in looked if np.linalg.norm(place.centre - first) < 1e-9] == [0, 2, 6, 14, 30]
 
 
+@pytest.mark.slow
 def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_does(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -249,6 +250,7 @@ def one_arm_and_then_another(seed: int) -> tuple[Camera, list[np.ndarray], list[
     return camera, images, shots
 
 
+@pytest.mark.slow
 def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is done a little at a time; and what is found then is followed to where it is by then."""
     camera, images, shots = one_arm_and_then_another(2)
@@ -319,6 +321,7 @@ def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:
     assert look.depth[0, 0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "start_s"), [(1, 1 / 6), (3, 3 / 6)])
 def test_the_end_of_an_upper_arm_is_not_taken_for_the_hand(seed: int, start_s: float) -> None:
     """It ends as a fist does."""
@@ -380,7 +383,7 @@ def real_recording() -> tuple[int, int, list[float], list[bool]]:
     return len(labels), found, errors, sides
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.skipif(not FRAMES.is_dir(), reason="needs depth_hand_sr305")
 def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> None:
     frames, found, errors, sides = real_recording()

@@ -60,6 +60,7 @@ def hand_mask(shot: DepthShot) -> Any:
     return np.asarray(255 * ((part == PALM_BONE) | (part >= FIRST_DIGIT)), dtype=np.uint8)
 
 
+@pytest.mark.slow
 def test_fingers_that_touch_keep_their_names() -> None:
     made = clip("touching", 3, 0, 30, 2)
     ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
@@ -98,6 +99,7 @@ def test_a_left_hand_has_its_own_names() -> None:
     assert (ours["sided"], ours["named"] >= 0.98) == (1.0, True)
 
 
+@pytest.mark.slow
 def test_where_defects_and_lines_count_wrongly_all_five_are_found() -> None:
     """The two methods that were given up, with an exact mask of the hand: two of five stretched fingers touch."""
     camera, shots = clip("touching", 3, 15, 39, 3)

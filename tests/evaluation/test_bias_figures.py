@@ -34,7 +34,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     return folder, result_here(folder, "lab", "train", "bias", "logs", "--out", "model.json", "--folds", "2")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
     trained: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -46,6 +46,7 @@ def test_the_file_says_what_it_learnt_from_and_has_what_is_learnt_without_each(
     assert [fold.participants for fold in model.left_out] == [(7,), (8,)]
 
 
+@pytest.mark.slow
 def test_it_prints_rows_of_people_left_out_with_and_without(trained: tuple[Path, dict[str, Any]]) -> None:
     _, said = trained
     for which in ("with", "without"):

@@ -31,7 +31,7 @@ def result(exercise: str, angle_deg: float, seed: int) -> InPlaceResult:
     return run_in_place(DefaultTracker(sensors_expected=2), in_place_room(exercise, angle_deg, seed), [AT_S])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("session", SESSIONS, ids=lambda session: session[0])
 def test_every_exercise_calibrates_within_seconds(session: tuple[str, float, int]) -> None:
     found = result(*session)
@@ -41,6 +41,7 @@ def test_every_exercise_calibrates_within_seconds(session: tuple[str, float, int
     assert error.rotation_deg < 3.0
 
 
+@pytest.mark.slow
 def test_stated_uncertainties_are_neither_too_small_nor_too_large() -> None:
     errors = [error for session in SESSIONS for error in result(*session).errors]
     assert len(errors) == len(SESSIONS)

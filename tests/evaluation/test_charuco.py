@@ -10,7 +10,7 @@ from mocapella.errors import EvaluationError
 from mocapella.evaluation.charuco import evaluate
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_real_webcams_are_calibrated_by_every_second_odd_frame(camera_recordings: Path) -> None:
     """Half of what the command uses, to be quick: still within the figures of the whole."""
     result = evaluate(camera_recordings / "charuco_4cam", step=2)

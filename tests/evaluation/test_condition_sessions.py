@@ -15,7 +15,7 @@ from mocapella.tracker.default import DefaultTracker
 
 # People stand for 6.6 s in most scenes; the sessions begin shortly before they move, and each ends seconds after the
 # calibration. `python -m benchmarks conditions` runs all scenes from begin to end.
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "begin_s", "tracked_by_s", "end_s"),
     [

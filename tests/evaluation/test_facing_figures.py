@@ -32,7 +32,7 @@ def trained(study_logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return folder, result_here(folder, *line)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_people_who_were_left_out_face_where_they_should(trained: tuple[Path, dict[str, Any]]) -> None:
     _, said = trained
     left_out = said["left_out"]
@@ -56,7 +56,7 @@ def test_no_feature_of_the_training_data_fades(study_logs: Path) -> None:
         np.testing.assert_allclose(seen, np.isfinite(features).mean(axis=-1))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_file_says_what_it_learnt_from(trained: tuple[Path, dict[str, Any]]) -> None:
     folder, said = trained
     model = read_model(folder / "model.json")
@@ -118,7 +118,7 @@ def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
             split(sessions, folds)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "seconds"), [("walk", 17.0), ("exchange", 12.0), ("crowd", 6.0)])
 def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: float) -> None:
     found = simulated_figures(load_scene(scene), FacingFilter(KINECT), seconds)
@@ -128,6 +128,7 @@ def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: fl
     assert found.off_deg < 20
 
 
+@pytest.mark.slow
 def test_the_figures_of_a_simulated_room_can_be_bad() -> None:
     backward = msgspec.structs.replace(FacingFilter(KINECT).model, shape=None, classifier=None)
     backward = msgspec.structs.replace(backward, motion=np.roll(backward.motion, 24, axis=1))

@@ -108,7 +108,7 @@ README: dict[str, tuple[float, float, float]] = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", README)
 def test_the_definitions_give_the_figures_that_are_known(name: str, as_logged: dict[str, Any]) -> None:
     front, thesis, within = README[name]

@@ -9,7 +9,7 @@ from mocapella.errors import SettingsError
 from mocapella.evaluation import hands
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_scene_is_scored_and_the_hand_is_where_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hands, "LASTS_S", 0.5)
     result = hands.evaluate(["wide"], [3])

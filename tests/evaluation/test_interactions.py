@@ -66,7 +66,7 @@ def test_a_planted_switch_is_two(sessions: list[StudySession], crossing_s: float
     assert identity_figures(frames)["identity_switches"] == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_default_method_keeps_both_people_through_the_crossings_of_a_real_log(study_logs: Path) -> None:
     figures = evaluate(study_logs, ["default"], [22])["methods"]["default"]["interactions"]
     assert figures["identity_switches"] == 0
@@ -99,7 +99,7 @@ def test_distances_are_of_the_pairs_mean() -> None:
     assert distance_figures(apart) == pytest.approx({"median_cm": 2, "mean_cm": 4, "p95_cm": 7.4})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_thesis_two_calibrations_are_those_that_are_known(as_logged: dict[str, Any]) -> None:
     interactions = as_logged["methods"]["stand-still"]["interactions"]
     people = [person for file in interactions["files"].values() for person in file["people"].values()]

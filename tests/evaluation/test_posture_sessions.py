@@ -23,7 +23,7 @@ def away() -> list[PostureResult]:
     return list(score_postures(180.0, 0, ("bow", "lean-back")))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_who_bows_or_leans_back_keeps_left_and_right(away: list[PostureResult]) -> None:
     assert [result.posture for result in away] == ["bow", "lean-back"]
     assert [(result.wrong, result.missing, result.warned) for result in away] == [(0, 0, 0)] * 2
@@ -39,6 +39,7 @@ def exchanged(scene: Scene) -> Scene:
     return scene.with_parts(people=tuple(people))
 
 
+@pytest.mark.slow
 def test_exchanged_labels_and_missing_people_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     class Wrong(DefaultTracker):
         """Exchanges left and right in the first half of the scored frames, and finds nobody in the second."""

@@ -97,7 +97,7 @@ def test_views_with_swapped_labels_are_nearer_mirrored() -> None:
     assert mirrored_better(body, half) == 0.5
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_real_log_gives_a_table_that_a_sensor_can_use(study_logs: Path, tmp_path: Path) -> None:
     name = "Study_4_Kinect_0_Time_1_17_51_PM.csv.gz"
     (tmp_path / name).symlink_to(study_logs / name)

@@ -168,6 +168,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(experiments.EXPERIMENTS, "weight", fewer)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", experiments.EXPERIMENTS)
 @pytest.mark.usefixtures("small")
 def test_an_experiment_is_a_command(name: str, tmp_path: Path) -> None:

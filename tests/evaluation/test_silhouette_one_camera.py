@@ -80,7 +80,7 @@ def test_one_camera_leaves_directions_open_that_four_do_not_and_the_penalty_clos
     assert median_freedoms(TRUTH, ONE, with_penalty(1.0))[0] < 0.5 * median_freedoms(TRUTH, ONE, with_penalty(0.0))[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_experiment_is_a_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
 

@@ -41,7 +41,7 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_rows_as_logged_give_the_expected_tables(study_logs: Path, as_logged: dict[str, Any]) -> None:
     tasks = as_logged["methods"]["stand-still"]["tasks"]
     expected = table(study_logs / "expected_tables_participants_0_9.csv")
@@ -56,7 +56,7 @@ def test_the_rows_as_logged_give_the_expected_tables(study_logs: Path, as_logged
         assert row["raw_labels"]["dd_cm"] == row["dd_cm"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_joint_by_joint_too(study_logs: Path) -> None:
     scored: dict[tuple[int, str], list[Scored]] = {}
     for session in study_sessions(study_logs, range(10)):
@@ -75,14 +75,14 @@ def test_joint_by_joint_too(study_logs: Path) -> None:
             assert found == pytest.approx(float(wanted[placement]), abs=CM)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_yaw_of_the_shoulder_angles_scatters_as_the_readme_says(as_logged: dict[str, Any]) -> None:
     yaw = as_logged["methods"]["stand-still"]["yaw_deg"]
     assert yaw["parallel"]["sd"] == pytest.approx(1.8, abs=0.3)
     assert 25 < yaw["45"]["mean"] < 45 < yaw["90"]["mean"] < 80
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_plain_robust_fit_scores_what_such_fits_are_known_to_score(study_logs: Path) -> None:
     # Walk, participant 4, calibrated on Stationary and Steps: below what was logged, by about what the data's README
     # has for all people (8.9/16.9/30.3 → 5.3/8.5/12.8 with raw labels and a time offset).

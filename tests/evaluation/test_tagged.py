@@ -14,7 +14,7 @@ from mocapella.evaluation import tagged
 from mocapella.evaluation.tagged import RayState, exp_twist, load_hand_scene, rigid
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_tag_is_where_it_is_drawn_for_one_camera_and_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tagged, "LASTS_S", 0.6)
     result = tagged.evaluate_tag(["wide", "wide-fast"], [3])
@@ -61,6 +61,7 @@ def rows(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], Any]:
     return lambda one: tagged._run(scene, 3, one)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one", [False, True])
 def test_a_run_is_scored_by_distance_and_angle_after_it_has_settled(rows: Callable[[bool], Any], one: bool) -> None:
     scored = rows(one)

@@ -140,6 +140,7 @@ def test_its_export_and_the_general_one_have_every_spot(recorded: Path) -> None:
     assert f"left out by export arms: spots ({len(table)})" in run(recorded, "export", "arms", "heat-1").stderr
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("installed")
 def test_help_and_the_doctor_name_it(tmp_path: Path) -> None:
     assert "A simulated heat camera." in run(tmp_path, "node", "--help").stdout
@@ -168,7 +169,7 @@ def amber(screenshot: bytes) -> int:
     return int(((hue > 15) & (hue < 25) & (saturation > 100) & (value > 60)).sum())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.usefixtures("installed")
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 def test_its_spots_are_in_the_view(tmp_path: Path) -> None:

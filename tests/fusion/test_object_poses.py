@@ -88,6 +88,7 @@ def off(pose: ObjectPose, motion: Motion) -> tuple[float, float]:
     return float(np.linalg.norm(away)), float(np.linalg.norm(twist[3:]))
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), tag=st.booleans(), one=st.booleans())
 def test_a_thing_that_stands_still_is_where_it_is(seed: int, tag: bool, one: bool) -> None:

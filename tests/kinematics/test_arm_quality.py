@@ -40,6 +40,7 @@ def measured(frames: list[Any], meter: ArmQualityMeter | None = None) -> ArmQual
     return quality
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seeds, st.floats(1e-4, 0.0025))
 def test_the_noise_of_a_still_arm_is_what_was_added(seed: int, sd: float) -> None:

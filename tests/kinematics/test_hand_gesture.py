@@ -41,6 +41,7 @@ def scene(at_s: float = 0.0, *, unseen: tuple[str, ...] = (), predicted: tuple[s
     return msgspec.structs.replace(whole, **changed)
 
 
+@pytest.mark.slow
 def test_a_hand_unlike_the_average_is_found_within_what_is_said() -> None:
     truth, start = somebody(), MODEL.shape("right", person="Ada")
     gesture = GesturePoints(TIP_NAMES, BASE_NAMES)

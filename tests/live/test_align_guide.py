@@ -48,6 +48,7 @@ class Bus:
         return guide.run()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [{"thing": "wand"}, {"thing": "", "marker": "cyan"}])
 def test_who_moves_it_well_is_done_before_the_time_is_over(what: dict[str, str]) -> None:
     bus = Bus(noise_m=0.0005)
@@ -70,6 +71,7 @@ def test_it_goes_on_while_it_is_not_known_well_and_takes_what_will_do_at_the_end
     assert any("precise to" in line and "good are" in line for line in bus.shown)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("motion", "noise_m", "said"),
     [
@@ -88,6 +90,7 @@ def test_what_is_missing_is_told_meanwhile_and_at_the_end(motion: Motion, noise_
     assert {str(second) for second in range(1, 12)} <= seconds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "what", "kind", "said"),
     [

@@ -93,6 +93,7 @@ def test_a_node_that_is_not_there_is_named_with_those_that_are(room: Room) -> No
     assert not (room.folder / "no.toml").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(room: Room) -> None:
     from playwright.sync_api import sync_playwright

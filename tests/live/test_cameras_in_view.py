@@ -65,6 +65,7 @@ def looks_red(page: Page, at: np.ndarray) -> bool:
     return red > 2 * max(green, blue)
 
 
+@pytest.mark.slow
 def test_colours_are_learnt_by_clicking_on_them_and_kept_and_a_node_that_goes_is_said(
     tmp_path: Path, page: Page
 ) -> None:

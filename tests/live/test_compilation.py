@@ -71,7 +71,7 @@ def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_server_listens_while_its_method_is_compiled_and_tracks_afterwards(tiny: Path) -> None:
     words = ("serve", "--method", "tiny", "--no-view", "--port", str(free_port()))
     with Program(tiny, "first", *words) as serve:

@@ -60,7 +60,7 @@ def passed():
     return run, way, met
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_who_leaves_is_not_found_in_who_comes_by(passed):
     run, way, met = passed
     lost = [row.lost for row in run.rows["ben"]]
@@ -71,7 +71,7 @@ def test_who_leaves_is_not_found_in_who_comes_by(passed):
     assert np.linalg.norm(place(run, "ben") - [0.6, 0, 0]) < 0.2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_who_stays_is_followed_meanwhile(passed):
     run, way, _ = passed
     assert not any(row.lost for row in run.rows["anna"])
@@ -79,7 +79,7 @@ def test_who_stays_is_followed_meanwhile(passed):
         assert np.linalg.norm(row.pose(MESH.joint_names).T_world_model[:3, 3] - [aside, 0, 0]) < 0.15
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_is_said_who_left_and_came(passed):
     run, _, _ = passed
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
@@ -89,7 +89,7 @@ def test_it_is_said_who_left_and_came(passed):
     assert any("for ben" in note and "ben is outside of its image" in note for note in run.notes)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_who_waits_hides_nobody_and_is_not_found_in_who_stands_there():
     """Ben is gone as through a door; Anna goes to where he stood, and stays a while."""
     run, room = start(), Couple(RIG)

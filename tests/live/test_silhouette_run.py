@@ -81,7 +81,7 @@ def test_a_camera_that_shows_nothing_is_left_out_and_said(fault, said):
     assert set(run.summary_of(ALONE)["left_out"]) == {"c2"}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_person_who_leaves_is_said_and_followed_again():
     run, room = start(), Room(RIG)
     # As in a lift: that way all cameras lose sight. Nobody stops at once.
@@ -185,6 +185,7 @@ def waited():
     return run, steps
 
 
+@pytest.mark.slow
 def test_somebody_who_is_not_there_yet_is_waited_for(waited):
     run, _ = waited
     lost = [row.lost for row in run.rows[ALONE]]

@@ -59,6 +59,7 @@ def test_a_view_without_a_server_says_what_it_waits_for_and_ends_on_ctrl_c(tmp_p
     assert "Traceback" not in view.output
 
 
+@pytest.mark.slow
 @needs_browser
 def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one(
     tmp_path: Path, browser: Browser
@@ -86,6 +87,7 @@ def test_an_open_page_says_that_there_is_no_server_and_goes_on_with_the_next_one
     assert view.output.count(PAGE_DRAWN) == 1
 
 
+@pytest.mark.slow
 @needs_browser
 def test_a_page_whose_view_ended_says_so_until_it_is_loaded_from_the_next_one(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()
@@ -105,6 +107,7 @@ def test_a_page_whose_view_ended_says_so_until_it_is_loaded_from_the_next_one(tm
         assert second.end() == 0
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()
@@ -134,7 +137,7 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
     assert row["differing_scenes"] == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @needs_browser
 def test_the_demo_of_an_arm_shows_it_with_its_figures(tmp_path: Path, browser: Browser) -> None:
     port, page_port = free_port(), free_port()

@@ -387,6 +387,7 @@ SCALARS = st.none() | st.booleans() | st.integers(-3, 40) | st.floats(allow_nan=
 VALUES = SCALARS | st.lists(SCALARS, max_size=4) | st.dictionaries(st.text(max_size=3), SCALARS, max_size=2)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_whatever_stands_in_the_json_is_refused_or_read(

@@ -91,7 +91,7 @@ def test_an_id_that_a_spreadsheet_would_take_for_a_formula_is_escaped(tmp_path: 
 # Real files, and the three headers
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_real_log_is_read_and_written_back_with_the_same_text(
     tmp_path: Path, study_logs: Path, real_logs: dict[str, StudyLog]
 ) -> None:
@@ -168,6 +168,7 @@ def test_a_missing_joint_before_a_wrong_field_is_not_named_for_it(tmp_path: Path
     assert "is no number" in message
 
 
+@pytest.mark.slow
 def test_zeros_that_went_to_the_world_and_back_are_missing_too(real_logs: dict[str, StudyLog]) -> None:
     log = real_logs["Study_20_Kinect_1_Time_1_30_34_PM.csv.gz"]
     assert np.isnan(log.positions[..., 0]).sum() == 24  # 8 at exactly 0, 16 at −3e-8
@@ -207,7 +208,7 @@ _SCENARIOS = {1: "Stationary", 2: "Steps", 3: "Walk"}
 _PLACEMENTS = {0: "parallel", 1: "45", 2: "90"}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_thesis_tables_come_out_of_the_logs(study_logs: Path, real_logs: dict[str, StudyLog]) -> None:
     means: dict[tuple[int, int], dict[int, list[Any]]] = {}
     for log in real_logs.values():

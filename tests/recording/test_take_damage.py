@@ -91,7 +91,7 @@ def test_the_end_says_how_much_there_is(unclosed: Path, tmp_path: Path) -> None:
     assert "and 13 bytes after it are no whole entry" in problem
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_flipped_bit_of_a_closed_take_is_noticed(clean: Path, tmp_path: Path) -> None:
     data, path = clean.read_bytes(), tmp_path / "flipped.mcap"
     picked = random.Random(1)

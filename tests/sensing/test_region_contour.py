@@ -267,7 +267,7 @@ def test_an_edge_is_surer_than_none() -> None:
         assert np.median(none.surety[at]) < 0.2 * np.median(found.surety[edge])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_shadow_is_told_from_a_body() -> None:
     s = picture("easy", 1)
     empty = np.random.default_rng(1).normal(170, 4, (9, *s.image.shape))

@@ -38,6 +38,7 @@ def picture(seed: int, *numbers: int, dictionary: str = "APRILTAG_36H11", apart_
     return camera_image(linear, CameraImageSettings(), np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "DICT_4X4_50"])
 def test_corners_are_where_they_were_drawn_as_nearly_as_is_said(dictionary: str) -> None:
     detector, off, standard = TagDetector("left", TagSettings(dictionary)), [], []

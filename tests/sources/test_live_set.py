@@ -378,6 +378,7 @@ class Moving(Scripted):
         return picture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told_ms", [0, 100])
 def test_what_moves_later_in_one_cameras_pictures_is_measured_and_the_option_named(monkeypatch, told_ms):
     monkeypatch.setattr(module, "LAGS_EVERY_S", 0.05)

@@ -59,7 +59,7 @@ def test_who_is_late_is_told_from_pairs_and_nothing_where_they_contradict_each_o
     assert _late({("a", "b"): 0.12, ("b", "c"): 0.0, ("a", "c"): 0.0}) == {}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["runner", "cartwheel"])
 def test_of_people_before_cameras_that_see_them_from_all_sides_it_is_measured(motion):
     made = silhouette_scene(motion, seed=3, cameras=3, size_px=(160, 120), fps=30.0)

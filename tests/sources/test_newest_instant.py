@@ -85,6 +85,7 @@ any_camera = st.builds(
 busy = st.lists(st.floats(0, 0.15), max_size=5)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.lists(any_camera, min_size=1, max_size=5), busy)
 def test_whatever_comes_pictures_of_a_frame_are_near_new_and_used_once(cameras, busy_s):
@@ -143,6 +144,7 @@ def test_of_steady_cameras_every_frame_has_all(phases, busy_s):
     assert all(len(frame.instant.pictures) == len(phases) for frame in inner)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 14)), min_size=2, max_size=5), st.floats(0, 0.1))
 def test_of_cameras_that_are_steadily_late_every_frame_has_all_and_none_waits_for_longer_than_that(cameras, jitter):

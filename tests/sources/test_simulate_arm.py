@@ -229,6 +229,7 @@ def test_untangled_fingers_keep_limits_and_are_less_inside_each_other(unit: np.n
     assert after <= max(before, 0.0005) + 0.002
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", depth_scene_names())
 def test_scenes_keep_limits_and_fingers_are_not_inside_each_other(name: str) -> None:
     scene = load_depth_scene(name, seed=100, sensor="exact")

@@ -120,6 +120,7 @@ def test_frames_begin_and_end_where_asked(start_s: float) -> None:
         assert {b - a for a, b in itertools.pairwise(times)} <= {33_333_333, 33_333_334}
 
 
+@pytest.mark.slow
 def test_time_on_the_sensors_own_clock_gives_back_offset_and_drift() -> None:
     room = load_scene("stand")
     for sensor, wanted in zip(room.sensor_names, room.settings.sensors, strict=True):
@@ -214,6 +215,7 @@ def test_the_second_sensor_alone_sees_the_right_arm_in_the_self_occlusion_test()
     assert seen == {"front": [False] * 3, "right": [True] * 3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in scene_names() if name != "crowd"])
 def test_at_first_every_sensor_sees_everybodys_head_and_hands(name: str) -> None:
     """What the stand-still calibration needs, 120 frames long."""

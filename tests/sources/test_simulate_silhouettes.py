@@ -110,6 +110,7 @@ def test_the_parts_are_where_their_landmarks_are() -> None:
     np.testing.assert_array_equal(np.isfinite(truth.depth_m), truth.people >= 0)
 
 
+@pytest.mark.slow
 def test_heights_that_are_not_given_are_random_and_within_their_range() -> None:
     """Of the third person with this seed, 1.45 m is drawn."""
     people = scene("t-pose", seed=308, people=3, height_m=2.0).meshes
@@ -129,6 +130,7 @@ def test_several_people_are_told_apart() -> None:
     assert np.linalg.norm(s.landmarks(0, 0)[0] - s.landmarks(0, 1)[0]) > 0.8
 
 
+@pytest.mark.slow
 @given(st.integers(0, 3), st.integers(0, 40))
 @settings(max_examples=4)
 def test_the_same_seed_and_frame_give_the_same_to_the_bit_in_any_order(seed: int, frame: int) -> None:

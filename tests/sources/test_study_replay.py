@@ -236,7 +236,7 @@ def test_the_documentation_has_the_nominal_motions_and_the_limit() -> None:
 # The real files
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_all_real_files_replay_and_every_row_is_accounted_for(real_logs: list[StudyLog]) -> None:
     rows = dropped = moved = 0
     for log in real_logs:
@@ -254,6 +254,7 @@ def test_all_real_files_replay_and_every_row_is_accounted_for(real_logs: list[St
     assert 0.005 < moved / rows < 0.0065
 
 
+@pytest.mark.slow
 def test_the_side_sensor_stands_on_the_same_side_whichever_is_the_reference(real_logs: list[StudyLog]) -> None:
     seen = set()
     for log in real_logs:

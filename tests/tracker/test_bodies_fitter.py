@@ -40,6 +40,7 @@ def images(k: int) -> dict[str, np.ndarray]:
     return out
 
 
+@pytest.mark.slow
 def test_two_people_in_the_same_clothes_pass_each_other() -> None:
     people = BodiesFitter({"one": ROOM.mesh, "two": OTHER.mesh}, ROOM.rig)
     for name, pose in zip(("one", "two"), step(0), strict=True):

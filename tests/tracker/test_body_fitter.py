@@ -94,6 +94,7 @@ def mirrored(image: Any) -> Any:
     return image[:, ::-1].copy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [torn, mirrored])
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_what_differs_in_half_of_the_cameras_at_once_is_stored_wrong(fault: Any, count: int) -> None:
@@ -182,6 +183,7 @@ def test_a_body_that_nobody_saw_is_looked_for_farther_away() -> None:
         assert np.median(np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, there), axis=1)) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [{"left shoulder raise sidewards": 70}, {"left shoulder swing forwards": 80}])
 def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> None:
     there, missed_m = bent(ROOM.mesh, degrees), []
@@ -262,6 +264,7 @@ def test_a_body_that_nobody_sees_goes_on_as_it_did() -> None:
     assert np.abs(found.pose.angles - expected.angles).max() < 0.02
 
 
+@pytest.mark.slow
 def test_the_penalty_makes_it_steady() -> None:
     """Noise alone: a body that stands still, seen by few and noisy pixels."""
     noisy = Room(rig=ring(3, (160, 120), 150.0), noise=25.0)
@@ -287,6 +290,7 @@ def test_where_it_stands_must_be_seen_by_somebody() -> None:
         tracker.start(high, 0)
 
 
+@pytest.mark.slow
 def test_a_camera_into_whose_image_somebody_walks_counts_from_then_on() -> None:
     placed = ROOM.rig.cameras["camera 4"]
     C = -placed.T_camera_world[:3, :3].T @ placed.T_camera_world[:3, 3]

@@ -101,6 +101,7 @@ def test_a_thing_apart_is_tracked_and_not_held(kind: str) -> None:
         assert one.hands[0].holds == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_thing_is_grabbed_carried_while_hidden_and_let_go(kind: str) -> None:
     thing = KINDS[kind]
@@ -120,6 +121,7 @@ def test_a_thing_is_grabbed_carried_while_hidden_and_let_go(kind: str) -> None:
     assert off(apart[-1], APART)[0] < 0.004
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_hand_does_not_hold_what_the_first_one_held(kind: str) -> None:
     thing = KINDS[kind]

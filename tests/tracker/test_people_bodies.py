@@ -83,6 +83,7 @@ def tracked(*, other: bool) -> tuple[Scene, ...]:
     return tuple(one.update(arrival) for arrival in arrivals(other=other))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [False, True])
 def test_bodies_are_in_the_world_of_the_sensors_and_say_whose_they_are(other: bool) -> None:
     mesh, _ = mesh_and_rig()
@@ -113,6 +114,7 @@ def test_the_cameras_places_are_told_beside_the_sensors() -> None:
         assert "by people" in places[name].quality
 
 
+@pytest.mark.slow
 def test_such_a_scene_travels_and_a_snapshot_goes_on_to_the_bit() -> None:
     one, half, memory = tracker(), 0, b""
     scenes = []

@@ -112,7 +112,7 @@ def whole(visits):
     return tracker, scenes, notes, snapshots
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_people_are_followed_and_who_leaves_is_lost_and_found(whole):
     tracker, scenes, notes, _ = whole
     lost = [scene.bodies[1].lost for scene in scenes[9:]]
@@ -140,6 +140,7 @@ def test_two_people_are_followed_and_who_leaves_is_lost_and_found(whole):
     assert (tracker.report.frames, tracker.report.kept) == (len(scenes), len(scenes) - 1)
 
 
+@pytest.mark.slow
 def test_a_memory_goes_on_to_the_bit_alike(visits, whole):
     """Each goes on until the next was made and is the same as that one, so all go on alike until the end."""
     tracker, scenes, notes, snapshots = whole
@@ -157,6 +158,7 @@ def test_a_memory_goes_on_to_the_bit_alike(visits, whole):
     assert again.report == tracker.report
 
 
+@pytest.mark.slow
 def test_what_is_no_memory_is_refused_and_the_tracker_is_as_new(whole):
     _, _, _, snapshots = whole
     tracker = alone()
@@ -167,6 +169,7 @@ def test_what_is_no_memory_is_refused_and_the_tracker_is_as_new(whole):
     assert tracker.snapshot() == as_new
 
 
+@pytest.mark.slow
 def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whole):
     """A new attribute has to be told of here: what is forgotten shows only where it matters."""
     tracker, *_ = whole

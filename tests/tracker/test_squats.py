@@ -71,6 +71,7 @@ def test_the_knees_are_bent_as_far_as_the_sensor_sees(squats: Squats, tracked: T
     check_knees(squats, tracked, most_deg=10)
 
 
+@pytest.mark.slow
 def test_without_a_body_model_the_knees_are_those_of_the_sensor(squats: Squats) -> None:
     settings = DefaultSettings(people=PeopleSettings(smoothing="kalman"))
     check_knees(squats, track(squats, settings), most_deg=3)

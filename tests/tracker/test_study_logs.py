@@ -24,6 +24,7 @@ def replayed(log: StudyLog, **settings: object) -> tuple[Tracker, list[Scene]]:
     return tracker, [tracker.update(arrival) for arrival in replay.arrivals()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compare_with", ["previous", "first"])
 def test_it_calibrates_within_the_seconds_of_standing_still_and_tracks_to_the_end(
     study_logs: Path, compare_with: str
@@ -38,6 +39,7 @@ def test_it_calibrates_within_the_seconds_of_standing_still_and_tracks_to_the_en
     assert tracker.report.calibrations == 1
 
 
+@pytest.mark.slow
 def test_the_reference_sensors_shoulder_angle_is_near_the_one_that_the_thesis_logged(study_logs: Path) -> None:
     log = read_study_log(study_logs / STANDING)
     view = replayed(log)[1][-1].people[0].view_of("front")

@@ -33,7 +33,7 @@ def scenes() -> Iterator[tuple[float, Scene]]:
         yield at_s, tracker.update(Arrival(frame, round((at_s + latency_s[frame.sensor]) * NS_PER_S)))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_only_a_sensor_that_is_wrong_has_a_mark_of_another_colour() -> None:
     seen = Perspectives()
     wrong_before, wrong_at_end, people = set(), {}, set()

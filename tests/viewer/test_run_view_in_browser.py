@@ -74,7 +74,7 @@ def wait_for(page, what, holds):
         page.wait_for_timeout(200)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_aside_until_it_is_moved_by_hand():
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(3)
@@ -161,6 +161,7 @@ def test_a_page_shows_boards_at_once_and_no_white_ones_and_stays_with_who_goes_a
         page_of_run.close()
 
 
+@pytest.mark.slow
 def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tmp_path):
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)
@@ -212,6 +213,7 @@ def test_a_body_its_pictures_and_its_angles_are_seen_and_frames_can_be_chosen(tm
         page_of_run.close()
 
 
+@pytest.mark.slow
 def test_a_session_shows_bodies_and_asks_for_the_pictures_that_are_shown_and_can_be_looked_at_later():
     sync_api = pytest.importorskip("playwright.sync_api")
     mesh, rig = somebody(), ring(2)

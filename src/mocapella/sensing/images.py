@@ -22,7 +22,10 @@ MOST_PX: Final = 1 << 25
 
 
 def decode_image(frame: ImageFrame) -> UInt8:
-    """Return the pixels (height, width, 3) uint8 BGR of a frame; for a ``raw`` frame its own array, not a copy.
+    """Return the pixels (height, width, 3) uint8 BGR of a frame, a contiguous and writable array.
+
+    For a ``raw`` frame it is the frame's own array or, if that is read-only as in a decoded message, a copy: kernels
+    are compiled for writable arrays, and would be compiled again, for seconds, for others.
 
     Raises:
         InputError: the frame has no image or is a reference (format ``file``), its image is damaged, truncated or above
@@ -41,7 +44,7 @@ def decode_image(frame: ImageFrame) -> UInt8:
             f"its image is damaged, or not of {frame.size_px[0]} × {frame.size_px[1]} px", field="data",
             fix="send jpeg or png of the size that the frame says",
         )  # fmt: skip
-    return image
+    return np.require(image, requirements=["C", "W"])
 
 
 def encode_image(image: UInt8, format: Literal["jpeg", "png"] = "jpeg", quality: int = QUALITY) -> bytes:
