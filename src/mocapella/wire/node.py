@@ -167,7 +167,13 @@ class NodeLink:
         return stamped
 
     def answer(self, on_question: OnQuestion) -> None:
-        """Pass queries to this node to ``on_question`` from now on; it must return quickly: it runs on a bus thread."""
+        """Pass the queries that arrive for this node to a function from now on.
+
+        Args:
+            on_question: called for each query, on a thread of the bus, so it must return quickly. Its arguments are the
+                encoded query (`mocapella.wire.questions`) and a function that sends the encoded answer, which may be
+                called later, on any thread.
+        """
         key = keys.of_node("ask", self.node)
 
         def callback(query: zenoh.Query) -> None:
