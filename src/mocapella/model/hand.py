@@ -192,7 +192,7 @@ class HandModel:
         return out
 
     def within(self, angles: Float64, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Return whether angles are within all limits, including the cones and the strict couplings.
+        """Return whether angles are within all limits, including `cones` and the couplings of `coupled` digits.
 
         Args:
             angles: (..., 21) in the order of `ANGLES` [rad].
