@@ -62,6 +62,10 @@ def channel_format(topic: str, data: bytes) -> MessageFormat:
     Args:
         topic: the channel's topic.
         data: the first message; it determines the type of frames.
+
+    Raises:
+        WireError: the topic is that of frames, and the message is no frame.
+        KeyError: takes have no such topic.
     """
     if topic.startswith(take.FRAMES):
         return format_of(data)
