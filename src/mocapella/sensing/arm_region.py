@@ -437,7 +437,7 @@ _BRANCHES: Final = 24
 
 @cache
 def kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `arm_region_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import arm_region_kernels
 
     return arm_region_kernels

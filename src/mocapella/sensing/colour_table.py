@@ -134,9 +134,10 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """Return the density (...) of the background at chromaticities, to be compared with a marker's, of integral 1.
+    """Return the density (...) of the background's colours at chromaticities, for the likelihood ratio to a marker.
 
-    The scene's histogram is scaled by area: a background object as large as the marker has integral 1, too.
+    It is a mixture of the scene's histogram, skin, if learnt, and a uniform density. The histogram is in units of the
+    marker's area, so that a background object as large as the marker has the integral 1, like the marker's density.
 
     Args:
         profile: the background's colours.

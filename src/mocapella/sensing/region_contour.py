@@ -344,7 +344,7 @@ def starting(prior: Silhouette, start: Silhouette) -> UInt8:
 
 @cache
 def reading() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_reading_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_reading_kernels
 
     return region_reading_kernels
@@ -352,7 +352,7 @@ def reading() -> ModuleType:
 
 @cache
 def kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_contour_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_contour_kernels
 
     return region_contour_kernels
@@ -360,7 +360,7 @@ def kernels() -> ModuleType:
 
 @cache
 def cost_kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_cost_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_cost_kernels
 
     return region_cost_kernels
