@@ -66,7 +66,7 @@ class Obstacles:
 
 
 def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstacles:
-    """Convert obstacles to arrays, for `hidden`; without any, the arrays have no rows."""
+    """Return boxes and pillars as arrays, for `hidden`; without any, the arrays have no rows."""
     rows = [
         (*box.centre, box.size[0] / 2, box.size[1], box.size[2] / 2, np.cos(yaw), np.sin(yaw))
         for box, yaw in ((box, np.radians(box.yaw_deg)) for box in boxes)
