@@ -169,12 +169,12 @@ class FrameSync:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Names of the cameras that are not waited for, in the order of ``cameras``."""
+        """Names of the cameras without a frame for ``silent_after_s``, which are not waited for, as in ``cameras``."""
         return tuple(name for name, camera in self._cameras.items() if self._is_silent(camera))
 
     @property
     def heard(self) -> tuple[str, ...]:
-        """Names of the cameras that send frames."""
+        """Names of the cameras that have sent a frame within ``silent_after_s``, in the order of ``cameras``."""
         return tuple(
             name for name, one in self._cameras.items() if one.heard_ns is not None and not self._is_silent(one)
         )

@@ -268,7 +268,10 @@ class People:
         return PeopleResults(*results)
 
     def conditions(self) -> list[str]:
-        """Return, for each row, where measurements and body model disagree for long; empty if nowhere."""
+        """Return a text for each row: the joints that sensors have long measured beyond the body model's limits.
+
+        The text is empty if there are none, and without an articulated body.
+        """
         if self._model is None:
             return [""] * len(self.numbers)
         return conditions_of(self._model, self.memory.body)
