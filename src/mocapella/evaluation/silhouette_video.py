@@ -61,7 +61,14 @@ class VideoScore(msgspec.Struct, frozen=True):
 
 
 def rig_of(folder: Path) -> CameraRig:
-    """Read the recording's cameras, under the videos' names."""
+    """Return the calibrated cameras of a recording, each by the name of its video: that of the file without ``_``.
+
+    Args:
+        folder: folder of the recording; ``calibration/Calib_qualisys.toml`` has the cameras.
+
+    Raises:
+        InputError: the file cannot be read, or is no camera rig.
+    """
     rig = load_camera_rig(folder / "calibration" / "Calib_qualisys.toml")
     return CameraRig({name.replace("_", ""): camera for name, camera in rig.cameras.items()})
 
@@ -81,7 +88,16 @@ def images_of(folder: Path, cameras: Mapping[str, object]) -> Iterator[dict[str,
 
 
 def first_points(folder: Path) -> dict[str, Float64]:
-    """Triangulate landmarks (3,) in the rig's world [m], by name, from the keypoints of the first frame."""
+    """Triangulate the landmarks (3,) of a body in the rig's world [m] from 2D keypoints; return them by name.
+
+    Args:
+        folder: folder of the recording; ``pose-associated`` has the keypoints of each camera as OpenPose JSON, of which
+            the first frame is used, and ``calibration/Calib_qualisys.toml`` the cameras.
+
+    Raises:
+        InputError: a file cannot be read, or no keypoint is named like a landmark.
+        CalibrationError: the cameras' keypoints do not meet in space.
+    """
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
