@@ -93,6 +93,7 @@ class NodeLink:
     Raises:
         BusError: ``connect`` is no address.
         KeyFileError: there is no key for it, or it is of another sensor.
+        SettingsError: ``SESSION`` in ``connect`` is no name of a session.
     """
 
     def __init__(

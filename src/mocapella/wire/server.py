@@ -82,8 +82,9 @@ class ServerLink:
 
     Raises:
         AddressInUseError: another program listens there.
-        BusError: it cannot listen there for another reason.
+        BusError: ``listen`` is no address, or it cannot listen there for another reason.
         KeyFileError: the session's key cannot be used.
+        SettingsError: ``SESSION`` is no name of a session.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
