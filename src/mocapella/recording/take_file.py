@@ -35,6 +35,9 @@ class TakeFile(McapFile):
             log_ns: time of the entry, on the server's clock.
             sequence: sequence number of a frame, number of a run, else 0.
             publish_ns: MCAP's time of publication, on the server's clock; None for ``log_ns``.
+
+        Raises:
+            WireError, KeyError: as in `channel_format`, at the first message of a topic.
         """
         channel = self._channel_of.get(topic)
         if channel is None:
