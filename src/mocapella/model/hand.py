@@ -394,6 +394,7 @@ def hand_model_from_toml(text: str) -> HandModel:
     """Read and validate a hand model with all 21 angles from the text of its TOML file, such as ``hands/human.toml``.
 
     Raises:
+        InputError: the text is no TOML.
         SettingsError: a key or digit that is unknown or missing, or a value out of range.
     """
     data = decode_toml(text)

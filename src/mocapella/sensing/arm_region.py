@@ -51,6 +51,9 @@ class ArmRegionSettings:
         nearer_m: least difference in depth to such a surface [m].
         branch_m: least length of a branch of the surface, such as a finger [m].
         points: largest number of points of a region; larger: more accurate, at more work [points].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     near_m: float = 0.2

@@ -55,6 +55,9 @@ class MemorySettings:
             levels].
         every: stride between the samples that decide whether an image shows this room; larger: less work, less certain
             [samples].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     guard_steps: float = 6.0
@@ -102,6 +105,9 @@ class BackgroundMemory:
 
     Attributes:
         step_px, settings: as given.
+
+    Raises:
+        SettingsError: ``step_px`` is below 1.
     """
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:

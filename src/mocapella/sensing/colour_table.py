@@ -45,6 +45,9 @@ class TableSettings:
         light_sd: standard deviation of u and v caused by changes of the light.
         value_sd: noise of a pixel's 8-bit values, including a cell's width.
         brightness_range: greatest factor between a colour's brightness and the learnt one, in 8-bit values.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     margin: float = 3.0

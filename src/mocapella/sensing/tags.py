@@ -52,6 +52,9 @@ class TagSettings:
         reach_px: greatest length of a profile across a tag's side, to either side of the expected edge [px].
         least_contrast: least difference of dark and light at a side, of 255; other sides are not measured [grey
             levels].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     dictionary: str = "APRILTAG_36H11"

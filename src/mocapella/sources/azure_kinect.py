@@ -67,6 +67,9 @@ class AzureKinectSettings:
         mounted: how the sensor is turned, seen from in front of it: ``upright``, ``clockwise``, ``counterclockwise`` or
             ``upside-down``. It helps the tracker; positions stay in the camera's space.
         model: file of the tracker's network; the library's own if None.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     fps: int = 30

@@ -55,6 +55,9 @@ class FrameSyncSettings:
     Attributes:
         period_s: frame period of the cameras, used until their frames show it [s].
         silent_after_s: a camera without a frame for this long is not waited for [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     period_s: float = 1.0 / 30.0

@@ -80,6 +80,9 @@ class PeopleSettings:
         swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
             joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     fusion: FusionSettings = field(default_factory=FusionSettings)

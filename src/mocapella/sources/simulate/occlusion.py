@@ -24,6 +24,9 @@ class Box:
         centre: centre of its base (world x, z) [m].
         size: edges along its own x, up, and its own z [m].
         yaw_deg: rotation about the vertical axis, from z towards x [deg].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     centre: tuple[float, float]
@@ -41,6 +44,9 @@ class Cylinder:
     Attributes:
         centre: centre of its base (world x, z) [m].
         radius, height: size of the cylinder [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     centre: tuple[float, float]
