@@ -253,6 +253,10 @@ class BackgroundMemory:
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """Return (blocks, size) the cost −log p of each sample's value under the background [nats]; NaN where unknown.
 
+        Args:
+            band: the samples, of an image of the learnt size.
+            settings: not used.
+
         Raises:
             InputError: the band's window is not aligned as in `update`.
         """

@@ -85,6 +85,10 @@ def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) 
     """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour.
 
     A cell is classified by its middle; k counts from 1.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        settings: margins of the classification; the defaults if None.
     """
     values = (np.arange(CELLS) + 0.5) * CELL - 0.5
     red, green, blue = np.meshgrid(values, values, values, indexing="ij")
@@ -98,7 +102,13 @@ def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
-    """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour."""
+    """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        bgr: (..., 3) pixels, of any number type.
+        settings: margins of the classification; the defaults if None.
+    """
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
     at, luma, noise = chromaticity(values), brightness(values), _noise(values, s)
@@ -165,7 +175,12 @@ def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Flo
 
 
 def separability(profile: ColourProfile, settings: TableSettings | None = None) -> Separability:
-    """Return the separability of a profile's colours, and their problems, so that users can choose better colours."""
+    """Return the separability of a profile's colours, and their problems, so that users can choose better colours.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        settings: margins of the classification; the defaults if None.
+    """
     s = settings or TableSettings()
     count, names = len(profile.colours), profile.names
     distances = np.zeros((count, count))

@@ -75,7 +75,8 @@ class NodeLink:
         connect: address of the server, a pairing code, or a file with one.
         sensor: name of the sensor.
         history_frames: number of frames to keep in memory for a recording server.
-        spool: returns the node's spool, for frames of an open take that do not fit into memory; None drops them.
+        spool: function of the attribute ``node`` that returns the node's spool, for frames of an open take that do not
+            fit into memory; None drops them.
         say: receives messages about frames that are not stored.
 
     Attributes:
