@@ -61,7 +61,7 @@ class VideoScore(msgspec.Struct, frozen=True):
 
 
 def rig_of(folder: Path) -> CameraRig:
-    """Return the calibrated cameras of a recording, each by the name of its video: that of the file without ``_``.
+    """Return the calibrated cameras of a recording, by the names of the videos: the file's names without ``_``.
 
     Args:
         folder: folder of the recording; ``calibration/Calib_qualisys.toml`` has the cameras.

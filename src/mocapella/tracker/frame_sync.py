@@ -172,7 +172,10 @@ class FrameSync:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Names of the cameras without a frame for ``silent_after_s``, which are not waited for, as in ``cameras``."""
+        """Names of the cameras without a frame for ``silent_after_s``, in the order of ``cameras``.
+
+        No set waits for them.
+        """
         return tuple(name for name, camera in self._cameras.items() if self._is_silent(camera))
 
     @property
